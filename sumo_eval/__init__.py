@@ -1,0 +1,28 @@
+"""Scores any automated driving system over the whole parameter space of a logical scenario, in simulation with SUMO."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sumo_eval.cosim.vehicle_model import Command
+    from sumo_eval.evaluation import evaluate, score
+    from sumo_eval.trajectory import Trajectory
+
+__all__ = ["Command", "Trajectory", "evaluate", "score"]
+
+_HOMES = {
+    "Command": "sumo_eval.cosim.vehicle_model",
+    "Trajectory": "sumo_eval.trajectory",
+    "evaluate": "sumo_eval.evaluation",
+    "score": "sumo_eval.evaluation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use: `import sumo_eval` and `sumo-eval --help` cost nothing."""
+    if name in _HOMES:
+        import importlib
+
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module `sumo_eval` has no attribute `{name}`")

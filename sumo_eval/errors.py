@@ -1,0 +1,45 @@
+"""One error family and one sentence shape: what, of which object, must be, got; the nearest known name is offered."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class SumoEvalError(Exception):
+    """Any fault this package reports on purpose. Its text is plain sentences for the person at the terminal."""
+
+
+class InputError(SumoEvalError, ValueError):
+    """What the user gave cannot be used (exit status 2)."""
+
+
+class ControllerError(SumoEvalError):
+    """The ADS under test raised, or returned something that is not a command."""
+
+
+class ControllerTimeoutError(ControllerError):
+    """The ADS under test took longer over one step than it may."""
+
+
+class SimulationError(SumoEvalError):
+    """SUMO refused or lost something that the harness had asked of it."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A closing half-sentence: the nearest known name, or the list of known names when none is near."""
+    names = [str(candidate) for candidate in known]
+    near = difflib.get_close_matches(name, names, n=1, cutoff=0.55)
+    if near:
+        return f" Did you mean `{near[0]}`?"
+    return f" Known: {', '.join(names)}." if names else ""
+
+
+def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
+    """`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150."""
+    return InputError(f"{what} of {owner} must be {requirement}, got {got!r}.")
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
+    """Unknown ADS `idn`. Did you mean `idm`?"""
+    return InputError(f"Unknown {kind} `{name}`.{did_you_mean(name, known)}")

@@ -1,0 +1,71 @@
+"""Find what a user names: `package.module:name`, or `path/to/file.py:name` relative to the evaluation file."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sumo_eval.errors import InputError, did_you_mean
+
+
+def load_object(locator: str, folder: Path | None, kind: str) -> Any:
+    """The object that a locator names. `folder`: where paths start and modules are looked for; `kind`: for errors.
+
+    Raises InputError with one sentence when there is no such file, module or name, or when importing it fails.
+    """
+    place, colon, name = locator.rpartition(":")
+    owner = f"{kind} `{locator}`"
+    if not colon or not place or not name:
+        raise InputError(f"{owner} must have the form `package.module:name` or `file.py:name`.")
+    module = _load_file(place, folder, owner) if place.endswith(".py") else _load_module(place, folder, owner)
+    found: Any = module
+    for part in name.split("."):
+        if not hasattr(found, part):
+            public = [known for known in vars(found) if not known.startswith("_")]
+            raise InputError(f"{owner}: `{place}` has no `{name}`.{did_you_mean(part, public)}")
+        found = getattr(found, part)
+    return found
+
+
+def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
+    _make_importable(folder)
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
+            raise InputError(f"{owner}: there is no module `{name}` to import.") from error
+        raise InputError(f"{owner}: importing `{name}` failed: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise InputError(f"{owner}: importing `{name}` failed: {type(error).__name__}: {error}.") from error
+
+
+def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
+    path = (Path.cwd() if folder is None else folder).joinpath(place).resolve()
+    if not path.is_file():
+        raise InputError(f"{owner}: there is no file {path}.")
+    name = f"_sumo_eval_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    _make_importable(path.parent)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{owner}: {path} is not a Python file.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[name]
+        raise InputError(f"{owner}: running {path} failed: {type(error).__name__}: {error}.") from error
+    return module
+
+
+def _make_importable(folder: Path | None) -> None:
+    """Let the user's file import its neighbours, after everything that is installed."""
+    if folder is not None and str(folder) not in sys.path:
+        sys.path.append(str(folder))
