@@ -1,0 +1,175 @@
+"""What the two halves exchange: SUMO makes trajectories, the paper's equations read them.
+
+Positions are the vehicle's centre in road coordinates: x along the road, y to the left, y = 0 on the centre line of the
+right-hand lane. Headings are mathematical (0 along the road, counter-clockwise positive). SI units throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sumo_eval.errors import InputError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+EndReason = Literal[
+    "contact", "standstill", "road_end", "off_road", "time_limit", "ads_error", "ads_timeout", "sim_error", "recorded"
+]
+Side = Literal["front", "rear", "left", "right"]
+
+CHANNELS = ("time", "x", "y", "heading", "speed", "acceleration", "steering_wheel_angle")
+
+
+@dataclass(frozen=True, slots=True, init=False, eq=False)
+class Trajectory:
+    """One vehicle's motion: every channel is an (n,) array, `time` strictly increasing.
+
+    time s; x, y m, the vehicle's centre; heading rad; speed m/s; acceleration m/s2 along the heading;
+    steering_wheel_angle rad, nan where it is not known. Heading, speed and acceleration that are not given are
+    derived by central differences (a standing vehicle keeps its last heading). `length` and `width` are the body's, m.
+    """
+
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    speed: FloatArray
+    acceleration: FloatArray
+    steering_wheel_angle: FloatArray
+    length: float
+    width: float
+
+    def __init__(
+        self,
+        time: ArrayLike,
+        x: ArrayLike,
+        y: ArrayLike,
+        heading: ArrayLike | None = None,
+        speed: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        steering_wheel_angle: ArrayLike | None = None,
+        *,
+        length: float = 4.5,
+        width: float = 1.8,
+    ) -> None:
+        times = np.asarray(time, dtype=np.float64)
+        if times.ndim != 1 or times.size == 0:
+            raise InputError(f"`time` of a Trajectory must be a non-empty (n,) array, got shape {times.shape}.")
+        if not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+            raise InputError("`time` of a Trajectory must be finite and strictly increasing.")
+        n = times.size
+        xs, ys = _channel("x", x, n), _channel("y", y, n)
+        speeds = _channel("speed", speed, n) if speed is not None else np.hypot(_rate(xs, times), _rate(ys, times))
+        channels = {
+            "time": times,
+            "x": xs,
+            "y": ys,
+            "heading": _channel("heading", heading, n) if heading is not None else _course(xs, ys, times),
+            "speed": speeds,
+            "acceleration": _channel("acceleration", acceleration, n)
+            if acceleration is not None
+            else _rate(speeds, times),
+            "steering_wheel_angle": np.full(n, np.nan)
+            if steering_wheel_angle is None
+            else _channel("steering_wheel_angle", steering_wheel_angle, n, nan_allowed=True),
+        }
+        for name, values in channels.items():
+            frozen = np.array(values, dtype=np.float64)
+            frozen.setflags(write=False)
+            object.__setattr__(self, name, frozen)
+        object.__setattr__(self, "length", float(length))
+        object.__setattr__(self, "width", float(width))
+
+    def __len__(self) -> int:
+        return int(self.time.size)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time[-1] - self.time[0])
+
+
+def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != (n,):
+        raise InputError(f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}.")
+    if not nan_allowed and not np.all(np.isfinite(array)):
+        bad = int(np.argmin(np.isfinite(array)))
+        raise InputError(f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}.")
+    return array
+
+
+def _rate(values: FloatArray, time: FloatArray) -> FloatArray:
+    return np.gradient(values, time) if values.size > 1 else np.zeros(1)
+
+
+def _course(x: FloatArray, y: FloatArray, time: FloatArray) -> FloatArray:
+    """Direction of motion, rad; a standing vehicle keeps the last direction it moved in (0 if it never moved)."""
+    vx, vy = _rate(x, time), _rate(y, time)
+    moving = np.hypot(vx, vy) > 0.01
+    course = np.arctan2(vy, vx)
+    last_moving = np.maximum.accumulate(np.where(moving, np.arange(x.size), -1))
+    first = int(np.argmax(moving)) if moving.any() else -1
+    index = np.where(last_moving >= 0, last_moving, first)
+    return np.where(index >= 0, course[index], 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """First contact of the ego's body with another's, located within the step.
+
+    time s; other, the actor's name; velocities (vx, vy) m/s in the road frame at contact; overlap, the share of the
+    ego's bumper width that faces the other body, 0..1; side, where on the ego it was hit; positions (x, y, heading)
+    of both centres at contact.
+    """
+
+    time: float
+    other: str
+    ego_velocity: tuple[float, float]
+    other_velocity: tuple[float, float]
+    overlap: float
+    side: Side
+    ego_pose: tuple[float, float, float]
+    other_pose: tuple[float, float, float]
+
+    @property
+    def relative_speed(self) -> float:
+        """|v_ego - v_other| at contact, m/s."""
+        return float(
+            np.hypot(self.ego_velocity[0] - self.other_velocity[0], self.ego_velocity[1] - self.other_velocity[1])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A request that a limit or a check did not let through as it was: what, how often, first when, the worst."""
+
+    what: str
+    count: int
+    first_time: float
+    requested: float
+    applied: float
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One simulated case: what every vehicle did, whether the ego hit anything, and why the run ended."""
+
+    ego: Trajectory
+    actors: dict[str, Trajectory]
+    collision: Collision | None
+    end_reason: EndReason
+    clips: tuple[Clip, ...] = ()
+    error: str | None = None
+    log: str = ""
+    controller_latency: tuple[float, float] = (0.0, 0.0)  # wall time of one step: mean, longest, s
+    wall_time: float = 0.0
+
+    @property
+    def simulated_time(self) -> float:
+        """Simulated time from the start of the case to its end, s."""
+        return float(self.ego.time[-1])

@@ -1,0 +1,129 @@
+"""Reading evaluation.toml: what is right comes through unchanged, what is wrong is named."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
+from sumo_eval.errors import InputError
+
+SMALLEST = """
+name = "nightly"
+seed = 1
+[[scenario]]
+use = "front_vehicle_cut_out"
+[scenario.sampling]
+method = "grid"
+levels = 4
+[[ads]]
+name = "mine"
+controller = "my_ads.py:MyAds"
+[drivers]
+count = 10
+[run]
+workers = 2
+case_timeout = 20.0
+step_timeout = 1.0
+"""
+
+
+def read(tmp_path: Path, text: str) -> object:
+    path = tmp_path / "evaluation.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_evaluation(path)
+
+
+def refusal(tmp_path: Path, text: str) -> str:
+    with pytest.raises(InputError) as refused:
+        read(tmp_path, text)
+    return str(refused.value)
+
+
+def test_the_smallest_evaluation_file_of_the_contract_is_read(tmp_path: Path) -> None:
+    settings = read_evaluation_text(tmp_path, SMALLEST)
+    assert (settings.name, settings.seed, settings.run.case_timeout) == ("nightly", 1, 20.0)
+    assert settings.scenario[0].sampling.levels == 4
+    assert settings.ads[0].controller == "my_ads.py:MyAds"
+
+
+def read_evaluation_text(tmp_path: Path, text: str):
+    path = tmp_path / "evaluation.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_evaluation(path)
+
+
+def test_settings_survive_a_round_trip_through_toml() -> None:
+    settings = read_evaluation(PAPER_EVALUATION)
+    assert settings_from(tomllib.loads(to_toml(settings)), "round trip") == settings
+
+
+def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
+    text = refusal(
+        tmp_path, SMALLEST.replace("levels = 4", "level = 4").replace("seed = 1", "sead = 1") + "worker = 3\n"
+    )
+    assert "Unknown key `scenario[0].sampling.level`" in text
+    assert "Did you mean `levels`?" in text
+    assert "Did you mean `seed`?" in text
+    assert "Did you mean `workers`?" in text
+    assert len(text.splitlines()) == 3
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        ("workers = 2", "workers = 0", "`run.workers`"),
+        ("workers = 2", "workers = true", "`run.workers`"),
+        ("case_timeout = 20.0", "case_timeout = nan", "`run.case_timeout`"),
+        ("case_timeout = 20.0", "case_timeout = -1.0", "`run.case_timeout`"),
+        ("case_timeout = 20.0", 'case_timeout = "20"', "`run.case_timeout`"),
+        ('method = "grid"', 'method = "gird"', "must be 'grid', got 'gird'"),
+        ('name = "nightly"', "", "`name` in"),
+        ("count = 10", "count = 1", "`drivers.count`"),
+        ('name = "nightly"', "name = ", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_its_path(tmp_path: Path, before: str, after: str, sentence: str) -> None:
+    assert sentence in refusal(tmp_path, SMALLEST.replace(before, after))
+
+
+def test_a_missing_file_and_a_binary_one_are_refused_with_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no evaluation file"):
+        read_evaluation(tmp_path / "none.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_evaluation(tmp_path / "binary.toml")
+
+
+def test_two_ads_of_one_name_are_refused(tmp_path: Path) -> None:
+    twice = SMALLEST.replace("[drivers]", '[[ads]]\nname = "mine"\ncontroller = "idm"\n[drivers]')
+    assert "must differ from each other, got 'mine' twice" in refusal(tmp_path, twice)
+
+
+def test_names_that_would_break_case_keys_are_refused(tmp_path: Path) -> None:
+    assert "`name`" in refusal(tmp_path, SMALLEST.replace('name = "mine"', 'name = ""'))
+
+
+def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
+    settings = read_evaluation(PAPER_EVALUATION)
+    changed = with_changes(settings, ["method.score.a=60", "method.anthropomorphic.field.k2=0.05"])
+    assert (changed.method.score.a, changed.method.score.b) == (60.0, 40.0)
+    assert changed.method.anthropomorphic.field.k2 == 0.05
+    assert with_changes(changed, ["method.score.a=50", "method.anthropomorphic.field.k2=0.005"]) == settings
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("method.scor.a=60", "Did you mean `score`?"),
+        ("method.score.aa=60", "Unknown key `method.score.aa`"),
+        ("method.score.a=600", "`method.score.a`"),
+        ("method.score.a", "key=value"),
+        ("method.score.a.b=3", "Unknown setting"),
+    ],
+)
+def test_a_wrong_change_is_refused_with_a_sentence(change: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence.replace(".", r"\.").replace("?", r"\?")):
+        with_changes(read_evaluation(PAPER_EVALUATION), [change])
