@@ -1,0 +1,152 @@
+"""A logical scenario: a scenario type with a parameter space, and how one point of it becomes a concrete scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+Values = Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One axis of a space: [low, high] in `unit`, sampled every `step` by default."""
+
+    name: str
+    low: float
+    high: float
+    step: float
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """Which points of the box exist. `holds` takes the values by name (broadcasting arrays) and says True or False."""
+
+    about: str
+    holds: Callable[[Values], BoolArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """What the criticality of a point depends on: arrays of one shape; delay before ideal braking, s (Eqs. 1-6)."""
+
+    ego_speed: FloatArray
+    obstacle_speed: FloatArray
+    gap: FloatArray
+    delay: float
+
+
+def uniform_exposure(values: Values) -> FloatArray:
+    """Every concrete scenario is met equally often."""
+    return np.ones(np.broadcast_shapes(*(np.shape(value) for value in values.values())))
+
+
+@dataclass(frozen=True, slots=True)
+class LogicalScenario:
+    """A scenario type over a parameter space.
+
+    place: values of one point -> (ego's start, the other vehicles).
+    approach: values by name (arrays) -> `Approach`, what the zones are computed from.
+    exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
+    """
+
+    name: str
+    about: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    constraints: tuple[Constraint, ...]
+    road: Road
+    place: Callable[[Mapping[str, float]], tuple[Start, tuple[Actor, ...]]]
+    approach: Callable[[Values], Approach]
+    exposure: Callable[[Values], FloatArray] = uniform_exposure
+    exposure_about: str = "uniform: every concrete scenario counts the same"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names in the order of the columns of `points`."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower corner of the box."""
+        return np.array([parameter.low for parameter in self.parameters])
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper corner of the box."""
+        return np.array([parameter.high for parameter in self.parameters])
+
+    def to_unit(self, points: ArrayLike) -> FloatArray:
+        """Points (n, k) scaled to the unit box."""
+        return (np.asarray(points, dtype=np.float64) - self.low) / (self.high - self.low)
+
+    def from_unit(self, unit_points: ArrayLike) -> FloatArray:
+        """Points (n, k) of the unit box in the parameters' own units."""
+        return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
+
+    def columns(self, points: ArrayLike) -> dict[str, FloatArray]:
+        """Points (..., k) as one array per parameter name."""
+        array = np.asarray(points, dtype=np.float64)
+        if array.shape[-1] != len(self.parameters):
+            raise must_be(
+                "The last axis of `points`", f"scenario `{self.name}`",
+                f"{len(self.parameters)} long ({', '.join(self.names)})", array.shape,
+            )  # fmt: skip
+        return {name: array[..., column] for column, name in enumerate(self.names)}
+
+    def row(self, values: Mapping[str, float]) -> FloatArray:
+        """Values by name as one row in the order of `parameters`."""
+        return np.array([values[name] for name in self.names])
+
+    def in_box(self, points: ArrayLike) -> BoolArray:
+        """Which points (n, k) lie within the ranges of all parameters."""
+        array = np.asarray(points, dtype=np.float64)
+        return np.all((array >= self.low) & (array <= self.high), axis=-1)
+
+    def feasible(self, points: ArrayLike) -> BoolArray:
+        """Which points (n, k) satisfy every constraint."""
+        values = self.columns(points)
+        holds = np.ones(np.shape(points)[:-1], dtype=np.bool_)
+        for constraint in self.constraints:
+            holds &= constraint.holds(values)
+        return holds
+
+    def concrete(self, **values: float) -> ConcreteScenario:
+        """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible values."""
+        owner = f"scenario `{self.name}`"
+        for name in values:
+            if name not in self.names:
+                raise unknown(f"parameter of {owner}", name, self.names)
+        for parameter in self.parameters:
+            if parameter.name not in values:
+                raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
+            value = values[parameter.name]
+            if not parameter.low <= value <= parameter.high:
+                raise must_be(
+                    f"`{parameter.name}`",
+                    owner,
+                    f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}",
+                    value,
+                )
+        point = {name: float(values[name]) for name in self.names}
+        arrays = {name: np.float64(value) for name, value in point.items()}
+        for constraint in self.constraints:
+            if not np.all(constraint.holds(arrays)):  # type: ignore[arg-type]
+                at = ", ".join(f"{name}={value:g}" for name, value in point.items())
+                raise must_be("The point", owner, constraint.about, at)
+        ego, actors = self.place(point)
+        exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
+        return ConcreteScenario(self.name, point, exposure, self.road, ego, actors)
+
+    def concretes(self, points: ArrayLike) -> Sequence[ConcreteScenario]:
+        """The concrete scenarios at the rows of `points` (n, k)."""
+        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in np.asarray(points).tolist()]
