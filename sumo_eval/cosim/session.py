@@ -1,0 +1,115 @@
+"""The libsumo session: one simulation in this process, started from a concrete scenario, with the traps closed.
+
+libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as "Process Error": a session
+refuses to nest, checks that the initial state is the requested one, and quotes SUMO's own log.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
+
+import libsumo  # noqa: E402
+
+from sumo_eval.cosim.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml  # noqa: E402
+from sumo_eval.errors import SimulationError  # noqa: E402
+from sumo_eval.scenario.concrete import ConcreteScenario  # noqa: E402
+from sumo_eval.settings import SimulationSettings  # noqa: E402
+
+POSITION_TOLERANCE = 1e-3  # m
+SPEED_TOLERANCE = 1e-3  # m/s
+
+
+def simulator_version() -> str:
+    """SUMO's version, as it reports itself."""
+    return str(libsumo.simulation.getVersion()[1]) if libsumo.simulation.isLoaded() else f"SUMO {libsumo.__version__}"
+
+
+@contextmanager
+def session(
+    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None = None
+) -> Iterator[Any]:
+    """The running libsumo module with every vehicle of the case standing at its start (time 0), closed at the end."""
+    if libsumo.simulation.isLoaded():
+        raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
+    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
+        log = Path(folder) / "sumo.log"
+        try:
+            libsumo.start(_command_line(concrete, settings, Path(folder), log, ego_type))
+            libsumo.simulationStep()  # inserts the vehicles, moves nothing
+            _check_start(concrete, settings)
+        except libsumo.TraCIException as error:
+            _close()
+            raise SimulationError(f"SUMO could not start the case: {_quote(log, error)}.") from error
+        except BaseException:
+            _close()
+            raise
+        try:
+            yield libsumo
+        finally:
+            _close()
+
+
+def _command_line(
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    folder: Path,
+    log: Path,
+    ego_type: Mapping[str, str] | None,
+) -> list[str]:
+    network, routes = folder / "net.xml", folder / "rou.xml"
+    network.write_text(network_xml(concrete.road), encoding="utf-8")
+    routes.write_text(routes_xml(concrete, settings.vehicle, ego_type), encoding="utf-8")
+    options = {
+        "net-file": str(network),
+        "route-files": str(routes),
+        "begin": "0",
+        "step-length": f"{settings.step:g}",
+        "lanechange.duration": f"{settings.lane_change_duration:g}",
+        "error-log": str(log),
+        "xml-validation": "never",
+        "xml-validation.net": "never",
+        "xml-validation.routes": "never",
+        "no-step-log": "true",
+        "no-warnings": "true",
+        "duration-log.disable": "true",
+        "seed": "0",
+        **SIMULATION_OPTIONS,
+    }
+    return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
+
+
+def _check_start(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
+    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like."""
+    present = set(libsumo.vehicle.getIDList())
+    starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    for name, start, length in starts:
+        if name not in present:
+            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
+        x, y = libsumo.vehicle.getPosition(name)
+        speed = libsumo.vehicle.getSpeed(name)
+        if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
+            raise SimulationError(
+                f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m instead of ({start.x:.3f}, {start.y:.3f}) m."
+            )
+        if abs(speed - start.speed) > SPEED_TOLERANCE:
+            raise SimulationError(
+                f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of {start.speed:.3f} m/s."
+            )
+
+
+def _quote(log: Path, error: Exception) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").split("\n") if log.is_file() else []
+    said = "; ".join(line.strip() for line in lines if line.strip())
+    return f"{str(error) or type(error).__name__} ({said})" if said else str(error) or type(error).__name__
+
+
+def _close() -> None:
+    if libsumo.simulation.isLoaded():
+        libsumo.close()

@@ -1,0 +1,150 @@
+"""SUMO networks, routes and configurations as text, written from a road and a concrete scenario.
+
+One writer serves the checked-in files, the run folder and the simulation itself, so what you open in sumo-gui is what ran.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+
+from lxml import etree
+
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.settings import VehicleSettings
+
+EGO = "ego"
+_EDGE = "road"
+
+
+def _text(root: etree._Element) -> str:
+    return etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
+
+
+@functools.lru_cache(maxsize=64)
+def network_xml(road: Road) -> str:
+    """A straight one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0."""
+    end = road.length + road.run_out
+    middle = (road.left_edge + road.right_edge) / 2
+    net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
+    bounds = f"0.00,0.00,{end:.2f},{road.lane_centre(road.lanes - 1):.2f}"
+    etree.SubElement(
+        net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
+    )
+    edge = etree.SubElement(net, "edge", {"id": _EDGE, "from": "begin", "to": "end", "priority": "1"})
+    for lane in range(road.lanes):
+        y = road.lane_centre(lane)
+        etree.SubElement(
+            edge,
+            "lane",
+            id=f"{_EDGE}_{lane}",
+            index=str(lane),
+            speed=f"{road.speed_limit:.2f}",
+            length=f"{end:.2f}",
+            width=f"{road.lane_width:.2f}",
+            shape=f"0.00,{y:.2f} {end:.2f},{y:.2f}",
+        )
+    lanes = " ".join(f"{_EDGE}_{lane}" for lane in range(road.lanes))
+    for name, x, incoming in (("begin", 0.0, ""), ("end", end, lanes)):
+        ends = f"{x:.2f},{road.left_edge:.2f} {x:.2f},{road.right_edge:.2f}"
+        etree.SubElement(
+            net,
+            "junction",
+            id=name,
+            type="dead_end",
+            x=f"{x:.2f}",
+            y=f"{middle:.2f}",
+            incLanes=incoming,
+            intLanes="",
+            shape=ends,
+        )
+    return _text(net)
+
+
+def routes_xml(
+    concrete: ConcreteScenario,
+    vehicle: VehicleSettings,
+    ego_type: Mapping[str, str] | None = None,
+) -> str:
+    """Vehicle types and departures of a concrete scenario. `ego_type` adds to or replaces the ego's vType attributes."""
+    routes = etree.Element("routes")
+    limits = {
+        "length": _number(vehicle.length),
+        "width": _number(vehicle.width),
+        "accel": _number(vehicle.max_acceleration),
+        "decel": _number(vehicle.max_deceleration),
+        "emergencyDecel": _number(vehicle.max_deceleration),
+        "maxSpeed": _number(vehicle.max_speed),
+        "minGap": "0",
+        "sigma": "0",
+        "speedDev": "0",
+        "tau": "1",
+        "color": "0,0.6,0.2",
+    }
+    etree.SubElement(routes, "vType", {"id": EGO, **limits, **(ego_type or {})})
+    for actor in concrete.actors:
+        etree.SubElement(
+            routes,
+            "vType",
+            {
+                "id": actor.name,
+                "length": _number(actor.length),
+                "width": _number(actor.width),
+                "accel": "10",
+                "decel": "10",
+                "emergencyDecel": "10",
+                "maxSpeed": _number(concrete.road.speed_limit),
+                "minGap": "0",
+                "sigma": "0",
+                "speedDev": "0",
+                "color": "0.8,0.2,0.1",
+            },
+        )
+    etree.SubElement(routes, "route", id="along", edges=_EDGE)
+    starts = [(EGO, concrete.ego, vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    for name, start, length in starts:
+        lane = min(max(round(start.y / concrete.road.lane_width), 0), concrete.road.lanes - 1)
+        offset = start.y - concrete.road.lane_centre(lane)
+        attributes = {
+            "id": name,
+            "type": name,
+            "route": "along",
+            "depart": "0",
+            "departLane": str(lane),
+            "departPos": _number(start.x + length / 2),  # SUMO's position is the front bumper
+            "departSpeed": _number(start.speed),
+            "insertionChecks": "none",  # otherwise SUMO delays a vehicle that it finds too close, and the case turns safe
+        }
+        if offset:
+            attributes["departPosLat"] = _number(offset)
+        etree.SubElement(routes, "vehicle", attributes)
+    return _text(routes)
+
+
+def configuration_xml(network: str, routes: str, step: float) -> str:
+    """A .sumocfg that opens the case in sumo-gui with the options that the harness uses."""
+    root = etree.Element("configuration")
+    inputs = etree.SubElement(root, "input")
+    etree.SubElement(inputs, "net-file", value=network)
+    etree.SubElement(inputs, "route-files", value=routes)
+    time = etree.SubElement(root, "time")
+    etree.SubElement(time, "begin", value="0")
+    etree.SubElement(time, "step-length", value=f"{step:g}")
+    processing = etree.SubElement(root, "processing")
+    for name, value in SIMULATION_OPTIONS.items():
+        etree.SubElement(processing, name, value=value)
+    return _text(root)
+
+
+SIMULATION_OPTIONS = {
+    "step-method.ballistic": "true",
+    "collision.action": "warn",  # "none" reports nothing at all, and the default teleports
+    "collision.mingap-factor": "0",  # minGap is no part of a body
+    "time-to-teleport": "-1",
+    "default.speeddev": "0",
+}
+"""SUMO options in force in every simulation, beside the files and the step."""
