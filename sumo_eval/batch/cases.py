@@ -1,0 +1,58 @@
+"""A case: one concrete scenario driven once by somebody, and what became of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.trajectory import Recording
+
+Role = Literal["ads", "ideal", "human"]
+Status = Literal[
+    "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
+]
+
+EVALUATED: tuple[Status, ...] = ("ok", "collision", "off_road")
+"""Statuses of cases whose outcome counts; all others could not be evaluated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run to do. `driver` is the ADS's name, the human's name, or `ideal`; `controller` its locator."""
+
+    point: int
+    concrete: ConcreteScenario
+    role: Role
+    driver: str
+    controller: str
+    driver_index: int = 0
+    driver_count: int = 0
+    seed: int = 0
+
+    @property
+    def key(self) -> str:
+        """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver."""
+        return f"{self.concrete.scenario}-{self.point:04d}-{self.driver}"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a case. `recording` is missing when the process that ran it was lost."""
+
+    case: Case
+    status: Status
+    recording: Recording | None
+    error: str | None = None
+    log: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What every case of a run shares."""
+
+    simulation: SimulationSettings
+    run: RunSettings
+    folder: Path

@@ -1,0 +1,81 @@
+"""A run's folder: the resolved evaluation, who made it with what, the SUMO inputs, and the facts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.batch.store import FORMAT_VERSION
+from sumo_eval.config import read_evaluation, to_toml
+from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import EvaluationSettings
+
+FACTS = "facts.sqlite"
+EVALUATION = "evaluation.toml"
+MANIFEST = "manifest.json"
+
+
+def create(folder: Path, settings: EvaluationSettings, source: Path, examples: Sequence[ConcreteScenario]) -> None:
+    """Make a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} already exists and is not empty; a run needs a folder of its own.")
+    try:
+        for name in ("networks", "routes"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        (folder / EVALUATION).write_text(to_toml(settings), encoding="utf-8")
+        for concrete in examples:
+            network, routes = f"{concrete.road.name}.net.xml", f"{concrete.scenario}.rou.xml"
+            (folder / "networks" / network).write_text(network_xml(concrete.road), encoding="utf-8")
+            (folder / "routes" / routes).write_text(routes_xml(concrete, settings.simulation.vehicle), encoding="utf-8")
+            configuration = configuration_xml(f"../networks/{network}", routes, settings.simulation.step)
+            (folder / "routes" / f"{concrete.scenario}.sumocfg").write_text(configuration, encoding="utf-8")
+        manifest = _manifest(folder, settings, source)
+        (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
+
+
+def read_settings(folder: Path) -> EvaluationSettings:
+    """The resolved evaluation of a run."""
+    if not (folder / FACTS).is_file():
+        raise InputError(f"{folder} is no run folder: there is no {FACTS} in it.")
+    return read_evaluation(folder / EVALUATION)
+
+
+def read_manifest(folder: Path) -> Mapping[str, Any]:
+    """The manifest of a run."""
+    try:
+        manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
+    if manifest.get("format_version") != FORMAT_VERSION:
+        raise InputError(
+            f"Run {folder} has format version {manifest.get('format_version')}; this sumo_eval reads {FORMAT_VERSION}."
+        )
+    return manifest
+
+
+def _manifest(folder: Path, settings: EvaluationSettings, source: Path) -> dict[str, Any]:
+    inputs = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {
+        "format_version": FORMAT_VERSION,
+        "name": settings.name,
+        "seed": settings.seed,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "source_folder": str(source),
+        "versions": {
+            "python": sys.version.split()[0],
+            **{name: version(name) for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")},
+        },
+        "machine": {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()},
+        "sha256": {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs},
+    }
