@@ -1,0 +1,356 @@
+"""Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same concrete scenario.
+
+Readings of the paper (docs/METHOD.md) that this file is built on:
+- A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
+- What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at or past the end.
+- A length ends where the vehicle stopped or where the road ends. A vehicle that did neither (contact, time limit, off
+  the road) has the length it drove. A recording whose next sample would lie past the road's end has reached it.
+- A driver who did not get as far as a slice has no centre there. Where fewer than two got there, the others stand in
+  with their last lateral position, as a deviation needs two.
+- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
+  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
+- A trajectory without any steering wheel angle has one steering operation per lateral manoeuvre: a move to one side at
+  more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import must_be
+from sumo_eval.method.trajectory_field import SAME_TIME, trajectory_fields
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import AnthropomorphicSettings
+from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
+
+DEFAULTS = AnthropomorphicSettings()
+
+SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
+MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
+MANOEUVRE_SHIFT = 1.0  # m; and less far
+MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
+SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
+SPLIT_MEMBERS = 2  # drivers that make a group
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnthropomorphicIndex:
+    """D_i of one ADS in one concrete scenario, and everything it was made of.
+
+    value: D_i = length_factor * operation_factor * similarity, 0..1. similarity: the mean over all sample points of
+    centre term times field term; centre_similarity and field_similarity: the mean of each alone. slices: x of the m
+    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: whole sentences on where a
+    reading or a floor had to step in.
+    """
+
+    value: float
+    length_factor: float
+    operation_factor: float
+    similarity: float
+    centre_similarity: float
+    field_similarity: float
+    slices: FloatArray
+    slice_similarity: FloatArray
+    ads_length: float
+    driver_lengths: tuple[float, ...]
+    ads_operations: int
+    driver_operations: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def anthropomorphic_index(
+    ads: Trajectory,
+    drivers: Sequence[Trajectory],
+    road: Road,
+    settings: AnthropomorphicSettings = DEFAULTS,
+) -> AnthropomorphicIndex:
+    """Eqs. 11-12: D_i = f_L f_n mean(min(1, pt/pt_2sigma) min(1, pv/pv_2sigma)), one ADS in one concrete scenario.
+
+    f_L = min(1, L / mean human L); f_n = min(1, mean human n / n); the mean is over all points of all slices between
+    the ADS's start and min(L, mean human L). ads: in road coordinates. drivers: at least two, in the same concrete
+    scenario. road: its end ends the slices, its edges narrow them. Raises InputError for fewer drivers and for an ADS
+    that starts past the road's end.
+    """
+    if len(drivers) < 2:
+        raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", len(drivers))
+    start = float(ads.x[0])
+    if start >= road.length:
+        raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
+
+    everyone = [_up_to_the_end(trajectory, road) for trajectory in (ads, *drivers)]
+    ads_length, *driver_lengths = (driven_length(trajectory, road, settings) for trajectory in everyone)
+    ads_operations, *driver_operations = (count_operations(trajectory, settings) for trajectory in everyone)
+    length_factor = _capped_ratio(ads_length, np.mean(driver_lengths))
+    operation_factor = _capped_ratio(np.mean(driver_operations), ads_operations)
+
+    slices = slice_positions(start, min(ads_length, float(np.mean(driver_lengths))), settings.slice_spacing)
+    centres = np.array([lateral_position(trajectory, slices) for trajectory in everyone])
+    ends = np.array([driver.x[0] for driver in drivers]) + driver_lengths
+    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings)
+    points = slice_points(slices, centres[0], road, settings)
+    field_term, field_notes = _field_term(points, everyone, settings)
+    terms = centre_term[:, None] * field_term
+    similarity = float(terms.mean())
+
+    return AnthropomorphicIndex(
+        value=length_factor * operation_factor * similarity,
+        length_factor=length_factor,
+        operation_factor=operation_factor,
+        similarity=similarity,
+        centre_similarity=float(centre_term.mean()),
+        field_similarity=float(field_term.mean()),
+        slices=slices,
+        slice_similarity=terms.mean(axis=1),
+        ads_length=ads_length,
+        driver_lengths=tuple(driver_lengths),
+        ads_operations=ads_operations,
+        driver_operations=tuple(driver_operations),
+        notes=(
+            *centre_notes,
+            *field_notes,
+            *_trajectory_notes(ads, drivers, road, settings),
+            *_note(
+                operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
+            ),
+        ),
+    )
+
+
+def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
+    """Eq. 13: D = sum(p_i D_i) / sum(p_i) over the concrete scenarios of the safe zone.
+
+    values: D_i, (n,). exposure: p_i, naturalistic probability of each, (n,), at least 0 and not all 0.
+    Raises InputError for arguments outside these meanings.
+    """
+    indices, weights = np.asarray(values, dtype=np.float64), np.asarray(exposure, dtype=np.float64)
+    owner = "the exposure-weighted index"
+    if indices.ndim != 1 or indices.shape != weights.shape:
+        raise must_be(
+            "`values` and `exposure`", owner, "one list each, equally long", f"{indices.shape} and {weights.shape}"
+        )
+    if not np.all(np.isfinite(indices)):
+        raise must_be("`values`", owner, "finite", float(indices[~np.isfinite(indices)][0]))
+    usable = np.isfinite(weights) & (weights >= 0.0)
+    if not np.all(usable):
+        raise must_be("`exposure`", owner, "finite and at least 0", float(weights[~usable][0]))
+    if weights.sum() <= 0.0:
+        raise must_be("The sum of `exposure`", owner, "greater than 0", float(weights.sum()))
+    return float(weights @ indices / weights.sum())
+
+
+# --- lengths and operations -------------------------------------------------------------------------------------------
+
+
+def driven_length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> float:
+    """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never further.
+
+    A vehicle that neither stopped nor reached the end has the length it drove.
+    """
+    if _reached_the_end(trajectory, road):
+        return max(road.length - float(trajectory.x[0]), 0.0)
+    last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
+    return max(float(last - trajectory.x[0]), 0.0)
+
+
+def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
+    """Eq. 12: n, operations of the steering wheel and of the pedals, counted separately and added.
+
+    An operation is |steering wheel angle| > 10 deg (|acceleration| > 0.5 m/s2) until the signal has stayed neutral for
+    0.5 s, so out and back, or drive and then brake, is one; one that still runs at the end counts.
+    """
+    time = trajectory.time
+    pedals = _operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings)
+    if not _steering_is_known(trajectory):
+        return len(pedals) + _lateral_manoeuvres(trajectory, settings)
+    known = np.isfinite(trajectory.steering_wheel_angle)
+    turned = np.abs(np.degrees(trajectory.steering_wheel_angle[known])) > settings.steering_threshold_deg
+    return len(pedals) + len(_operations(turned, time[known], settings))
+
+
+def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
+    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
+    samples = np.flatnonzero(active)
+    if samples.size == 0:
+        return []
+    neutral_from = time[samples[:-1] + 1]
+    ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
+    first = samples[np.append(True, ended)]
+    last = samples[np.append(ended, True)]
+    return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+    """Moves to one side that are too fast and too far for keeping a lane."""
+    time, y = trajectory.time, trajectory.y
+    if time.size < 2:
+        return 0
+    before = np.maximum(time - MANOEUVRE_WINDOW / 2, time[0])
+    after = np.minimum(time + MANOEUVRE_WINDOW / 2, time[-1])
+    rate = (np.interp(after, time, y) - np.interp(before, time, y)) / (after - before)
+    return sum(
+        bool(side * (y[last] - y[first]) >= MANOEUVRE_SHIFT)
+        for side in (-1.0, 1.0)
+        for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
+    )
+
+
+# --- slices -----------------------------------------------------------------------------------------------------------
+
+
+def slice_positions(start: float, length: float, spacing: float) -> FloatArray:
+    """Eq. 11: x of the slices, (m,), m: every `spacing` from `start`, and the end itself if the last one is shorter."""
+    whole = int(length / spacing)
+    positions: FloatArray = start + spacing * np.arange(whole + 1, dtype=np.float64)
+    return np.append(positions, start + length) if length - whole * spacing > SAME_PLACE else positions
+
+
+def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray:
+    """y where the vehicle first gets to each x of `positions`, (m,), m; its first y before that, its last y beyond."""
+    x, y = trajectory.x, trajectory.y
+    wanted = np.asarray(positions, dtype=np.float64)
+    after = np.searchsorted(np.maximum.accumulate(x), wanted)
+    crossed = (after > 0) & (after < x.size)
+    right = np.where(crossed, after, 0)
+    left = np.where(crossed, after - 1, 0)
+    share = np.divide(wanted - x[left], x[right] - x[left], out=np.zeros(wanted.shape), where=crossed)
+    lateral = y[left] + share * (y[right] - y[left])
+    return np.where(after == x.size, y[-1], lateral)
+
+
+def slice_points(
+    slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
+) -> FloatArray:
+    """Eq. 11: the ADS's centre and three points on each side of it, 0.5 m apart, (m, 7, 2), m.
+
+    Where a side would leave the road, its points split the distance to the road's edge into equal parts; a centre
+    that is off the road itself has all points of that side on it. slices: x, (m,), m. centre: y, (m,), m.
+    """
+    right = np.clip(centre - road.right_edge, 0.0, settings.side_width)
+    left = np.clip(road.left_edge - centre, 0.0, settings.side_width)
+    parts = np.arange(1, settings.points_per_side + 1) / settings.points_per_side
+    offsets = np.column_stack((-right[:, None] * parts[::-1], np.zeros(len(centre)), left[:, None] * parts))
+    y = centre[:, None] + offsets
+    return np.stack((np.broadcast_to(slices[:, None], y.shape), y), axis=-1)
+
+
+# --- terms ------------------------------------------------------------------------------------------------------------
+
+
+def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike) -> FloatArray:
+    """Eq. 11: min(1, p(value) / p(mean + 2 deviations)) = min(1, exp(2 - z^2 / 2)), p the Gaussian; they broadcast."""
+    z = (np.asarray(value) - np.asarray(mean)) / np.asarray(deviation)
+    similarity: FloatArray = np.exp(np.minimum(2.0 - z * z / 2.0, 0.0))
+    return similarity
+
+
+def _centre_term(
+    centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings
+) -> tuple[FloatArray, list[str]]:
+    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. centres: y of the ADS and of the k drivers,
+    (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
+    """
+    ads, humans = centres[0], centres[1:]
+    alone = np.count_nonzero(got_there, axis=0) < 2
+    counted = got_there | alone
+    number = np.count_nonzero(counted, axis=0)
+    mean = np.sum(humans, axis=0, where=counted) / number
+    deviation = np.sqrt(np.sum((humans - mean) ** 2, axis=0, where=counted) / (number - 1))
+    floor = settings.centre_deviation_floor
+    term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
+
+    # A gap between neighbours counts when enough drivers stand on each side of it; nan (did not get there) sorts last.
+    ordered = np.sort(np.where(counted, humans, np.nan), axis=0)
+    below = np.arange(1, len(humans))[:, None]
+    groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
+    split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
+    outside = (ads < road.right_edge) | (ads > road.left_edge)
+    return term, [
+        *_note(deviation < floor, "Deviation floor of the centre applied at {} of {} slices."),
+        *_note(split, "Bimodal: at {} of {} slices one Gaussian spans two groups of drivers over half a lane apart."),
+        *_note(~got_there.all(axis=0), "At {} of {} slices some drivers had not got that far."),
+        *_note(alone, "At {} of {} slices fewer than two drivers had got that far; the others hold their last y."),
+        *_note(outside, "At {} of {} slices the ADS's centre is off the road; that side's points collapse on it."),
+    ]
+
+
+def _field_term(
+    points: FloatArray, everyone: Sequence[Trajectory], settings: AnthropomorphicSettings
+) -> tuple[FloatArray, list[str]]:
+    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. points: (m, 7, 2), m. everyone: ADS first."""
+    constants = settings.field
+    fields = trajectory_fields(
+        points.reshape(-1, 2),
+        everyone,
+        k1=constants.k1,
+        k2=constants.k2,
+        sample_interval=constants.sample_interval,
+        superposition=constants.superposition,
+    ).reshape(len(everyone), *points.shape[:-1])
+    mean, deviation = fields[1:].mean(axis=0), fields[1:].std(axis=0, ddof=1)
+    floor = settings.field_deviation_floor * mean
+    term = gaussian_similarity(fields[0], mean, np.maximum(deviation, floor))
+    return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
+
+
+# --- what is known of a trajectory ------------------------------------------------------------------------------------
+
+
+def _up_to_the_end(trajectory: Trajectory, road: Road) -> Trajectory:
+    """The trajectory up to its first sample at or past the road's end."""
+    beyond = np.flatnonzero(trajectory.x >= road.length)
+    if beyond.size == 0 or beyond[0] + 1 == len(trajectory):
+        return trajectory
+    kept = {name: getattr(trajectory, name)[: beyond[0] + 1] for name in CHANNELS}
+    return Trajectory(**kept, length=trajectory.length, width=trajectory.width)
+
+
+def _reached_the_end(trajectory: Trajectory, road: Road) -> bool:
+    """Whether a sample, or the one that would come next, lies at or past the road's end."""
+    step = trajectory.x[-1] - trajectory.x[-2] if len(trajectory) > 1 else 0.0
+    return bool(max(trajectory.x.max(), trajectory.x[-1] + step) >= road.length - SAME_PLACE)
+
+
+def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> bool:
+    return bool(trajectory.speed[-1] < settings.stop_speed)
+
+
+def _steering_is_known(trajectory: Trajectory) -> bool:
+    return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
+
+
+def _trajectory_notes(
+    ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings
+) -> list[str]:
+    """Where a reading had to step in for a trajectory as a whole."""
+
+    def shortened(trajectory: Trajectory) -> bool:
+        return not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings)
+
+    late = [driver.x[0] > ads.x[0] + settings.slice_spacing for driver in drivers]
+    beyond = [_up_to_the_end(trajectory, road) is not trajectory for trajectory in (ads, *drivers)]
+    short = [shortened(driver) for driver in drivers]
+    unknown = [not _steering_is_known(driver) for driver in drivers]
+    return [
+        *_note(beyond, "{} of {} trajectories go on past the road's end and are read up to it."),
+        *_note(late, "{} of {} drivers start beyond the ADS's start and hold their first y up to there."),
+        *_note(short, "{} of {} drivers neither stopped nor reached the road's end: their length is what they drove."),
+        *_note(shortened(ads), "The ADS neither stopped nor reached the road's end: its length is what it drove."),
+        *_note(unknown, "{} of {} drivers have no steering signal: one operation per lateral manoeuvre."),
+        *_note(not _steering_is_known(ads), "The ADS has no steering signal: one operation per lateral manoeuvre."),
+    ]
+
+
+def _note(cases: ArrayLike, sentence: str) -> list[str]:
+    """The sentence with how many of how many cases it is about; nothing where it is about none."""
+    flags = np.asarray(cases)
+    count = int(np.count_nonzero(flags))
+    return [sentence.format(count, flags.size)] if count else []
+
+
+def _capped_ratio(value: float | np.floating, reference: float | np.floating) -> float:
+    """min(1, value / reference), and 1 where the reference is 0."""
+    return 1.0 if value >= reference else float(value / reference)

@@ -1,0 +1,690 @@
+"""Laws and worked numbers of the anthropomorphic index D, Eqs. 11-13."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from twins import anthropomorphic as twin
+
+from sumo_eval.errors import InputError
+from sumo_eval.method import anthropomorphic as module
+from sumo_eval.method.anthropomorphic import (
+    anthropomorphic_index,
+    count_operations,
+    driven_length,
+    exposure_weighted_index,
+    gaussian_similarity,
+    lateral_position,
+    slice_points,
+    slice_positions,
+)
+from sumo_eval.scenario.concrete import Road, smooth_step
+from sumo_eval.settings import AnthropomorphicSettings, FieldSettings
+from sumo_eval.trajectory import Trajectory
+
+ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)  # y from -1.75 to 5.25 m
+law = settings(derandomize=True, deadline=None, max_examples=25)
+
+
+def drive(
+    speed: float = 15.0,
+    y: float = 0.0,
+    *,
+    until: float = 60.0,
+    start: float = 0.0,
+    lane_change: tuple[float, float, float] | None = None,
+    acceleration: Sequence[float] | float = 0.0,
+    steering_deg: Sequence[float] | float = 0.0,
+) -> Trajectory:
+    """At one speed to the first sample at or past x = `until`; a lane change is (begin s, duration s, offset m)."""
+    n = math.ceil((until - start) / speed / 0.1 - 1e-9) + 1
+    time = 0.1 * np.arange(n)
+    begin, duration, offset = lane_change or (0.0, 1.0, 0.0)
+    return Trajectory(
+        time,
+        start + speed * time,
+        y + offset * smooth_step((time - begin) / duration),
+        speed=np.full(n, speed),
+        acceleration=np.broadcast_to(acceleration, n),
+        steering_wheel_angle=np.radians(np.broadcast_to(steering_deg, n)),
+    )
+
+
+def stopping(at: float, y: float = 0.0, *, standing: int = 20, start: float = 0.0) -> Trajectory:
+    """From 10 m/s to a stop at x = `at`, then standing for some samples."""
+    duration = 2.0 * (at - start) / 10.0
+    time = 0.1 * np.arange(math.ceil(duration / 0.1) + standing)
+    run = np.minimum(time, duration)
+    x = start + 10.0 * run * (1.0 - run / (2.0 * duration))
+    return Trajectory(
+        time,
+        x,
+        np.full(time.size, y),
+        speed=10.0 * (1.0 - run / duration),
+        heading=np.zeros(time.size),
+        acceleration=np.zeros(time.size),
+        steering_wheel_angle=np.zeros(time.size),
+    )
+
+
+def humans(seed: int = 0, n: int = 4) -> list[Trajectory]:
+    rng = np.random.default_rng(seed)
+    return [
+        drive(rng.uniform(12, 18), rng.normal(0.0, 0.3), lane_change=(1.0, 2.5, rng.uniform(0, 2))) for _ in range(n)
+    ]
+
+
+# --- laws of D_i ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        drive(),
+        drive(17.0, -0.4, lane_change=(0.5, 3.0, 3.5), steering_deg=20.0, acceleration=1.0),
+        drive(y=-1.9),
+        stopping(33.3),
+        stopping(33.3, standing=1),
+        drive(until=31.7),
+        drive(until=200.0),
+        Trajectory([0.0], [0.0], [0.0]),
+        Trajectory(0.1 * np.arange(5), np.full(5, 3.0), np.zeros(5)),
+    ],
+    ids=[
+        "keeps the lane",
+        "changes it",
+        "off the road",
+        "stops",
+        "just stopped",
+        "ends early",
+        "goes on",
+        "one",
+        "stands",
+    ],
+)
+def test_identical_driving_scores_1(same: Trajectory) -> None:
+    index = anthropomorphic_index(same, [same] * 3, ROAD)
+    assert (index.value, index.length_factor, index.operation_factor, index.similarity) == (1.0, 1.0, 1.0, 1.0)
+    assert (index.centre_similarity, index.field_similarity) == (1.0, 1.0)
+    np.testing.assert_array_equal(index.slice_similarity, 1.0)
+
+
+@law
+@given(seed=st.integers(0, 1000), speed=st.floats(8.0, 25.0), y=st.floats(-1.5, 5.0))
+def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: int, speed: float, y: float) -> None:
+    index = anthropomorphic_index(drive(speed, y, steering_deg=[15.0]), humans(seed), ROAD)
+    assert 0.0 <= index.value <= 1.0
+    assert index.value == index.length_factor * index.operation_factor * index.similarity
+    assert index.similarity <= min(index.centre_similarity, index.field_similarity) + 1e-12
+    assert index.slice_similarity.shape == index.slices.shape
+    assert index.slice_similarity.mean() == pytest.approx(index.similarity, rel=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])
+def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    ads, drivers = drive(24.0, 0.2), humans(1)
+    before = anthropomorphic_index(ads, drivers, ROAD)
+    assert 0.05 < before.field_similarity < 0.95
+    fields = module.trajectory_fields
+    monkeypatch.setattr(module, "trajectory_fields", lambda *a, **k: factor * fields(*a, **k))
+    assert anthropomorphic_index(ads, drivers, ROAD).value == pytest.approx(before.value, rel=1e-12)
+
+
+@law
+@given(shift=st.floats(-5e3, 5e3), wait=st.floats(-100.0, 100.0))
+def test_moving_the_world_moves_nothing(shift: float, wait: float) -> None:
+    def moved(t: Trajectory) -> Trajectory:
+        return Trajectory(t.time + wait, t.x + shift, t.y, t.heading, t.speed, t.acceleration, t.steering_wheel_angle)
+
+    road = Road("moved", ROAD.length + shift, 2, 3.5, 100.0)
+    ads, drivers = drive(24.0, 0.2), humans(1)
+    there = anthropomorphic_index(moved(ads), [moved(driver) for driver in drivers], road)
+    assert there.value == pytest.approx(anthropomorphic_index(ads, drivers, ROAD).value, rel=1e-6)
+
+
+def test_a_mirrored_world_scores_the_same() -> None:
+    middle = (ROAD.left_edge + ROAD.right_edge) / 2
+
+    def mirrored(t: Trajectory) -> Trajectory:
+        y, steering = 2 * middle - t.y, -t.steering_wheel_angle
+        return Trajectory(t.time, t.x, y, -t.heading, t.speed, t.acceleration, steering)
+
+    ads, drivers = drive(24.0, -0.9), humans(2)
+    here = anthropomorphic_index(ads, drivers, ROAD)
+    there = anthropomorphic_index(mirrored(ads), [mirrored(driver) for driver in drivers], ROAD)
+    assert there.value == pytest.approx(here.value, rel=1e-9)
+
+
+def test_the_order_of_the_drivers_does_not_matter() -> None:
+    ads, drivers = drive(24.0, 0.2), humans(3, n=6)
+    here = anthropomorphic_index(ads, drivers, ROAD).value
+    assert anthropomorphic_index(ads, drivers[::-1], ROAD).value == pytest.approx(here, rel=1e-12)
+
+
+def test_what_lies_past_the_roads_end_changes_nothing() -> None:
+    speeds, offsets = [14.0, 15.0, 17.0], [0.1, -0.2, 0.3]
+    short = [drive(v, y) for v, y in zip(speeds, offsets, strict=True)]
+    long = [drive(v, y, until=400.0) for v, y in zip(speeds, offsets, strict=True)]
+    # At 24 m/s the road ends at sample 25; from sample 30 on the ADS that drives on also brakes.
+    far = drive(24.0, until=400.0, acceleration=[0.0] * 30 + [-2.0] * 138)
+    here, there = anthropomorphic_index(drive(24.0), short, ROAD), anthropomorphic_index(far, long, ROAD)
+    assert 0.0 < there.value == here.value < 1.0
+    assert there.ads_operations == 0
+    assert "4 of 4 trajectories go on past the road's end and are read up to it." in there.notes
+
+
+def test_the_further_from_the_humans_the_lower_the_score() -> None:
+    drivers = [drive(v, y) for v, y in ((14.0, -0.2), (15.0, 0.0), (16.0, 0.2), (15.5, 0.1))]
+    by_offset = [anthropomorphic_index(drive(15.0, y), drivers, ROAD).value for y in (0.0, 0.6, 1.0, 2.0)]
+    by_speed = [anthropomorphic_index(drive(v, 0.0), drivers, ROAD).value for v in (15.0, 18.0, 22.0, 30.0)]
+    assert by_offset[0] == by_speed[0] == 1.0
+    assert np.all(np.diff(by_offset) < 0.0)
+    assert np.all(np.diff(by_speed) < 0.0)
+
+
+# --- the clever against the plain -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("ads", "chosen"),
+    [
+        (drive(16.0, 0.2, lane_change=(1.0, 2.0, 3.0)), AnthropomorphicSettings()),
+        (drive(14.0, -1.0, steering_deg=12.0), AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05))),
+        (stopping(41.3, 0.3), AnthropomorphicSettings(slice_spacing=3.0, points_per_side=2, side_width=1.0)),
+        (drive(12.0, 5.4), AnthropomorphicSettings(centre_deviation_floor=1.8, field_deviation_floor=0.2)),
+        (drive(15.0, 0.0, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
+    ],
+    ids=["changes lane", "k1 k2", "stops", "off the road", "ends early"],
+)
+def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSettings) -> None:
+    drivers = [*humans(5, 2), drive(13.0, 0.3, steering_deg=11.0, acceleration=0.6), stopping(48.0, -0.1)]
+    plain = twin.anthropomorphic_index(ads, drivers, ROAD, chosen)
+    assert 1e-6 < plain < 1.0
+    assert anthropomorphic_index(ads, drivers, ROAD, chosen).value == pytest.approx(plain, rel=1e-9)
+
+
+@law
+@given(st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.5, 0.51, -0.6, 2.0]), min_size=1, max_size=60))
+def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> None:
+    n = len(signal)
+    t = Trajectory(0.1 * np.arange(n), np.arange(n), np.zeros(n), acceleration=signal, steering_wheel_angle=signal)
+    chosen = AnthropomorphicSettings(steering_threshold_deg=20.0)
+    assert count_operations(t, chosen) == twin.count_operations(t, chosen)
+
+
+# --- worked numbers: terms --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("z", "expected"),
+    [
+        (0.0, 1.0),
+        (1.0, 1.0),
+        (2.0, 1.0),
+        (2.5, 0.32465246735834974),  # exp(2 - 3.125) = exp(-1.125)
+        (3.0, 0.0820849986238988),  # exp(2 - 4.5) = exp(-2.5)
+        (4.0, 0.0024787521766663585),  # exp(2 - 8) = exp(-6)
+        (1e200, 0.0),
+    ],
+)
+def test_a_value_z_deviations_off(z: float, expected: float) -> None:
+    for mean, deviation, sign in ((0.0, 1.0, 1), (3.0, 0.25, -1)):
+        with np.errstate(over="ignore"):
+            similarity = gaussian_similarity(mean + sign * z * deviation, mean, deviation)
+        assert similarity == pytest.approx(expected, rel=1e-9)
+
+
+def test_centre_three_floors_off() -> None:
+    # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at every slice.
+    index = anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD)
+    assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
+    assert "Deviation floor of the centre applied at 121 of 121 slices." in index.notes
+    wider = AnthropomorphicSettings(centre_deviation_floor=0.225)  # z = 2
+    assert anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD, wider).centre_similarity == 1.0
+
+
+def test_centre_with_a_real_deviation() -> None:
+    # Drivers at 0, 0.4, 0.8 m: mean 0.4, sample deviation sqrt((0.16 + 0 + 0.16) / 2) = 0.4. The ADS at 1.6 is z = 3.
+    drivers = [drive(y=y) for y in (0.0, 0.4, 0.8)]
+    index = anthropomorphic_index(drive(y=1.6), drivers, ROAD)
+    assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
+    assert not [note for note in index.notes if "floor of the centre" in note]
+
+
+@pytest.mark.parametrize(
+    ("own", "others", "expected"),
+    [
+        (1.03, [1.0, 1.0, 1.0], math.exp(-2.5)),  # deviation 0, floor 1 % of 1: z = 3
+        (103.0, [100.0, 100.0, 100.0], math.exp(-2.5)),
+        (1.02, [1.0, 1.0, 1.0], 1.0),  # z = 2
+        (7.0, [2.0, 4.0, 6.0], 1.0),  # mean 4, deviation 2: z = 1.5
+        (12.0, [2.0, 4.0, 6.0], math.exp(2.0 - 8.0)),  # z = 4
+    ],
+)
+def test_field_with_known_values(
+    own: float, others: list[float], expected: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "trajectory_fields", lambda p, t, **_: np.outer([own, *others], np.ones(len(p))))
+    index = anthropomorphic_index(drive(), [drive()] * 3, ROAD)
+    assert index.field_similarity == pytest.approx(expected, rel=1e-9)
+    assert index.similarity == index.field_similarity
+
+
+def test_the_settings_of_the_field_reach_it() -> None:
+    ads, drivers = drive(24.0, 0.2), humans(1)
+    values = {
+        anthropomorphic_index(ads, drivers, ROAD, AnthropomorphicSettings(field=chosen)).field_similarity
+        for chosen in (
+            FieldSettings(),
+            FieldSettings(k1=1.0),
+            FieldSettings(k2=0.05),
+            FieldSettings(sample_interval=0.3),
+            FieldSettings(superposition="vector"),
+        )
+    }
+    assert len(values) == 5
+
+
+# --- worked numbers: lengths ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "expected"),
+    [
+        (drive(), 60.0),
+        (drive(until=61.0), 60.0),  # past the end: the road's end counts
+        (drive(start=12.0), 48.0),
+        (drive(15.0, until=58.5), 60.0),  # the next sample, 1.5 m on, would lie at the end
+        (drive(15.0, until=57.0), 57.0),  # neither stopped nor reached the end
+        (stopping(41.25), 41.25),
+        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 0.0]), 8.5),
+        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 1.0]), 9.0),
+        (Trajectory([0.0, 1.0, 2.0], [0.0, -1.0, -1.0], np.zeros(3), speed=[1.0, 0.0, 0.0]), 0.0),  # rolled back
+        (Trajectory([0.0], [5.0], [0.0]), 0.0),
+        (drive(start=70.0, until=90.0), 0.0),
+    ],
+)
+def test_driven_length(trajectory: Trajectory, expected: float) -> None:
+    assert driven_length(trajectory, ROAD) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
+    # The ADS stops at 30 m; the drivers at 30, 60 (the road's end) and 60 m: L = 30, mean 50, f_L = 0.6.
+    drivers = [stopping(30.0), drive(), drive(14.0)]
+    index = anthropomorphic_index(stopping(30.0), drivers, ROAD)
+    assert (index.ads_length, index.driver_lengths) == (30.0, (30.0, 60.0, 60.0))
+    assert index.length_factor == pytest.approx(0.6, rel=1e-12)
+    assert index.slices[-1] == pytest.approx(30.0)
+    beyond = anthropomorphic_index(drive(), drivers, ROAD)
+    assert beyond.length_factor == 1.0
+    assert beyond.slices[-1] == pytest.approx(50.0)
+    assert "At 40 of 101 slices some drivers had not got that far." in beyond.notes  # 30.5 .. 50
+
+
+def test_drivers_who_did_not_get_there_have_no_centre() -> None:
+    # Past 30 m only the two at 0.0 and 0.4 m count: mean 0.2, deviation 0.283, the ADS at 0.2 is z = 0. With the
+    # third, held at 3 m, the mean would be 1.13 and the deviation 1.62.
+    drivers = [drive(y=0.0), drive(y=0.4), stopping(30.0, 3.0)]
+    index = anthropomorphic_index(drive(y=0.2), drivers, ROAD)
+    assert index.slices[-1] == 50.0
+    far = anthropomorphic_index(drive(y=-0.52), drivers, ROAD)  # z = -2.546 past 30 m, -1.02 before
+    terms = [1.0 if x <= 30.0 else math.exp(2.0 - (0.72 / math.sqrt(0.08)) ** 2 / 2.0) for x in far.slices]
+    assert far.centre_similarity == pytest.approx(np.mean(terms), rel=1e-9)
+
+
+def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() -> None:
+    # Two stop at 20 m at y = 0, one passes at 1.5 m: mean length 33.3 m. Everywhere mean 0.5, deviation 0.866.
+    drivers = [stopping(20.0), stopping(20.0), drive(y=1.5)]
+    index = anthropomorphic_index(drive(y=0.5 + 2.5 * math.sqrt(0.75)), drivers, ROAD)
+    assert index.slices[-2:] == pytest.approx([33.0, 100.0 / 3.0])
+    assert index.centre_similarity == pytest.approx(math.exp(2.0 - 3.125), rel=1e-9)
+    # 20.5, 21, .. 33 and 33.33
+    held = "At 27 of 68 slices fewer than two drivers had got that far; the others hold their last y."
+    assert held in index.notes
+
+
+# --- worked numbers: slices -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("start", "length", "expected"),
+    [
+        (0.0, 1.5, [0.0, 0.5, 1.0, 1.5]),
+        (2.0, 1.2, [2.0, 2.5, 3.0, 3.2]),  # the last interval is shorter: the end itself
+        (0.0, 0.3, [0.0, 0.3]),
+        (7.0, 0.0, [7.0]),
+        (0.0, 1.0 - 1e-9, [0.0, 0.5, 1.0]),  # rounding is no interval
+        (0.0, 1.0 + 1e-9, [0.0, 0.5, 1.0]),
+    ],
+)
+def test_slices_every_half_metre(start: float, length: float, expected: list[float]) -> None:
+    assert slice_positions(start, length, 0.5) == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_road_of_540_metres_has_1081_slices() -> None:
+    assert slice_positions(0.0, 540.0, 0.5).size == 1081
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "position", "expected"),
+    [
+        ([0, 10, 20], [0, 1, 3], 5.0, 0.5),
+        ([0, 10, 20], [0, 1, 3], 15.0, 2.0),
+        ([0, 10, 20], [0, 1, 3], 10.0, 1.0),
+        ([0, 10, 20], [0.5, 1, 3], -4.0, 0.5),  # before its start
+        ([0, 10, 20], [0, 1, 3], 25.0, 3.0),  # beyond its end
+        ([0, 10, 10, 10, 20], [0, 1, 2, 3, 4], 10.0, 1.0),  # stands: where it first got there
+        ([0, 10, 10, 10, 20], [0, 1, 2, 3, 4], 15.0, 3.5),  # and goes on from where it stood last
+        ([0, 10, 9, 12], [0, 1, 2, 5], 9.5, 0.95),  # rolls back: first crossing
+        ([0, 10, 9, 12], [0, 1, 2, 5], 11.0, 4.0),  # 9 -> 12 after rolling back
+        ([3], [7], 3.0, 7.0),
+        ([3], [7], 4.0, 7.0),
+        ([0, 0, 0], [1, 2, 3], 0.0, 1.0),  # never moves
+        ([0, 0, 0], [1, 2, 3], 0.5, 3.0),
+    ],
+)
+def test_lateral_position_at_the_first_crossing(
+    x: list[float], y: list[float], position: float, expected: float
+) -> None:
+    t = Trajectory(np.arange(len(x)), x, y)
+    assert lateral_position(t, [position]) == pytest.approx([expected], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("centre", "expected"),
+    [
+        (1.0, [-0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5]),
+        (-0.55, [-1.75, -1.35, -0.95, -0.55, -0.05, 0.45, 0.95]),  # 1.2 m to the right edge: three parts of 0.4
+        (4.65, [3.15, 3.65, 4.15, 4.65, 4.85, 5.05, 5.25]),  # 0.6 m to the left edge: three parts of 0.2
+        (-0.25, [-1.75, -1.25, -0.75, -0.25, 0.25, 0.75, 1.25]),  # 1.5 m exactly
+        (-2.0, [-2.0, -2.0, -2.0, -2.0, -1.5, -1.0, -0.5]),  # off the road on the right
+        (6.0, [4.5, 5.0, 5.5, 6.0, 6.0, 6.0, 6.0]),  # and on the left
+    ],
+)
+def test_seven_points_a_slice(centre: float, expected: list[float]) -> None:
+    points = slice_points(np.array([3.0, 4.0]), np.array([1.0, centre]), ROAD)
+    assert points.shape == (2, 7, 2)
+    np.testing.assert_array_equal(points[:, :, 0], [[3.0] * 7, [4.0] * 7])
+    assert points[1, :, 1] == pytest.approx(expected, abs=1e-12)
+
+
+# --- operations -------------------------------------------------------------------------------------------------------
+
+
+def signal(*parts: tuple[float, float]) -> list[float]:
+    """(value, seconds) parts at 0.1 s."""
+    return [value for value, seconds in parts for _ in range(round(seconds / 0.1))]
+
+
+def recorded(**channels: Sequence[float]) -> Trajectory:
+    n = len(next(iter(channels.values())))
+    quiet: dict[str, object] = {"acceleration": np.zeros(n), "steering_wheel_angle": np.zeros(n)}
+    return Trajectory(0.1 * np.arange(n), 2.0 * np.arange(n), np.zeros(n), **(quiet | channels))  # type: ignore[arg-type]
+
+
+OUT, BACK, NONE = (12.0, 1.0), (-12.0, 1.0), (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "expected"),
+    [
+        (signal(NONE), 0),
+        (signal((10.0, 3.0)), 0),  # at the threshold: neutral
+        (signal((10.01, 3.0)), 1),  # still running at the end
+        (signal(NONE, OUT, NONE), 1),
+        (signal(NONE, (-12.0, 1.0), NONE), 1),
+        (signal(OUT, BACK, NONE), 1),  # a lane change
+        (signal(OUT, (0.0, 0.4), BACK, NONE), 1),  # through neutral for 0.4 s
+        (signal(OUT, (0.0, 0.5), BACK, NONE), 2),  # for 0.5 s: ended
+        (signal(OUT, NONE, BACK, NONE), 2),
+        (signal(OUT, (9.0, 1.0), OUT), 2),  # 9 deg is neutral
+        (signal((11.0, 0.1), (0.0, 0.4), (11.0, 0.1), (0.0, 0.4), (11.0, 0.1)), 1),  # chatter
+        (signal(OUT, NONE, OUT, NONE, OUT), 3),
+        (signal((15.0, 0.1)), 1),
+    ],
+)
+def test_steering_operations(degrees: list[float], expected: int) -> None:
+    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == expected
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "expected"),
+    [
+        (signal((0.5, 2.0)), 0),
+        (signal((0.51, 2.0)), 1),
+        (signal((1.0, 1.0), (-1.0, 1.0), NONE), 1),  # drive, then brake without neutral between
+        (signal((1.0, 1.0), (0.0, 0.4), (-1.0, 1.0), NONE), 1),
+        (signal((1.0, 1.0), NONE, (-3.0, 1.0), NONE), 2),
+    ],
+)
+def test_pedal_operations(acceleration: list[float], expected: int) -> None:
+    assert count_operations(recorded(acceleration=acceleration)) == expected
+
+
+def test_steering_and_pedals_are_counted_separately_and_added() -> None:
+    both = recorded(
+        steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5))
+    )
+    assert count_operations(both) == 3
+
+
+def test_thresholds_and_neutral_time_are_settings() -> None:
+    t = recorded(steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5)))
+    assert count_operations(t, AnthropomorphicSettings(steering_threshold_deg=12.5)) == 1
+    assert count_operations(t, AnthropomorphicSettings(acceleration_threshold=1.5)) == 2
+    assert count_operations(t, AnthropomorphicSettings(neutral_time=1.1)) == 2
+    assert count_operations(t, AnthropomorphicSettings(neutral_time=0.0)) == 3
+
+
+def test_half_a_second_is_half_a_second_at_any_time() -> None:
+    # 0.1 * 43 - 0.1 * 38 is 0.4999999999999996.
+    for before in range(60):
+        acceleration = [0.0] * before + signal((1.0, 0.1), (0.0, 0.5), (1.0, 0.1))
+        assert count_operations(recorded(acceleration=acceleration)) == 2
+
+
+def test_neutral_time_is_seconds_not_samples() -> None:
+    # 0.04 s samples: 12 neutral ones last 0.48 s, 13 last 0.52 s.
+    for neutral, expected in ((12, 1), (13, 2)):
+        acceleration = np.array([1.0] * 5 + [0.0] * neutral + [1.0] * 5)
+        n = acceleration.size
+        t = Trajectory(
+            0.04 * np.arange(n),
+            np.arange(n),
+            np.zeros(n),
+            acceleration=acceleration,
+            steering_wheel_angle=0 * acceleration,
+        )
+        assert count_operations(t) == expected
+
+
+def test_unknown_steering_samples_are_left_out() -> None:
+    angles = np.radians(signal(OUT, (math.nan, 1.0), OUT, NONE, (math.nan, 1.0), OUT))
+    assert count_operations(recorded(steering_wheel_angle=angles)) == 2
+
+
+def without_steering(y: Sequence[float], seed: int | None = None) -> Trajectory:
+    n = len(y)
+    noise = np.zeros(n) if seed is None else np.random.default_rng(seed).normal(0.0, 0.02, n)
+    return Trajectory(0.1 * np.arange(n), 2.5 * np.arange(n), np.asarray(y) + noise, acceleration=np.zeros(n))
+
+
+def lateral(*moves: tuple[float, float, float]) -> list[float]:
+    """y of moves (begin, duration, offset) over 40 s."""
+    time = 0.1 * np.arange(400)
+    return list(sum((offset * smooth_step((time - t) / d) for t, d, offset in moves), np.zeros(400)))
+
+
+@pytest.mark.parametrize("seed", [None, 4])
+@pytest.mark.parametrize(
+    ("y", "expected"),
+    [
+        (lateral(), 0),
+        (lateral((5.0, 8.5, 3.5)), 1),  # a motorway lane change
+        (lateral((5.0, 4.0, -3.5)), 1),
+        (lateral((5.0, 8.0, 3.5), (20.0, 8.0, -3.5)), 2),  # overtakes and returns
+        (lateral((5.0, 8.0, 3.5), (13.0, 8.0, -3.5)), 2),
+        (lateral((5.0, 3.0, 3.5), (8.0, 3.0, -3.5)), 2),  # evades
+        (lateral((5.0, 8.0, 0.9)), 0),  # makes room within its lane
+        (lateral((5.0, 30.0, 1.5)), 0),  # drifts: 0.05 m/s on average, 0.09 at most
+        (list(0.25 * np.sin(0.3 * np.arange(400) * 0.1)), 0),  # wanders
+    ],
+)
+def test_without_steering_a_lateral_manoeuvre_is_one_operation(y: list[float], expected: int, seed: int | None) -> None:
+    assert count_operations(without_steering(y, seed)) == expected
+
+
+def test_one_sample_without_steering_is_no_manoeuvre() -> None:
+    assert count_operations(Trajectory([0.0], [0.0], [0.0])) == 0
+
+
+def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_it() -> None:
+    # Drivers: 1 and 3 operations, mean 2. The ADS: 0, 1, 2, 4.
+    def pressing(times: int) -> Trajectory:
+        return drive(5.0, acceleration=(signal((1.0, 1.0), NONE) * times + [0.0] * 121)[:121])
+
+    drivers = [pressing(1), pressing(3)]
+    for times, factor in ((0, 1.0), (1, 1.0), (2, 1.0), (4, 0.5)):
+        index = anthropomorphic_index(pressing(times), drivers, ROAD)
+        assert (index.ads_operations, index.driver_operations) == (times, (1, 3))
+        assert index.operation_factor == factor
+        assert index.value == factor * index.similarity
+
+
+def test_operations_where_the_humans_make_none_leave_nothing_and_say_so() -> None:
+    index = anthropomorphic_index(drive(acceleration=1.0), [drive(), drive()], ROAD)
+    assert (index.value, index.operation_factor) == (0.0, 0.0)
+    assert "The drivers made no operation at all, so the ADS's operations make D zero." in index.notes
+
+
+# --- notes ------------------------------------------------------------------------------------------------------------
+
+
+def test_an_ordinary_case_has_no_notes() -> None:
+    drivers = [drive(v, y) for v, y in ((13.0, -0.4), (15.0, 0.0), (17.0, 0.4))]
+    assert anthropomorphic_index(drive(), drivers, ROAD).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("ads", "drivers", "note"),
+    [
+        (
+            drive(),
+            [drive(y=y) for y in (0.0, 0.1, 3.4, 3.5)],
+            "Bimodal: at 121 of 121 slices one Gaussian spans two groups of drivers over half a lane apart.",
+        ),
+        (drive(), [drive()] * 2, "Deviation floor of the field applied at 847 of 847 points."),
+        (
+            drive(y=-2.0),
+            [drive()] * 2,
+            "At 121 of 121 slices the ADS's centre is off the road; that side's points collapse on it.",
+        ),
+        (
+            drive(until=30.0),
+            [drive()] * 2,
+            "The ADS neither stopped nor reached the road's end: its length is what it drove.",
+        ),
+        (
+            drive(),
+            [drive(), drive(until=30.0)],
+            "1 of 2 drivers neither stopped nor reached the road's end: their length is what they drove.",
+        ),
+        (
+            drive(),
+            [drive(), drive(start=5.0)],
+            "1 of 2 drivers start beyond the ADS's start and hold their first y up to there.",
+        ),
+        (
+            without_steering([0.0] * 30),
+            [drive()] * 2,
+            "The ADS has no steering signal: one operation per lateral manoeuvre.",
+        ),
+        (
+            drive(),
+            [drive(), without_steering([0.0] * 30)],
+            "1 of 2 drivers have no steering signal: one operation per lateral manoeuvre.",
+        ),
+    ],
+)
+def test_a_reading_that_steps_in_says_so(ads: Trajectory, drivers: list[Trajectory], note: str) -> None:
+    assert note in anthropomorphic_index(ads, drivers, ROAD).notes
+
+
+@pytest.mark.parametrize("offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)])
+def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets: tuple[float, ...]) -> None:
+    notes = anthropomorphic_index(drive(), [drive(y=y) for y in offsets], ROAD).notes
+    assert not [note for note in notes if note.startswith("Bimodal")]
+
+
+def test_a_group_that_did_not_get_there_does_not_make_it_bimodal() -> None:
+    drivers = [drive(y=0.0), drive(y=0.1), stopping(30.0, 3.4), stopping(30.0, 3.5)]
+    notes = anthropomorphic_index(drive(), drivers, ROAD).notes
+    # Mean length 45 m: 91 slices, 61 of them up to 30 m.
+    assert "Bimodal: at 61 of 91 slices one Gaussian spans two groups of drivers over half a lane apart." in notes
+
+
+def test_drivers_who_did_not_get_there_are_no_group() -> None:
+    drivers = [*(stopping(30.0, y) for y in (0.0, 0.1)), *(drive(y=y) for y in (3.2, 3.3, 3.4, 3.5))]
+    notes = anthropomorphic_index(drive(y=3.4), drivers, ROAD).notes
+    # Mean length 50 m: 101 slices, 61 of them up to 30 m.
+    assert "Bimodal: at 61 of 101 slices one Gaussian spans two groups of drivers over half a lane apart." in notes
+
+
+# --- Eq. 13 -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_index_over_the_safe_zone() -> None:
+    # (0.5 * 3 + 1.0 * 1) / 4 = 0.625
+    assert exposure_weighted_index([0.5, 1.0], [3.0, 1.0]) == pytest.approx(0.625, rel=1e-14)
+    assert exposure_weighted_index([0.5, 1.0], [0.0, 2.0]) == 1.0
+
+
+@law
+@given(
+    st.lists(st.tuples(st.floats(0, 1), st.floats(1e-6, 1e3)), min_size=1, max_size=20),
+    st.floats(1e-3, 1e3),
+)
+def test_the_weighted_index_is_a_mean_and_only_relative_exposure_counts(
+    cases: list[tuple[float, float]], factor: float
+) -> None:
+    values, exposure = np.array(cases).T
+    index = exposure_weighted_index(values, exposure)
+    assert values.min() - 1e-12 <= index <= values.max() + 1e-12
+    assert exposure_weighted_index(values, factor * exposure) == pytest.approx(index, rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("values", "exposure", "words"),
+    [
+        ([0.5, 1.0], [1.0], "equally long"),
+        ([[0.5, 1.0]], [[1.0, 1.0]], "equally long"),
+        ([0.5, math.nan], [1.0, 1.0], "`values` .* finite, got nan"),
+        ([0.5, 1.0], [1.0, -1.0], "`exposure` .* at least 0, got -1.0"),
+        ([0.5, 1.0], [1.0, math.nan], "`exposure` .* got nan"),
+        ([0.5, 1.0], [1.0, math.inf], "`exposure` .* got inf"),
+        ([0.5, 1.0], [0.0, 0.0], "sum of `exposure` .* greater than 0"),
+        ([], [], "sum of `exposure` .* greater than 0"),
+    ],
+)
+def test_the_weighted_index_refuses(values: list[float], exposure: list[float], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        exposure_weighted_index(values, exposure)
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drivers", [[], [drive()]])
+def test_fewer_than_two_drivers_are_no_reference(drivers: list[Trajectory]) -> None:
+    with pytest.raises(InputError, match=f"at least 2, got {len(drivers)}"):
+        anthropomorphic_index(drive(), drivers, ROAD)
+
+
+def test_an_ads_that_starts_past_the_roads_end_is_refused() -> None:
+    with pytest.raises(InputError, match=r"start of road `test` must be before its end at x = 60 m, got 60.0"):
+        anthropomorphic_index(drive(start=60.0, until=80.0), [drive()] * 2, ROAD)

@@ -1,0 +1,388 @@
+"""Laws and worked numbers of the trajectory field, Eqs. 9-10."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from twins import trajectory_field as twin
+
+from sumo_eval.errors import InputError
+from sumo_eval.method import trajectory_field as module
+from sumo_eval.method.trajectory_field import instantaneous_field, trajectory_field, trajectory_fields
+from sumo_eval.trajectory import Trajectory
+
+STEP = 0.1
+law = settings(derandomize=True, deadline=None, max_examples=50)
+
+
+@pytest.fixture(params=["numba", "numpy"])
+def kernel(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run the test with each kernel."""
+    if request.param == "numpy":
+        monkeypatch.setattr(module, "_kernel", lambda: ("numpy", module._magnitude_sum))
+    assert request.param == module.KERNEL
+    return str(request.param)
+
+
+def one_sample(speed: float, heading: float = 0.0) -> Trajectory:
+    return Trajectory([0.0], [0.0], [0.0], heading=[heading], speed=[speed])
+
+
+def winding(seed: int, n: int = 40, step: float = STEP) -> Trajectory:
+    """A drive that turns through more than a full circle, speeds up, and stands for a while."""
+    rng = np.random.default_rng(seed)
+    speed = np.clip(rng.normal(12.0, 6.0) + np.cumsum(rng.normal(0.0, 1.0, n)), 0.0, None)
+    speed[n // 2 : n // 2 + 5] = 0.0
+    heading = np.cumsum(rng.normal(0.2, 0.3, n))
+    x, y = np.cumsum(speed * np.cos(heading) * step), np.cumsum(speed * np.sin(heading) * step)
+    wrapped = np.arctan2(np.sin(heading), np.cos(heading))
+    return Trajectory(step * np.arange(n), x, y, heading=wrapped, speed=speed)
+
+
+def around(trajectory: Trajectory, n: int, seed: int = 7) -> np.ndarray:
+    """Points near and far, and some exactly on samples."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-60.0, 60.0, (n, 2))
+    points[::5] = np.column_stack((trajectory.x, trajectory.y))[rng.integers(0, len(trajectory), len(points[::5]))]
+    points[1::5] = points[::5][: len(points[1::5])] + rng.normal(0.0, 0.3, (len(points[1::5]), 2))
+    return points
+
+
+# --- worked numbers ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("point", "k1", "k2", "expected"),
+    [
+        # v = 20 m/s, k2 v = 0.1; 4 m away, 4^0.5 = 2.
+        ((4.0, 0.0), 0.5, 0.005, 0.5525854590378238),  # ahead: exp(0.1) / 2
+        ((-4.0, 0.0), 0.5, 0.005, 0.4524187090179798),  # behind: exp(-0.1) / 2
+        ((0.0, 4.0), 0.5, 0.005, 0.5),  # beside: exp(0) / 2
+        ((3.0, 4.0), 0.5, 0.005, 0.4748677398138),  # 5 m, cos theta = 0.6: exp(0.06) / sqrt(5)
+        # k2 v = 1; 10 m away.
+        ((10.0, 0.0), 1.0, 0.05, 0.2718281828459045),  # e / 10
+        ((-10.0, 0.0), 2.0, 0.05, 0.0036787944117144),  # exp(-1) / 100
+        # Nearer than 1 m the distance counts as 1 m, the angle as it is.
+        ((0.25, 0.0), 0.5, 0.005, 1.1051709180756477),  # exp(0.1)
+        ((-0.25, 0.0), 0.5, 0.005, 0.9048374180359595),  # exp(-0.1)
+        ((-1e-6, 0.0), 0.5, 0.005, 0.9048374180359595),
+        ((0.0, 0.0), 0.5, 0.005, 1.1051709180756477),  # on the vehicle: dead ahead of it
+        ((-1e-10, 0.0), 0.5, 0.005, 1.1051709180756477),  # on it but for the rounding of coordinates
+    ],
+)
+def test_one_vehicle_at_the_origin_at_20_metres_per_second(
+    point: tuple[float, float], k1: float, k2: float, expected: float, kernel: str
+) -> None:
+    assert instantaneous_field([point], [0.0, 0.0], [20.0, 0.0], k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
+    assert trajectory_field([point], one_sample(20.0), k1=k1, k2=k2) == pytest.approx([expected], rel=1e-12)
+
+
+def test_the_defaults_are_those_of_the_settings() -> None:
+    assert trajectory_field([(4.0, 0.0)], one_sample(20.0)) == pytest.approx([0.5525854590378238], rel=1e-12)
+    assert instantaneous_field([(4.0, 0.0)], [0, 0], [20, 0]) == pytest.approx([0.5525854590378238], rel=1e-12)
+
+
+def test_samples_add_up(kernel: str) -> None:
+    two = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0, 20.0], heading=[0.0, 0.0])
+    # 6 m and 4 m ahead: exp(0.1) (1/sqrt(6) + 1/2) = 1.10517092 * 0.90824829
+    assert trajectory_field([(6.0, 0.0)], two) == pytest.approx([1.0037695977], rel=1e-9)
+
+
+def test_a_standing_vehicle_counts_once_for_every_tenth_of_a_second(kernel: str) -> None:
+    standing = Trajectory(STEP * np.arange(31), np.full(31, 5.0), np.zeros(31))
+    assert trajectory_field([(9.0, 0.0)], standing) == pytest.approx([31 / 2], rel=1e-12)
+
+
+# --- laws of one vehicle ----------------------------------------------------------------------------------------------
+
+angle = st.floats(-math.pi, math.pi)
+distance = st.floats(0.0, 500.0)
+speed = st.floats(0.0, 60.0)
+constant = {"k1": st.floats(0.0, 3.0), "k2": st.floats(0.0, 0.1)}
+
+
+@law
+@given(direction=angle, near=distance, far=distance, speed=speed, **constant)
+def test_the_field_falls_with_distance(
+    direction: float, near: float, far: float, speed: float, k1: float, k2: float
+) -> None:
+    ray = np.array([math.cos(direction), math.sin(direction)])
+    at = instantaneous_field(np.outer(sorted((near, far)), ray), [0, 0], [speed, 0], k1=k1, k2=k2)
+    assert at[1] <= at[0] * (1 + 1e-12)
+
+
+def test_beyond_one_metre_the_field_falls_strictly() -> None:
+    at = instantaneous_field([(r, 0.0) for r in (1.0, 1.1, 2.0, 50.0)], [0, 0], [20, 0])
+    assert np.all(np.diff(at) < 0.0)
+
+
+@law
+@given(ahead=st.floats(0.01, 300.0), beside=st.floats(-50.0, 50.0), speed=st.floats(0.1, 60.0))
+def test_the_field_is_larger_ahead_than_behind(ahead: float, beside: float, speed: float) -> None:
+    at = instantaneous_field([(ahead, beside), (-ahead, beside)], [0, 0], [speed, 0])
+    assert at[0] > at[1]
+
+
+@law
+@given(x=st.floats(-300, 300), y=st.floats(0.0, 50.0), speed=speed)
+def test_left_and_right_of_the_vehicle_are_alike(x: float, y: float, speed: float) -> None:
+    at = instantaneous_field([(x, y), (x, -y)], [0, 0], [speed, 0])
+    assert at[0] == pytest.approx(at[1], rel=1e-14)
+
+
+def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_not() -> None:
+    points = [(3.0, 1.0), (-30.0, 2.0)]
+    still, fast = (instantaneous_field(points, [0, 0], [v, 0], k2=0.0) for v in (0.0, 30.0))
+    np.testing.assert_array_equal(still, fast)
+    at = instantaneous_field([(3.0, 0.0), (30.0, 0.0)], [0, 0], [20, 0], k1=0.0)
+    assert at == pytest.approx([math.exp(0.1)] * 2, rel=1e-14)
+
+
+# --- laws of a trajectory ---------------------------------------------------------------------------------------------
+
+
+@law
+@given(turn=angle, east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), seed=st.integers(0, 100))
+def test_moving_or_rotating_the_world_moves_nothing(turn: float, east: float, north: float, seed: int) -> None:
+    drive = winding(seed, n=20)
+    points = around(drive, 20)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    x, y = rotation @ np.array([drive.x, drive.y]) + np.array([[east], [north]])
+    moved = Trajectory(drive.time + 17.0, x, y, heading=drive.heading + turn, speed=drive.speed)
+    elsewhere = points @ rotation.T + [east, north]
+    # 1e4 m are known to 2e-12 m, so angles to a point 1e-3 m away are known to 2e-9.
+    assert trajectory_field(elsewhere, moved) == pytest.approx(trajectory_field(points, drive), rel=1e-8)
+
+
+def test_many_trajectories_at_once_are_each_alone_to_the_last_bit(kernel: str) -> None:
+    drives = [winding(seed, n=10 + seed) for seed in range(5)]
+    points = around(drives[0], 300)
+    together = trajectory_fields(points, drives, k1=1.0, k2=0.02)
+    assert together.shape == (5, 300)
+    for row, drive in zip(together, drives, strict=True):
+        np.testing.assert_array_equal(row, trajectory_field(points, drive, k1=1.0, k2=0.02))
+
+
+def test_same_input_same_bytes_and_a_point_does_not_feel_the_others(kernel: str) -> None:
+    drive = winding(3)
+    points = around(drive, 700)
+    field = trajectory_field(points, drive)
+    assert trajectory_field(points, drive).tobytes() == field.tobytes()
+    assert trajectory_field(points[::-1], drive)[::-1] == pytest.approx(field, rel=1e-14)
+    assert trajectory_field(points[400:401], drive) == pytest.approx(field[400:401], rel=1e-14)
+
+
+def test_no_points_and_no_trajectories_are_empty_answers() -> None:
+    assert trajectory_field(np.empty((0, 2)), winding(1)).shape == (0,)
+    assert trajectory_fields([(0.0, 0.0)], []).shape == (0, 1)
+
+
+# --- sampling ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_trajectory_on_the_grid_is_used_as_it_is_to_the_last_bit() -> None:
+    drive = winding(5)
+    jitter = np.random.default_rng(0).uniform(-4e-7, 4e-7, len(drive)) * (np.arange(len(drive)) > 0)
+    unsteady = Trajectory(drive.time + jitter, drive.x, drive.y, heading=drive.heading, speed=drive.speed)
+    points = around(drive, 50)
+    assert trajectory_field(points, unsteady).tobytes() == trajectory_field(points, drive).tobytes()
+
+
+@pytest.mark.parametrize("finer", [2, 5])
+def test_samples_between_the_grid_change_nothing(finer: int) -> None:
+    fine = winding(6, n=60, step=STEP / finer)
+    coarse = Trajectory(*(c[::finer] for c in (fine.time, fine.x, fine.y, fine.heading, fine.speed)))
+    points = around(fine, 50)
+    assert trajectory_field(points, fine) == pytest.approx(trajectory_field(points, coarse), rel=1e-9)
+
+
+def test_a_coarse_trajectory_is_interpolated_linearly() -> None:
+    # 0.2 s apart at 20 m/s: the grid adds x = 2 at 0.1 s. 2.0, 4.0 and 6.0 m behind the point.
+    coarse = Trajectory([3.0, 3.2], [0.0, 4.0], [0.0, 0.0], speed=[20.0, 20.0], heading=[0.0, 0.0])
+    expected = math.exp(0.1) * (6.0**-0.5 + 4.0**-0.5 + 2.0**-0.5)
+    assert trajectory_field([(6.0, 0.0)], coarse) == pytest.approx([expected], rel=1e-12)
+
+
+def test_uneven_times_are_interpolated_even_where_their_number_fits() -> None:
+    uneven = Trajectory([0.0, 0.15, 0.2], [0.0, 3.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3)
+    even = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0] * 3, speed=[20.0] * 3, heading=[0.0] * 3)
+    assert trajectory_field([(6.0, 1.0)], uneven) == pytest.approx(trajectory_field([(6.0, 1.0)], even), rel=1e-12)
+
+
+def test_a_remainder_shorter_than_the_interval_is_left_out() -> None:
+    drive = Trajectory([0.0, 0.1, 0.15], [0.0, 2.0, 3.0], [0.0, 0.0, 0.0], speed=[20.0] * 3, heading=[0.0] * 3)
+    whole = Trajectory([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], speed=[20.0] * 2, heading=[0.0] * 2)
+    assert trajectory_field([(9.0, 1.0)], drive) == pytest.approx(trajectory_field([(9.0, 1.0)], whole), rel=1e-14)
+
+
+def test_the_heading_between_samples_takes_the_short_way_round() -> None:
+    # From 170 to 190 deg; half way it is 180 deg, so the point at x = -5 is dead ahead, not behind.
+    edge = math.radians(170.0)
+    turning = Trajectory([0.0, 0.2], [0.0, 0.0], [0.0, 0.0], heading=[edge, -edge], speed=[20.0, 20.0])
+    expected = (2 * math.exp(0.1 * math.cos(math.radians(10.0))) + math.exp(0.1)) / math.sqrt(5.0)
+    assert trajectory_field([(-5.0, 0.0)], turning) == pytest.approx([expected], rel=1e-12)
+
+
+def test_another_sample_interval_sums_other_samples() -> None:
+    drive = winding(8, n=41)
+    points = around(drive, 20)
+    every_other = [twin.trajectory_field(point, drive, interval=0.2) for point in points]
+    assert trajectory_field(points, drive, sample_interval=0.2) == pytest.approx(every_other, rel=1e-9)
+
+
+# --- the clever against the plain -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2"),
+    [(0.5, 0.005), (0.0, 0.005), (1.0, 0.05), (2.0, 0.05), (0.7, 0.005), (0.5, 0.0), (3.0, 1.0), (0.5, 8.0)],
+)
+@pytest.mark.parametrize("step", [STEP, 0.04, 0.23])
+def test_the_kernels_are_the_plain_loops(k1: float, k2: float, step: float, kernel: str) -> None:
+    drive = winding(int(100 * step), n=25, step=step)
+    points = around(drive, 15)
+    plain = [twin.trajectory_field(point, drive, k1, k2) for point in points]
+    assert trajectory_field(points, drive, k1=k1, k2=k2) == pytest.approx(plain, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 255, 256, 257, 900])
+def test_the_two_kernels_agree_whatever_the_number_of_points(n: int) -> None:
+    drive = winding(n)
+    points = around(drive, n)
+    samples = module._samples(drive, 0.005, STEP)
+    for k1 in (0.5, 1.0, 2.0, 0.3):
+        compiled, portable = (run(points, samples, k1) for run in (module._kernel()[1], module._magnitude_sum))
+        np.testing.assert_allclose(compiled, portable, rtol=1e-12)
+
+
+def test_the_inlined_exponential_is_exact_to_1e_13() -> None:
+    speeds = np.concatenate((np.linspace(-70.0, 70.0, 281), np.geomspace(1e-6, 60.0, 50)))
+    for k2 in (0.005, 0.05):
+        field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=k2)[0] for v in speeds]
+        np.testing.assert_allclose(field, np.exp(k2 * speeds), rtol=1e-13)
+    # exp amplifies the rounding of its argument, 700 * 1.1e-16 = 8e-14, so more cannot be asked for here.
+    field = [trajectory_field([(0.5, 0.0)], one_sample(v), k2=1.0)[0] for v in (-700.0, -99.9, 333.3, 700.0)]
+    np.testing.assert_allclose(field, np.exp([-700.0, -99.9, 333.3, 700.0]), rtol=1e-12)
+
+
+# --- vectors ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("k1", "k2"), [(0.5, 0.005), (1.0, 0.05)])
+def test_the_sum_of_vectors_is_the_plain_loops(k1: float, k2: float) -> None:
+    drive = winding(11, n=25)
+    points = around(drive, 30)
+    plain = [twin.vector_field(point, drive, k1, k2) for point in points]
+    field = trajectory_field(points, drive, k1=k1, k2=k2, superposition="vector")
+    assert field == pytest.approx(plain, rel=1e-9, abs=1e-12)
+
+
+def test_vectors_cancel_on_the_path_where_magnitudes_peak() -> None:
+    # Standing at 0, then at 10 m (there for one sample each): half way the two pull in opposite directions.
+    two = Trajectory([0.0, 0.1], [0.0, 10.0], [0.0, 0.0], speed=[0.0, 0.0], heading=[0.0, 0.0])
+    assert trajectory_field([(5.0, 0.0)], two, superposition="vector") == pytest.approx([0.0], abs=1e-15)
+    assert trajectory_field([(5.0, 0.0)], two) == pytest.approx([2 / math.sqrt(5.0)], rel=1e-14)
+    # On a sample only the other one, 10 m away, has a direction.
+    assert trajectory_field([(0.0, 0.0)], two, superposition="vector") == pytest.approx([10.0**-0.5], rel=1e-14)
+
+
+# --- the kernel that is there -----------------------------------------------------------------------------------------
+
+SCRIPT = """
+import sys
+import numpy as np
+if {blocked}:
+    sys.modules["numba"] = None
+import sumo_eval.method.trajectory_field as module
+assert {blocked} or "numba" not in sys.modules, "importing the module must not import numba"
+from sumo_eval.trajectory import Trajectory
+drive = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0, 0.1, 0.0], heading=[0.0] * 3, speed=[20.0] * 3)
+print(module.KERNEL, *module.trajectory_field([(7.0, 1.0), (2.0, 0.1)], drive).tolist())
+"""
+
+
+@pytest.mark.parametrize(("blocked", "expected"), [(True, "numpy"), (False, "numba")])
+def test_numba_is_imported_late_and_can_be_missing(blocked: bool, expected: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(blocked=blocked)], capture_output=True, text=True, check=True
+    )
+    kernel, *field = done.stdout.split()
+    drive = Trajectory([0.0, 0.1, 0.2], [0.0, 2.0, 4.0], [0.0, 0.1, 0.0], heading=[0.0] * 3, speed=[20.0] * 3)
+    plain = [twin.trajectory_field(point, drive) for point in ((7.0, 1.0), (2.0, 0.1))]
+    assert kernel == expected
+    assert [float(value) for value in field] == pytest.approx(plain, rel=1e-12)
+
+
+def test_where_no_cache_can_be_written_numba_compiles_without_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def njit(*, cache: bool, **options: object) -> object:
+        asked.append(cache)
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return lambda function: function
+
+    monkeypatch.setitem(sys.modules, "numba", SimpleNamespace(njit=njit))
+    name, loops = module._kernel.__wrapped__()
+    assert (name, asked) == ("numba", [True, False])
+    # The loops are ordinary Python, too.
+    drive = winding(2, n=3)
+    points = around(drive, 3)
+    samples = module._samples(drive, 0.02, STEP)
+    np.testing.assert_allclose(loops(points, samples, 0.5), module._magnitude_sum(points, samples, 0.5), rtol=1e-13)
+
+
+def test_the_module_has_no_other_late_name() -> None:
+    with pytest.raises(AttributeError, match="KERNELL"):
+        module.KERNELL  # noqa: B018
+
+
+# --- refusals ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"points": [1.0, 2.0]}, r"`points` .* \(n, 2\)"),
+        ({"points": [(1.0, 2.0, 3.0)]}, r"`points` .* \(n, 2\)"),
+        ({"points": [(1.0, math.nan)]}, r"`points` .* finite, got nan"),
+        ({"k1": -0.1}, r"`k1` .* at least 0, got -0.1"),
+        ({"k1": math.inf}, r"`k1` .* finite"),
+        ({"k2": -0.1}, r"`k2` .* at least 0"),
+        ({"k2": math.nan}, r"`k2` .* got nan"),
+        ({"k2": 36.0}, r"`k2` times the speed .* at most 700, got 720"),
+        ({"sample_interval": 0.0}, r"`sample_interval` .* greater than 0"),
+        ({"sample_interval": math.nan}, r"`sample_interval` .* got nan"),
+        ({"sample_interval": math.inf}, r"`sample_interval` .* got inf"),
+        ({"superposition": "sum"}, r"`superposition` .* 'magnitude' or 'vector', got 'sum'"),
+    ],
+)
+def test_a_field_refuses(change: dict[str, object], words: str) -> None:
+    arguments: dict[str, object] = {"points": [(1.0, 2.0)], "trajectory": one_sample(20.0)}
+    trajectory_field(**arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=words):
+        trajectory_field(**(arguments | change))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"points": [(math.inf, 0.0)]}, "`points` .* finite"),
+        ({"position": [0.0, 0.0, 0.0]}, "`position` .* two finite numbers"),
+        ({"velocity": [math.nan, 0.0]}, "`velocity` .* two finite numbers"),
+        ({"velocity": [1e6, 0.0]}, "`k2` times the speed"),
+        ({"k1": -1.0}, "`k1`"),
+    ],
+)
+def test_a_field_at_one_time_refuses(change: dict[str, object], words: str) -> None:
+    arguments: dict[str, object] = {"points": [(1.0, 2.0)], "position": [0.0, 0.0], "velocity": [20.0, 0.0]}
+    instantaneous_field(**arguments)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=words):
+        instantaneous_field(**(arguments | change))  # type: ignore[arg-type]
