@@ -43,3 +43,9 @@ def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
     """Unknown ADS `idn`. Did you mean `idm`?"""
     return InputError(f"Unknown {kind} `{name}`.{did_you_mean(name, known)}")
+
+
+def said(error: BaseException) -> str:
+    """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop."""
+    text = str(error).strip().rstrip(".")
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field, fields
+from numbers import Integral, Real
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
@@ -44,6 +45,9 @@ def about(cls: type, name: str) -> About:
     return About("")
 
 
+_KINDS: dict[object, tuple[type, str]] = {
+    float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"), str: (str, "a text"),
+}  # fmt: skip
 _CHECKS = ((Gt, "gt", "greater than"), (Ge, "ge", "at least"), (Lt, "lt", "less than"), (Le, "le", "at most"))
 
 
@@ -62,6 +66,9 @@ class Checked:
             base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
             if get_origin(base) is Literal and value not in get_args(base):
                 raise must_be(f"`{item.name}`", owner, "one of " + ", ".join(map(repr, get_args(base))), value)
+            kind, words = _KINDS.get(base, (object, ""))
+            if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
+                raise must_be(f"`{item.name}`", owner, words, value)
             if isinstance(value, float) and math.isnan(value):
                 raise must_be(f"`{item.name}`", owner, "a number", value)
             for extra in getattr(hint, "__metadata__", ()):

@@ -1,8 +1,8 @@
 """Contact between vehicle bodies: oriented boxes, the first instant of touching within a step, where and how fast.
 
 SUMO's own collision check sees lanes, not bodies, so the harness decides. Between two samples every pose moves
-linearly; conservative advancement finds the first touch without skipping a graze: the largest gap along a box axis never
-exceeds the true distance, so advancing by gap / (fastest closing of any two body points) cannot jump over a contact.
+linearly; conservative advancement finds the first touch without skipping a graze: bodies that are apart along one axis
+do not touch, so advancing by gap / (fastest closing of any two body points along that axis) jumps over no contact.
 """
 
 from __future__ import annotations
@@ -47,17 +47,27 @@ class Body(NamedTuple):
 
 def separation(a: Body, b: Body) -> float:
     """Largest gap between the two boxes along an axis of either, m; negative: penetration. Never above the distance."""
+    return _widest_gap(a, b)[0]
+
+
+def _widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
+    """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing from a to b."""
     dx, dy = b.x - a.x, b.y - a.y
     ca, sa = math.cos(a.heading), math.sin(a.heading)
     cb, sb = math.cos(b.heading), math.sin(b.heading)
     cos_between, sin_between = abs(ca * cb + sa * sb), abs(ca * sb - sa * cb)
     la, wa, lb, wb = 0.5 * a.length, 0.5 * a.width, 0.5 * b.length, 0.5 * b.width
-    return max(
-        abs(dx * ca + dy * sa) - la - lb * cos_between - wb * sin_between,
-        abs(dy * ca - dx * sa) - wa - lb * sin_between - wb * cos_between,
-        abs(dx * cb + dy * sb) - lb - la * cos_between - wa * sin_between,
-        abs(dy * cb - dx * sb) - wb - la * sin_between - wa * cos_between,
+    along_a, across_a = dx * ca + dy * sa, dy * ca - dx * sa
+    along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
+    reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
+    reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
+    gap, offset, x, y = max(
+        (abs(along_a) - la - reach_b, along_a, ca, sa),
+        (abs(across_a) - wa - span_b, across_a, -sa, ca),
+        (abs(along_b) - lb - reach_a, along_b, cb, sb),
+        (abs(across_b) - wb - span_a, across_b, -sb, cb),
     )
+    return (gap, x, y) if offset >= 0.0 else (gap, -x, -y)
 
 
 def between(before: Body, after: Body, share: float) -> Body:
@@ -77,26 +87,20 @@ def first_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) ->
     """Share of the step at which the bodies first touch, None when they do not."""
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
-    motion = math.hypot(shift_x, shift_y)
-    motion += abs(math.remainder(a_after.heading - a_before.heading, math.tau)) * a_after.radius
-    motion += abs(math.remainder(b_after.heading - b_before.heading, math.tau)) * b_after.radius
+    reach = 0.5 * (a_after.length + a_after.width + b_after.length + b_after.width) + abs(shift_x) + abs(shift_y)
+    if abs(b_before.x - a_before.x) > reach or abs(b_before.y - a_before.y) > reach:
+        return None
+    turning = abs(math.remainder(a_after.heading - a_before.heading, math.tau)) * a_after.radius
+    turning += abs(math.remainder(b_after.heading - b_before.heading, math.tau)) * b_after.radius
     share = 0.0
-    gap = separation(a_before, b_before)
+    gap, x, y = _widest_gap(a_before, b_before)
     while gap > TOUCH:
-        if gap > motion * (1.0 - share):
+        closing = turning - (shift_x * x + shift_y * y)  # m per step along the axis, never less than the true value
+        if gap > closing * (1.0 - share):
             return None
-        share += max(gap, TOUCH) / motion
-        if share > 1.0:
-            return None
-        gap = separation(between(a_before, a_after, share), between(b_before, b_after, share))
-    return share
-
-
-def near(a: Body, b: Body, reach: float) -> bool:
-    """Whether the two bodies could touch after moving `reach` m towards each other."""
-    limit = a.radius + b.radius + reach
-    dx, dy = b.x - a.x, b.y - a.y
-    return dx * dx + dy * dy <= limit * limit
+        share += gap / closing
+        gap, x, y = _widest_gap(between(a_before, a_after, share), between(b_before, b_after, share))
+    return min(share, 1.0)
 
 
 def describe(time: float, name: str, ego: Body, other: Body) -> Collision:

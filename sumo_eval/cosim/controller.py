@@ -1,9 +1,10 @@
 """The ADS door: what a controller is, and how a locator such as `idm`, `module:name` or `my_ads.py:MyAds` becomes one.
 
 A controller is a function `(traci, ego, time)` or an object with `step(traci, ego, time)` and, if it likes,
-`reset(scenario, traci, ego)` and `close()`. `traci` is the running libsumo module, so TraCI code works as it is; `ego` is
-the ego's vehicle id; `time` is seconds since the start of the case. A step returns a `Command` for the harness's vehicle
-model, or None when it has commanded SUMO itself.
+`reset(scenario, traci, ego)` and `close()`. `traci` is the running libsumo module, so TraCI code works as it is; `ego`
+is the ego's vehicle id; `time` is seconds since the start of the case (SUMO's own clock is one step ahead of it, the
+step that inserted the vehicles). A step returns a `Command` for the harness's vehicle model, or None when it has
+commanded SUMO itself.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.errors import InputError, did_you_mean, unknown
+from sumo_eval.errors import InputError, did_you_mean, said, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import VehicleSettings
@@ -91,8 +92,8 @@ class NativeModel:
 
     @property
     def vtype(self) -> dict[str, str]:
-        """Attributes of the ego's vehicle type."""
-        return {"carFollowModel": self.model, "minGap": "2.5", **self.attributes}
+        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can."""
+        return {"carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **self.attributes}
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Give SUMO the wheel: all its safety checks on, no lane changes."""
@@ -156,10 +157,8 @@ def _adapt(found: Any, described: str) -> Controller:
     if inspect.isclass(found):
         try:
             found = found()
-        except Exception as error:
-            raise InputError(
-                f"ADS `{described}`: making one without arguments failed: {type(error).__name__}: {error}."
-            ) from error
+        except (Exception, SystemExit) as error:
+            raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
     if callable(getattr(found, "step", None)):
         return ObjectController(found)
     if callable(found):

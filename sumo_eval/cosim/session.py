@@ -7,6 +7,7 @@ refuses to nest, checks that the initial state is the requested one, and quotes 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,12 +16,12 @@ from typing import Any
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 
-import libsumo  # noqa: E402
+import libsumo
 
-from sumo_eval.cosim.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml  # noqa: E402
-from sumo_eval.errors import SimulationError  # noqa: E402
-from sumo_eval.scenario.concrete import ConcreteScenario  # noqa: E402
-from sumo_eval.settings import SimulationSettings  # noqa: E402
+from sumo_eval.cosim.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.errors import SimulationError, said
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
 SPEED_TOLERANCE = 1e-3  # m/s
@@ -39,14 +40,15 @@ def session(
     if libsumo.simulation.isLoaded():
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
-        log = Path(folder) / "sumo.log"
+        log, console = Path(folder) / "sumo.log", Path(folder) / "stderr.txt"
         try:
-            libsumo.start(_command_line(concrete, settings, Path(folder), log, ego_type))
-            libsumo.simulationStep()  # inserts the vehicles, moves nothing
+            with _stderr_into(console):
+                libsumo.start(_command_line(concrete, settings, Path(folder), log, ego_type))
+                libsumo.simulationStep()  # inserts the vehicles, moves nothing
             _check_start(concrete, settings)
-        except libsumo.TraCIException as error:
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             _close()
-            raise SimulationError(f"SUMO could not start the case: {_quote(log, error)}.") from error
+            raise SimulationError(f"SUMO could not start the case: {_quote(error, log, console)}.") from error
         except BaseException:
             _close()
             raise
@@ -96,7 +98,8 @@ def _check_start(concrete: ConcreteScenario, settings: SimulationSettings) -> No
         speed = libsumo.vehicle.getSpeed(name)
         if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
             raise SimulationError(
-                f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m instead of ({start.x:.3f}, {start.y:.3f}) m."
+                f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
+                f"instead of ({start.x:.3f}, {start.y:.3f}) m."
             )
         if abs(speed - start.speed) > SPEED_TOLERANCE:
             raise SimulationError(
@@ -104,10 +107,34 @@ def _check_start(concrete: ConcreteScenario, settings: SimulationSettings) -> No
             )
 
 
-def _quote(log: Path, error: Exception) -> str:
-    lines = log.read_text(encoding="utf-8", errors="replace").split("\n") if log.is_file() else []
-    said = "; ".join(line.strip() for line in lines if line.strip())
-    return f"{str(error) or type(error).__name__} ({said})" if said else str(error) or type(error).__name__
+def _quote(error: Exception, *logs: Path) -> str:
+    """What SUMO said of its error: its own exception holds no more than "Process Error"."""
+    for log in logs:
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+        text = "; ".join(line.strip().rstrip(".") for line in lines if line.strip())
+        if text:
+            return f"{said(error)} ({text})"
+    return said(error)
+
+
+@contextmanager
+def _stderr_into(path: Path) -> Iterator[None]:
+    """SUMO prints its errors to the process's stderr whatever its options say; here they become part of ours."""
+    try:
+        console = os.dup(2)
+    except OSError:  # a process without a console has nothing to keep clean
+        yield
+        return
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    try:
+        with path.open("wb") as file:
+            os.dup2(file.fileno(), 2)
+        yield
+        os.write(console, path.read_bytes())  # it started: what was said meanwhile is not ours to keep
+    finally:
+        os.dup2(console, 2)
+        os.close(console)
 
 
 def _close() -> None:

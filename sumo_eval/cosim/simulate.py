@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.contact import Body, between, describe, first_touch, near
+from sumo_eval.cosim.contact import Body, between, describe, first_touch
 from sumo_eval.cosim.controller import Briefing, Controller, ControllerLike, NativeModel, load_controller
 from sumo_eval.cosim.session import session
 from sumo_eval.cosim.sumo_files import EGO
-from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState, advance
-from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError
+from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
@@ -24,6 +24,9 @@ EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's 
 EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
 _LIMIT_TOLERANCE = 1e-6  # m/s2
 _JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
+_SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
+_PLACE_TOLERANCE = 1e-3  # m
+_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 
 
 def simulate(
@@ -39,15 +42,12 @@ def simulate(
     controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.controller`).
     folder: where relative paths in a locator start. step_timeout: longest wall time of one controller step, s.
 
-    A fault of the ADS (an exception, a command that is no finite number, too slow a step) ends the run with
-    `end_reason` "ads_error" and a sentence in `error`; one of SUMO with "sim_error". What was driven until then is kept.
+    A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can do, touching SUMO's
+    clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
+    fault of SUMO with "sim_error". What was driven until then is kept.
     """
     settings = settings or SimulationSettings()
-    if abs(settings.record_interval / settings.step - round(settings.record_interval / settings.step)) > 1e-9:
-        raise InputError(
-            f"`record_interval` of the simulation must be a multiple of `step` ({settings.step:g} s), "
-            f"got {settings.record_interval:g}."
-        )
+    _check_intervals(settings)
     ads = load_controller(controller, folder)
     began = clock.perf_counter()
     ego_type = ads.vtype if isinstance(ads, NativeModel) else None
@@ -60,16 +60,28 @@ def simulate(
     return run.recording(clock.perf_counter() - began)
 
 
+def _check_intervals(settings: SimulationSettings) -> None:
+    """SUMO rounds its step to milliseconds, and a sample falls on a step."""
+    milliseconds = settings.step * 1000.0
+    if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:
+        raise must_be("`step`", "the simulation", "a whole number of milliseconds (SUMO rounds it)", settings.step)
+    ratio = settings.record_interval / settings.step
+    if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-9:
+        raise must_be(
+            "`record_interval`",
+            "the simulation",
+            f"a multiple of `step` ({settings.step:g} s)",
+            settings.record_interval,
+        )
+
+
 @dataclass(slots=True)
 class _Track:
-    """Samples of one vehicle while it drives."""
+    """Samples of one vehicle while it drives: time, x, y, heading, speed, and of the ego acceleration and steering."""
 
     length: float
     width: float
-    rows: list[tuple[float, float, float, float, float, float, float]] = field(default_factory=list)
-
-    def add(self, time: float, body: Body, acceleration: float, steering: float) -> None:
-        self.rows.append((time, body.x, body.y, body.heading, body.speed, acceleration, steering))
+    rows: list[tuple[float, ...]] = field(default_factory=list)
 
     def trajectory(self) -> Trajectory:
         columns = list(zip(*self.rows, strict=True))
@@ -93,14 +105,17 @@ class _Run:
         self.log = ""
         self.latency_sum = 0.0
         self.latency_max = 0.0
+        self.answers = 0
         self.steps = 0
         self.stood = 0.0
         vehicle = settings.vehicle
         start = concrete.ego
+        self.time = 0.0  # s, what `ego` and `actors` stand for
         self.ego = Body(start.x, start.y, 0.0, start.speed, vehicle.length, vehicle.width)
+        self.lane_speed = start.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         self.acceleration = 0.0
-        self.steering = math.nan
-        self.commanded = False
+        self.state: EgoState | None = None  # while the harness's vehicle model moves the ego
+        self.handed_over = False  # from the vehicle model back to SUMO, in this step
         self.actors = {
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors
@@ -115,106 +130,129 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
+        scripted = [actor for actor in self.concrete.actors if actor.lane_changes]
         try:
             self._take_charge(traci)
-            self._ask(self._reset, traci, 0.0)
+            self._reset(traci)
             while self.end_reason is None:
-                time = self.steps * step
-                command = self._ask(self._decide, traci, time)
+                command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
-                for actor in self.concrete.actors:
-                    self._move_actor(traci, actor, time + step)
+                for actor in scripted:
+                    self._move_actor(traci, actor, self.time + step)
                 traci.simulationStep()
                 self.steps += 1
-                self._observe(traci, time, self.steps * step)
+                self._observe(traci, self.steps * step)
                 if self.end_reason is None and self.steps % samples_every == 0:
-                    self.sample(self.steps * step)
+                    self.sample(self.time)
         except ControllerTimeoutError as error:
             self.fail("ads_timeout", str(error))
         except ControllerError as error:
             self.fail("ads_error", str(error))
         except (traci.TraCIException, traci.FatalTraCIError) as error:
-            self.fail("sim_error", f"SUMO stopped at {self.steps * step:.2f} s: {error}.")
+            self.fail("sim_error", f"SUMO stopped at {self.time:.2f} s: {said(error)}.")
         finally:
             try:
                 self.ads.close()
-            except Exception as error:
-                self.fail("ads_error", f"The ADS raised {type(error).__name__} in close: {error}.")
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+                self._keep_traceback(error)
+                self.fail("ads_error", f"The ADS raised in close: {said(error)}.")
 
     def _take_charge(self, traci: Any) -> None:
         traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
         traci.vehicle.setLaneChangeMode(EGO, 0)
-        traci.vehicle.setSpeed(EGO, self.ego.speed)
+        traci.vehicle.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
         for actor in self.concrete.actors:
             traci.vehicle.setSpeedMode(actor.name, EXACT_SPEED_MODE)
             traci.vehicle.setLaneChangeMode(actor.name, 0)
             traci.vehicle.setSpeed(actor.name, actor.start.speed)
 
-    def _reset(self, traci: Any, time: float) -> None:
-        if isinstance(self.ads, NativeModel):
-            traci.vehicle.setSpeed(EGO, -1)
-        self.ads.reset(
-            Briefing(self.concrete.scenario, self.concrete.road, self.settings.vehicle, self.settings.step), traci, EGO
-        )
+    # -- the ADS -------------------------------------------------------------------------------------------------------
 
-    def _decide(self, traci: Any, time: float) -> Command | None:
-        return self.ads.step(traci, EGO, time)
+    def _reset(self, traci: Any) -> None:
+        briefing = Briefing(
+            self.concrete.scenario, self.concrete.road, self.settings.vehicle, self.settings.step
+        )  # fmt: skip
+        try:
+            self.ads.reset(briefing, traci, EGO)
+        except (Exception, SystemExit) as error:
+            self._keep_traceback(error)
+            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
+        self._check_clock(traci, 0.0)
 
-    def _ask(self, what: Any, traci: Any, time: float) -> Command | None:
-        """Call the ADS: any exception, an unusable answer or a slow one is its fault, and ends the case as that."""
+    def _ask(self, traci: Any, time: float) -> Command | None:
+        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
         asked = clock.perf_counter()
         try:
-            answer = what(traci, time)
-        except Exception as error:
-            self.log = "".join(traceback.format_exception(error))
-            raise ControllerError(f"The ADS raised {type(error).__name__} at {time:.2f} s: {error}.") from error
+            answer = self.ads.step(traci, EGO, time)
+        except (Exception, SystemExit) as error:
+            self._keep_traceback(error)
+            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
         took = clock.perf_counter() - asked
+        self.answers += 1
         self.latency_sum += took
         self.latency_max = max(self.latency_max, took)
-        if took > self.step_timeout and what == self._decide:
+        if took > self.step_timeout:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self.step_timeout:g} s, took {took:.2f} s at {time:.2f} s."
             )
-        if answer is None:
-            return None
-        if not isinstance(answer, Command):
+        self._check_clock(traci, time)
+        return None if answer is None else _checked(answer, time)
+
+    def _check_clock(self, traci: Any, time: float) -> None:
+        """The harness alone steps, starts and closes the simulation."""
+        try:
+            now = traci.simulation.getTime()
+        except (traci.TraCIException, traci.FatalTraCIError) as error:
+            raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
+        ahead = now - time - self.settings.step  # SUMO has made one step more, the one that inserted the vehicles
+        if abs(ahead) > _CLOCK_TOLERANCE:
             raise ControllerError(
-                f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s."
+                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
             )
-        for name in ("acceleration", "steering"):
-            value = getattr(answer, name)
-            if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
-                raise ControllerError(
-                    f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
-                )
-        return answer
+
+    def _keep_traceback(self, error: BaseException) -> None:
+        self.log += "".join(traceback.format_exception(error))
 
     # -- motion --------------------------------------------------------------------------------------------------------
 
     def _move_ego(self, traci: Any, command: Command | None, step: float) -> None:
-        if command is None:
-            if self.commanded:
+        """Hand the ego's next motion to SUMO; where SUMO no longer has the ego, the ADS has just taken it away."""
+        try:
+            if command is None:
+                self._leave_to_sumo(traci)
+            else:
+                self._move_by_model(traci, command, step)
+        except traci.TraCIException as error:
+            raise ControllerError(
+                f"After the ADS's step at {self.time:.2f} s SUMO cannot move the ego: {said(error)}."
+            ) from error
+
+    def _leave_to_sumo(self, traci: Any) -> None:
+        if self.state is not None:
+            traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
+            self.state = None
+            self.handed_over = True
+        elif not isinstance(self.ads, NativeModel):
+            mode = traci.vehicle.getSpeedMode(EGO)
+            if mode != EGO_SPEED_MODE:
+                self.clip("speed_mode", mode, EGO_SPEED_MODE)
                 traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
-                self.commanded = False
-                self.steering = math.nan
-            elif not isinstance(self.ads, NativeModel):
-                mode = traci.vehicle.getSpeedMode(EGO)
-                if mode != EGO_SPEED_MODE:
-                    self.clip("speed_mode", mode, EGO_SPEED_MODE)
-                    traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
-            return
-        if not self.commanded:
+
+    def _move_by_model(self, traci: Any, command: Command, step: float) -> None:
+        before = self.state
+        if before is None:
             traci.vehicle.setSpeedMode(EGO, EXACT_SPEED_MODE)
-            self.commanded = True
-            self.steering = 0.0
-        ego = self.ego
-        state = EgoState(ego.x, ego.y, ego.heading, ego.speed, self.acceleration, self.steering)
-        state, clips = advance(state, command, self.settings.vehicle, step)
-        self.clip_all(clips)
+            if self.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
+                first = self.tracks[EGO].rows
+                first[0] = (*first[0][:-1], 0.0)
+            ego = self.ego
+            before = EgoState(ego.x, ego.y, ego.heading, ego.speed, self.acceleration)
+        state, clips = advance(before, command, self.settings.vehicle, step)
+        for what, requested, applied in clips:
+            self.clip(what, requested, applied)
         traci.vehicle.setSpeed(EGO, state.speed)
-        _place(traci, EGO, state.x, state.y, state.heading, ego.length)
-        self.acceleration = state.acceleration
-        self.steering = state.steering_wheel_angle
+        _place(traci, EGO, state.x, state.y, state.heading, self.ego.length)
+        self.state = state
 
     def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
         """Scripted lateral motion; straight on, SUMO moves the vehicle by itself."""
@@ -228,73 +266,102 @@ class _Run:
 
     # -- observation ---------------------------------------------------------------------------------------------------
 
-    def _observe(self, traci: Any, before: float, now: float) -> None:
-        step = now - before
-        present = traci.vehicle.getIDList()
-        if EGO not in present:
-            raise SimulationError(f"SUMO lost the ego at {now:.2f} s.")
-        was = self.ego
-        body = _read(traci, EGO, was.length, was.width)
-        if self.commanded:
-            body = body._replace(speed=traci.vehicle.getSpeed(EGO))
-        else:
-            self._check_native_motion(was, body, step)
-            self.acceleration = (body.speed - was.speed) / step
-        touched: tuple[float, str, Body] | None = None
-        for name, last in list(self.actors.items()):
-            if name not in present:
+    def _observe(self, traci: Any, now: float) -> None:
+        """Read every vehicle at the end of the step, and see whether anything touched the ego or ended the case."""
+        was, before = self.ego, self.actors
+        body = self._read_placed_ego(traci) if self.state is not None else self._read_driven_ego(traci, now)
+        actors: dict[str, Body] = {}
+        touched: tuple[float, str] | None = None
+        for name, last in before.items():
+            try:
+                other = _read(traci, name, last.length, last.width)
+            except traci.TraCIException:
                 self.clip("actor_left_the_network", now, now)
-                del self.actors[name]
                 continue
-            other = _read(traci, name, last.length, last.width)
-            if near(body, other, (was.speed + last.speed + body.speed + other.speed) * step):
-                share = first_touch(was, body, last, other)
-                if share is not None and (touched is None or share < touched[0]):
-                    touched = (share, name, between(last, other, share))
-            self.actors[name] = other
-        self.ego = body
-        if touched is not None:
-            self._end_in_contact(touched, was, before, step)
-        else:
-            self._check_end(body, now, step)
+            actors[name] = other
+            share = first_touch(was, body, last, other)
+            if share is not None and (touched is None or share < touched[0]):
+                touched = share, name
+        if touched is None:
+            self.time, self.ego, self.actors = now, body, actors
+            self._check_end()
+            return
+        share, name = touched
+        self.time += share * self.settings.step
+        self.ego = between(was, body, share)
+        self.actors = {other: between(before[other], after, share) for other, after in actors.items()}
+        self.collision = describe(self.time, name, self.ego, self.actors[name])
+        self.end("contact")
 
-    def _end_in_contact(self, touched: tuple[float, str, Body], was: Body, before: float, step: float) -> None:
-        share, name, other = touched
-        time = before + share * step
-        self.ego = between(was, self.ego, share)
-        self.collision = describe(time, name, self.ego, other)
-        self.actors[name] = other
-        self.end("contact", time)
-
-    def _check_end(self, ego: Body, now: float, step: float) -> None:
-        road = self.concrete.road
-        self.stood = self.stood + step if ego.speed < self.settings.standstill_speed else 0.0
+    def _check_end(self) -> None:
+        ego, road = self.ego, self.concrete.road
+        self.stood = self.stood + self.settings.step if ego.speed < self.settings.standstill_speed else 0.0
         if not road.right_edge <= ego.y <= road.left_edge:
-            self.end("off_road", now)
+            self.end("off_road")
         elif ego.x >= road.length:
-            self.end("road_end", now)
+            self.end("road_end")
         elif self.stood >= self.settings.standstill_time - 1e-9:
-            self.end("standstill", now)
-        elif now >= self.settings.time_limit - 1e-9:
-            self.end("time_limit", now)
+            self.end("standstill")
+        elif self.time >= self.settings.time_limit - 1e-9:
+            self.end("time_limit")
 
-    def _check_native_motion(self, was: Body, now: Body, step: float) -> None:
-        """TraCI calls that move the ego in ways no vehicle can are recorded: speed, and position against speed."""
-        vehicle = self.settings.vehicle
-        gained = (now.speed - was.speed) / step
-        if gained > vehicle.max_acceleration + _LIMIT_TOLERANCE:
-            self.clip("unphysical_acceleration", gained, vehicle.max_acceleration)
-        elif gained < -vehicle.max_deceleration - _LIMIT_TOLERANCE:
-            self.clip("unphysical_acceleration", gained, -vehicle.max_deceleration)
-        elif (
-            gained > vehicle.max_acceleration - _LIMIT_TOLERANCE
-            or gained < -vehicle.max_deceleration + _LIMIT_TOLERANCE
-        ):
+    def _read_placed_ego(self, traci: Any) -> Body:
+        """The ego as the vehicle model moved it; SUMO must show the same."""
+        state = self.state
+        assert state is not None
+        self.acceleration, self.lane_speed = state.acceleration, state.speed
+        body = Body(state.x, state.y, state.heading, state.speed, self.ego.length, self.ego.width)
+        x, y = traci.vehicle.getPosition(EGO)
+        front_x, front_y = _front(body)
+        if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
+            raise SimulationError(
+                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
+            )
+        return body
+
+    def _read_driven_ego(self, traci: Any, now: float) -> Body:
+        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
+        body = _read(traci, EGO, self.ego.length, self.ego.width)
+        self._check_native_motion(body, now)
+        self.acceleration = (body.speed - self.lane_speed) / self.settings.step
+        self.lane_speed = body.speed
+        if self.handed_over:
+            self.handed_over = False
+            if abs(body.heading - self.ego.heading) > 1e-3:
+                self.clip("heading", self.ego.heading, body.heading)
+        across = traci.vehicle.getLateralSpeed(EGO)
+        return body._replace(speed=math.hypot(body.speed, across)) if across else body
+
+    def _check_native_motion(self, body: Body, now: float) -> None:
+        """TraCI calls can move the ego in ways no vehicle can. `body` has the speed along the lane."""
+        vehicle, step = self.settings.vehicle, self.settings.step
+        gained = (body.speed - self.lane_speed) / step
+        lowest, highest = -vehicle.max_deceleration, vehicle.max_acceleration
+        if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
+            self._unphysical(
+                "unphysical_acceleration", gained, min(max(gained, lowest), highest),
+                f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
+                f"got {gained:.1f} m/s2 at {now:.2f} s.",
+            )  # fmt: skip
+        elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
             self.clip("vtype_limit", gained, gained)
-        moved = math.hypot(now.x - was.x, now.y - was.y)
-        driven = max(now.speed, was.speed) * step
-        if moved > driven + _JUMP_TOLERANCE:
-            self.clip("jump", moved, driven)
+        (x, y), (last_x, last_y) = _front(body), _front(self.ego)
+        ahead, across = x - last_x, y - last_y
+        least = min(body.speed, self.lane_speed) * step - _JUMP_TOLERANCE
+        most = max(body.speed, self.lane_speed) * step + _JUMP_TOLERANCE
+        moved = math.hypot(ahead, across)
+        if not (least <= moved <= most or (least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step)):
+            self._unphysical(
+                "jump", moved, min(max(moved, least), most),
+                f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
+                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a setSpeed to go with it).",
+            )  # fmt: skip
+
+    def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
+        """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
+        if not isinstance(self.ads, NativeModel):
+            raise ControllerError(sentence)
+        self.clip(what, requested, possible)
 
     # -- records -------------------------------------------------------------------------------------------------------
 
@@ -309,28 +376,24 @@ class _Run:
             requested, applied = known.requested, known.applied
         self.clips[what] = Clip(what, known.count + 1, known.first_time, float(requested), float(applied))
 
-    def clip_all(self, clips: tuple[Clipped, ...]) -> None:
-        """Count every clip of a step."""
-        for what, requested, applied in clips:
-            self.clip(what, requested, applied)
-
     def sample(self, time: float) -> None:
         """Record every vehicle as it is now."""
-        ego = self.tracks[EGO]
-        if ego.rows and time - ego.rows[-1][0] < 1e-9:
+        ego, rows = self.ego, self.tracks[EGO].rows
+        if rows and time - rows[-1][0] < 1e-9:
             return
-        ego.add(time, self.ego, self.acceleration, self.steering)
+        steering = math.nan if self.state is None else self.state.steering_wheel_angle
+        rows.append((time, ego.x, ego.y, ego.heading, ego.speed, self.acceleration, steering))
         for name, body in self.actors.items():
-            self.tracks[name].add(time, body, 0.0, math.nan)
+            self.tracks[name].rows.append((time, body.x, body.y, body.heading, body.speed))
 
-    def end(self, reason: EndReason, time: float) -> None:
+    def end(self, reason: EndReason) -> None:
         """The case is over."""
         self.end_reason = reason
-        self.sample(time)
+        self.sample(self.time)
 
     def fail(self, reason: EndReason, sentence: str) -> None:
         """The case could not be brought to its end."""
-        self.end_reason = reason
+        self.end(reason)
         self.error = sentence if self.error is None else f"{self.error} {sentence}"
 
     def recording(self, wall_time: float) -> Recording:
@@ -344,19 +407,44 @@ class _Run:
             clips=tuple(self.clips[name] for name in sorted(self.clips)),
             error=self.error,
             log=self.log,
-            controller_latency=(self.latency_sum / max(self.steps, 1), self.latency_max),
+            controller_latency=(self.latency_sum / max(self.answers, 1), self.latency_max),
             wall_time=wall_time,
         )
+
+
+def _checked(answer: object, time: float) -> Command:
+    """The ADS's answer, if it is a command that a vehicle can be given."""
+    if not isinstance(answer, Command):
+        raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
+    acceleration, steering = answer.acceleration, answer.steering
+    if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
+        return answer
+    for name, value in (("acceleration", acceleration), ("steering", steering)):
+        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+            raise ControllerError(
+                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
+            )
+    return Command(float(acceleration), float(steering))
 
 
 def _read(traci: Any, name: str, length: float, width: float) -> Body:
     """A vehicle's body from SUMO, whose x, y is the front bumper's centre and whose angle runs clockwise from north."""
     x, y = traci.vehicle.getPosition(name)
-    heading = math.radians(90.0 - traci.vehicle.getAngle(name))
-    heading = math.remainder(heading, math.tau)
-    half = 0.5 * length
+    angle = traci.vehicle.getAngle(name)
     speed = traci.vehicle.getSpeed(name)
+    half = 0.5 * length
+    if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
+        return Body(x - half, y, 0.0, speed, length, width)
+    heading = math.remainder(math.radians(90.0 - angle), math.tau)
     return Body(x - half * math.cos(heading), y - half * math.sin(heading), heading, speed, length, width)
+
+
+def _front(body: Body) -> tuple[float, float]:
+    """Centre of the front bumper, m."""
+    half = 0.5 * body.length
+    if body.heading == 0.0:
+        return body.x + half, body.y
+    return body.x + half * math.cos(body.heading), body.y + half * math.sin(body.heading)
 
 
 def _place(traci: Any, name: str, x: float, y: float, heading: float, length: float) -> None:

@@ -1,6 +1,6 @@
 """SUMO networks, routes and configurations as text, written from a road and a concrete scenario.
 
-One writer serves the checked-in files, the run folder and the simulation itself, so what you open in sumo-gui is what ran.
+One writer serves the checked-in files, the run folder and the simulation itself: what opens in sumo-gui is what ran.
 """
 
 from __future__ import annotations
@@ -11,18 +11,29 @@ from collections.abc import Mapping
 from lxml import etree
 
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 EGO = "ego"
 _EDGE = "road"
 
 
 def _text(root: etree._Element) -> str:
-    return etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
+    return etree.tostring(root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
 
 
 def _number(value: float) -> str:
     return repr(float(value))
+
+
+def _desired(speed: float) -> str:
+    """A vehicle that SUMO's own models drive wants to keep its initial speed, not the road's limit; 0 is refused."""
+    return _number(max(speed, 0.001))
+
+
+def _metres(value: float) -> str:
+    """Two decimals as netconvert writes them, and all of them where two would move a lane or a road end."""
+    text = f"{value:.2f}"
+    return text if float(text) == value else _number(value)
 
 
 @functools.lru_cache(maxsize=64)
@@ -31,7 +42,7 @@ def network_xml(road: Road) -> str:
     end = road.length + road.run_out
     middle = (road.left_edge + road.right_edge) / 2
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
-    bounds = f"0.00,0.00,{end:.2f},{road.lane_centre(road.lanes - 1):.2f}"
+    bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
     etree.SubElement(
         net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
@@ -43,24 +54,25 @@ def network_xml(road: Road) -> str:
             "lane",
             id=f"{_EDGE}_{lane}",
             index=str(lane),
-            speed=f"{road.speed_limit:.2f}",
-            length=f"{end:.2f}",
-            width=f"{road.lane_width:.2f}",
-            shape=f"0.00,{y:.2f} {end:.2f},{y:.2f}",
+            speed=_metres(road.speed_limit),
+            length=_metres(end),
+            width=_metres(road.lane_width),
+            shape=f"0.00,{_metres(y)} {_metres(end)},{_metres(y)}",
         )
     lanes = " ".join(f"{_EDGE}_{lane}" for lane in range(road.lanes))
     for name, x, incoming in (("begin", 0.0, ""), ("end", end, lanes)):
-        ends = f"{x:.2f},{road.left_edge:.2f} {x:.2f},{road.right_edge:.2f}"
+        edges = (road.left_edge, road.right_edge) if name == "begin" else (road.right_edge, road.left_edge)
+        shape = " ".join(f"{_metres(x)},{_metres(y)}" for y in edges)
         etree.SubElement(
             net,
             "junction",
             id=name,
             type="dead_end",
-            x=f"{x:.2f}",
-            y=f"{middle:.2f}",
+            x=_metres(x),
+            y=_metres(middle),
             incLanes=incoming,
             intLanes="",
-            shape=ends,
+            shape=shape,
         )
     return _text(net)
 
@@ -69,9 +81,15 @@ def routes_xml(
     concrete: ConcreteScenario,
     vehicle: VehicleSettings,
     ego_type: Mapping[str, str] | None = None,
+    *,
+    origin: str = "",
 ) -> str:
-    """Vehicle types and departures of a concrete scenario. `ego_type` adds to or replaces the ego's vType attributes."""
+    """Vehicle types and departures of a concrete scenario, with a comment that says which one it is.
+
+    `ego_type` adds to or replaces the ego's vType attributes; `origin`: a sentence on where the file comes from.
+    """
     routes = etree.Element("routes")
+    routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     limits = {
         "length": _number(vehicle.length),
         "width": _number(vehicle.width),
@@ -79,6 +97,7 @@ def routes_xml(
         "decel": _number(vehicle.max_deceleration),
         "emergencyDecel": _number(vehicle.max_deceleration),
         "maxSpeed": _number(vehicle.max_speed),
+        "desiredMaxSpeed": _desired(concrete.ego.speed),
         "minGap": "0",
         "sigma": "0",
         "speedDev": "0",
@@ -98,6 +117,7 @@ def routes_xml(
                 "decel": "10",
                 "emergencyDecel": "10",
                 "maxSpeed": _number(concrete.road.speed_limit),
+                "desiredMaxSpeed": _desired(actor.start.speed),
                 "minGap": "0",
                 "sigma": "0",
                 "speedDev": "0",
@@ -117,7 +137,7 @@ def routes_xml(
             "departLane": str(lane),
             "departPos": _number(start.x + length / 2),  # SUMO's position is the front bumper
             "departSpeed": _number(start.speed),
-            "insertionChecks": "none",  # otherwise SUMO delays a vehicle that it finds too close, and the case turns safe
+            "insertionChecks": "none",  # else SUMO delays a vehicle that it finds too close, and the case turns safe
         }
         if offset:
             attributes["departPosLat"] = _number(offset)
@@ -125,8 +145,27 @@ def routes_xml(
     return _text(routes)
 
 
-def configuration_xml(network: str, routes: str, step: float) -> str:
-    """A .sumocfg that opens the case in sumo-gui with the options that the harness uses."""
+def _remarks(concrete: ConcreteScenario, origin: str) -> str:
+    lines = [f"{concrete.scenario}: {concrete.label}."]
+    lines += [origin] if origin else []
+    for actor in concrete.actors:
+        for move in actor.lane_changes:
+            side = "left" if move.offset > 0 else "right"
+            lines.append(
+                f"Not in this file: `{actor.name}` moves {abs(move.offset):g} m to the {side} from {move.begin:g} s to "
+                f"{move.begin + move.duration:g} s. A route file cannot say that: the harness moves the vehicle step "
+                "by step, and here it stays in its lane."
+            )
+    text = "\n     ".join(lines)
+    return f" {text} ".replace("--", "- -")  # which ends an XML comment
+
+
+def configuration_xml(network: str, routes: str, step: float, *, lane_change_duration: float | None = None) -> str:
+    """A .sumocfg that opens the case in sumo-gui with the options that the harness uses.
+
+    step: s. lane_change_duration: s, of a lane change that SUMO itself performs; the settings' default if not given.
+    """
+    duration = SimulationSettings().lane_change_duration if lane_change_duration is None else lane_change_duration
     root = etree.Element("configuration")
     inputs = etree.SubElement(root, "input")
     etree.SubElement(inputs, "net-file", value=network)
@@ -135,7 +174,7 @@ def configuration_xml(network: str, routes: str, step: float) -> str:
     etree.SubElement(time, "begin", value="0")
     etree.SubElement(time, "step-length", value=f"{step:g}")
     processing = etree.SubElement(root, "processing")
-    for name, value in SIMULATION_OPTIONS.items():
+    for name, value in {**SIMULATION_OPTIONS, "lanechange.duration": f"{duration:g}"}.items():
         etree.SubElement(processing, name, value=value)
     return _text(root)
 

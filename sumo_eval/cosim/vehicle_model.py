@@ -1,8 +1,8 @@
 """The ego as a machine: a kinematic single-track model that turns commands into motion within physical limits.
 
-Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the motion along the path
-is its exact integral, so that stopping distances and impact speeds do not depend on the step. The path within a step is
-a circular arc with the step's mean road wheel angle.
+Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the motion along the
+path is its exact integral, so that stopping distances and impact speeds do not depend on the step. The path within a
+step is a circular arc with the step's mean road wheel angle.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from sumo_eval.settings import VehicleSettings
 
 GRAVITY = 9.81  # m/s2
+_GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
+_SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,23 +54,31 @@ def advance(
     the steering.
     """
     clips: list[Clipped] = []
-    carried = max(abs(state.acceleration) - limits.brake_jerk * step, 0.0)
-    fastest = state.speed + step * max(state.acceleration, min(command.acceleration, limits.max_acceleration), 0.0)
-    grip = grip_steering_wheel_angle(fastest, limits, carried)
-    steering_end = _limit_steering(state, command.steering, grip, limits, step, clips)
-    mean_steering = min(max(0.5 * (state.steering_wheel_angle + steering_end), -grip), grip)
-    curvature = _curvature(mean_steering, limits)
-    lateral = fastest**2 * max(abs(curvature), abs(_curvature(steering_end, limits)))
+    steering_end, curvature, lateral = _steer(state, command, limits, step, clips)
     target = _limit_acceleration(command.acceleration, lateral, limits, clips)
     acceleration, speed, distance = drive(state.speed, state.acceleration, target, limits, step)
     if speed > limits.max_speed:
         clips.append(("speed", speed, limits.max_speed))
         acceleration, speed = 0.0, limits.max_speed
         distance = 0.5 * (state.speed + speed) * step
-    elif abs(acceleration - target) > 1e-9 and speed > 0.0:
+    elif abs(acceleration - target) > _GRANTED and speed > 0.0:
         clips.append(("acceleration_rate", target, acceleration))
     x, y, heading = _along_arc(state, distance, curvature, limits.wheelbase)
     return EgoState(x, y, heading, speed, acceleration, steering_end), tuple(clips)
+
+
+def _steer(
+    state: EgoState, command: Command, limits: VehicleSettings, step: float, clips: list[Clipped]
+) -> tuple[float, float, float]:
+    """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration within the step."""
+    if command.steering == 0.0 and state.steering_wheel_angle == 0.0:  # straight on, as nearly always
+        return 0.0, 0.0, 0.0
+    carried = max(abs(state.acceleration) - limits.brake_jerk * step, 0.0)
+    fastest = state.speed + step * max(state.acceleration, min(command.acceleration, limits.max_acceleration), 0.0)
+    grip = grip_steering_wheel_angle(fastest, limits, carried)
+    end = _limit_steering(state, command.steering, grip, limits, step, clips)
+    curvature = _curvature(min(max(0.5 * (state.steering_wheel_angle + end), -grip), grip), limits)
+    return end, curvature, fastest**2 * max(abs(curvature), abs(_curvature(end, limits)))
 
 
 def _curvature(steering_wheel_angle: float, limits: VehicleSettings) -> float:
@@ -99,10 +109,8 @@ def grip_steering_wheel_angle(speed: float, limits: VehicleSettings, longitudina
 
     v^2 tan(angle / steering ratio) / wheelbase = sqrt((mu g)^2 - longitudinal^2).
     """
-    if speed <= 0.0:
-        return math.inf
     left = math.sqrt(max((limits.friction * GRAVITY) ** 2 - longitudinal**2, 0.0))
-    return math.atan(left * limits.wheelbase / speed**2) * limits.steering_ratio
+    return math.atan2(left * limits.wheelbase, speed**2) * limits.steering_ratio
 
 
 def _limit_acceleration(requested: float, lateral: float, limits: VehicleSettings, clips: list[Clipped]) -> float:
@@ -112,7 +120,7 @@ def _limit_acceleration(requested: float, lateral: float, limits: VehicleSetting
         clips.append(("acceleration", requested, granted))
     left = math.sqrt(max((limits.friction * GRAVITY) ** 2 - lateral**2, 0.0))
     held = min(max(granted, -left), left)
-    if held != granted:
+    if abs(held - granted) > _GRANTED:
         clips.append(("friction", granted, held))
     return held
 
@@ -120,7 +128,7 @@ def _limit_acceleration(requested: float, lateral: float, limits: VehicleSetting
 def drive(
     speed: float, acceleration: float, target: float, limits: VehicleSettings, step: float
 ) -> tuple[float, float, float]:
-    """(acceleration, speed) at the end of the step and the distance driven in it, exactly; a vehicle does not reverse."""
+    """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no vehicle reverses."""
     distance, left, a, v = 0.0, step, acceleration, speed
     while left > 0.0:
         goal, jerk = _ramp(a, target, limits)
@@ -137,9 +145,6 @@ def drive(
         a = goal if duration < left else a + jerk * duration
         left -= duration
     return (target if abs(a - target) < _SAME else a), v, distance
-
-
-_SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 
 def _ramp(a: float, target: float, limits: VehicleSettings) -> tuple[float, float]:
@@ -159,22 +164,23 @@ def _moved(v: float, a: float, jerk: float, duration: float) -> float:
 
 def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float | None:
     """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0, None if it does not."""
-    if v <= 0.0:
-        return 0.0 if a < 0.0 or (a == 0.0 and jerk <= 0.0) else None
-    if jerk == 0.0:
-        time = -v / a if a < 0.0 else math.inf
+    discriminant = a * a - 2.0 * jerk * v
+    if discriminant < 0.0:
+        return None
+    if a < 0.0:  # of the two ways to write the smaller root, the one that does not cancel
+        time = 2.0 * v / (math.sqrt(discriminant) - a)
+    elif jerk < 0.0:
+        time = (math.sqrt(discriminant) + a) / -jerk
     else:
-        discriminant = a * a - 2.0 * jerk * v
-        if discriminant < 0.0:
-            return None
-        root = math.sqrt(discriminant)
-        candidates = sorted(((-a - root) / jerk, (-a + root) / jerk))
-        time = next((candidate for candidate in candidates if candidate > 0.0), math.inf)
+        return None
     return time if time <= duration else None
 
 
 def _along_arc(state: EgoState, distance: float, curvature: float, wheelbase: float) -> tuple[float, float, float]:
     """Centre and heading after the rear axle has rolled `distance` along an arc of `curvature`."""
+    if curvature == 0.0:
+        x, y = state.x + distance * math.cos(state.heading), state.y + distance * math.sin(state.heading)
+        return x, y, state.heading
     half = 0.5 * wheelbase
     x = state.x - half * math.cos(state.heading)
     y = state.y - half * math.sin(state.heading)

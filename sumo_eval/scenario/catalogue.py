@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -88,7 +87,7 @@ def _cut_out_approach(values: Values) -> Approach:
 
 def _cut_out_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
     speed = values["ego_speed"]
-    room = float(_cut_out_lead_room({name: np.float64(value) for name, value in values.items()}))  # type: ignore[arg-type]
+    room = float(_cut_out_lead_room({name: np.asarray(value, dtype=np.float64) for name, value in values.items()}))
     lead_gap = min(CUT_OUT_HEADWAY * speed, room)
     lead = Actor(
         "lead",

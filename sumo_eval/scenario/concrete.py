@@ -1,6 +1,7 @@
-"""A concrete scenario: one point of a space, as plain data that SUMO can be set up from and a child process can receive.
+"""A concrete scenario: one point of a space, as plain data for SUMO to be set up from and a child process to receive.
 
-Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the right lane's centre line.
+Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the right lane's centre
+line.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.errors import must_be
 from sumo_eval.trajectory import FloatArray
 
 
@@ -106,6 +108,11 @@ class ConcreteScenario:
     road: Road
     ego: Start
     actors: tuple[Actor, ...]
+
+    def __post_init__(self) -> None:
+        names = ["ego", *(actor.name for actor in self.actors)]
+        if len(set(names)) < len(names):
+            raise must_be("The names of the vehicles", f"scenario `{self.scenario}`", "distinct", ", ".join(names))
 
     @property
     def label(self) -> str:

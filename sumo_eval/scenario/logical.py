@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +27,12 @@ class Parameter:
     step: float
     unit: str
     about: str
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise must_be("The range", f"parameter `{self.name}`", "finite, low < high", f"{self.low}..{self.high}")
+        if not (math.isfinite(self.step) and self.step > 0):
+            raise must_be("`step`", f"parameter `{self.name}`", "greater than 0", self.step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +118,8 @@ class LogicalScenario:
     def in_box(self, points: ArrayLike) -> BoolArray:
         """Which points (n, k) lie within the ranges of all parameters."""
         array = np.asarray(points, dtype=np.float64)
-        return np.all((array >= self.low) & (array <= self.high), axis=-1)
+        inside: BoolArray = np.all((array >= self.low) & (array <= self.high), axis=-1)
+        return inside
 
     def feasible(self, points: ArrayLike) -> BoolArray:
         """Which points (n, k) satisfy every constraint."""
@@ -130,12 +139,14 @@ class LogicalScenario:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
             value = values[parameter.name]
+            if isinstance(value, bool) or not isinstance(value, Real):
+                raise must_be(f"`{parameter.name}`", owner, "a number", value)
             if not parameter.low <= value <= parameter.high:
                 raise must_be(
                     f"`{parameter.name}`",
                     owner,
                     f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}",
-                    value,
+                    float(value),
                 )
         point = {name: float(values[name]) for name in self.names}
         arrays = {name: np.float64(value) for name, value in point.items()}

@@ -1,0 +1,26 @@
+"""Concrete scenarios that the tests of the co-simulation share."""
+
+from dataclasses import replace
+
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
+from sumo_eval.settings import SimulationSettings
+
+ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
+HALF_SECOND = SimulationSettings(time_limit=0.5)
+
+
+def case(*actors: Actor, speed: float = 20.0, x: float = 50.0, y: float = 0.0) -> ConcreteScenario:
+    """The ego at x m and `speed` m/s, and the given others."""
+    return ConcreteScenario("test", {}, 1.0, ROAD, Start(x, y, speed), actors)
+
+
+def lead(gap: float, speed: float = 0.0, y: float = 0.0, x: float = 50.0) -> Actor:
+    """A vehicle `gap` m (bumper to bumper) ahead of an ego at x."""
+    return Actor("lead", Start(x + 4.5 + gap, y, speed))
+
+
+def shifted(concrete: ConcreteScenario, dx: float) -> ConcreteScenario:
+    """The same case, everything starting dx m further along the road."""
+    move = lambda start: replace(start, x=start.x + dx)  # noqa: E731
+    actors = tuple(replace(actor, start=move(actor.start)) for actor in concrete.actors)
+    return replace(concrete, ego=move(concrete.ego), actors=actors)

@@ -1,0 +1,273 @@
+"""Contact: hand-worked numbers, exact instants within a step, and a brute-force twin that must agree."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from twins import contact as twin
+
+from sumo_eval.cosim.contact import TOUCH, Body, between, bumper_overlap, describe, first_touch, separation, struck_side
+
+EGO = Body(0.0, 0.0, 0.0, 20.0, 4.5, 1.8)
+
+
+def car(x, y, heading=0.0, speed=0.0, length=4.5, width=1.8):
+    return Body(x, y, heading, speed, length, width)
+
+
+def moved(body, dx=0.0, dy=0.0, turn=0.0):
+    return body._replace(x=body.x + dx, y=body.y + dy, heading=body.heading + turn)
+
+
+# --- distance between bodies ------------------------------------------------------------------------------------------
+
+
+def test_bumper_to_bumper():
+    assert separation(EGO, car(10.0, 0.0)) == pytest.approx(5.5)  # 10 - 2.25 - 2.25
+    assert separation(EGO, car(4.5, 0.0)) == pytest.approx(0.0)
+    assert separation(EGO, car(4.0, 0.0)) == pytest.approx(-0.5)
+
+
+def test_side_by_side():
+    assert separation(EGO, car(1.0, 3.5)) == pytest.approx(1.7)  # 3.5 - 0.9 - 0.9
+
+
+def test_a_corner_pointing_at_a_side():
+    # turned by 45 deg the other reaches (2.25 + 0.9)/sqrt(2) = 2.22739 m towards the ego: 4 - 0.9 - 2.22739 = 0.87261 m
+    assert separation(EGO, car(0.0, 4.0, math.pi / 4)) == pytest.approx(0.87261, abs=1e-5)
+
+
+# --- the collision, by hand -------------------------------------------------------------------------------------------
+
+
+def test_square_on_to_the_rear():
+    found = describe(1.25, "lead", EGO, car(4.5, 0.0, speed=8.0))
+    assert (found.time, found.other, found.overlap, found.side) == (1.25, "lead", 1.0, "front")
+    assert found.ego_velocity == (20.0, 0.0)
+    assert found.other_velocity == (8.0, 0.0)
+    assert found.relative_speed == pytest.approx(12.0)
+    assert found.ego_pose == (0.0, 0.0, 0.0)
+    assert found.other_pose == (4.5, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("offset", "overlap"), [(0.0, 1.0), (0.9, 0.5), (-0.9, 0.5), (1.35, 0.25), (-1.71, 0.05)])
+def test_an_offset_of_half_the_width_is_half_the_overlap(offset, overlap):
+    # 1.8 m wide each: (1.8 - |offset|) / 1.8
+    other = car(4.5, offset)
+    assert bumper_overlap(EGO, other) == pytest.approx(overlap)
+    assert struck_side(EGO, other) == "front"
+
+
+def test_the_overlap_is_a_share_of_the_egos_width_not_of_the_others():
+    assert bumper_overlap(EGO, car(4.0, 0.0, width=0.9)) == pytest.approx(0.5)  # 0.9 / 1.8
+    assert bumper_overlap(EGO, car(4.0, 0.0, width=2.5)) == 1.0
+
+
+def test_being_hit_from_the_rear():
+    assert struck_side(EGO, car(-4.5, 0.0, speed=30.0)) == "rear"
+    assert bumper_overlap(EGO, car(-4.5, 0.0)) == 1.0
+
+
+@pytest.mark.parametrize(("y", "side"), [(1.8, "left"), (-1.8, "right")])
+def test_a_side_swipe_names_the_side_and_has_no_bumper_overlap(y, side):
+    other = car(1.0, y, heading=math.copysign(0.01, -y), speed=20.0)
+    assert struck_side(EGO, other) == side
+    assert bumper_overlap(EGO, other) < 0.05
+
+
+def test_a_crossing_car_is_hit_with_the_front():
+    # it stands across the road, its side 2.25 + 0.9 = 3.15 m ahead of the ego's centre, longer than the ego is wide
+    other = car(3.15, 0.5, heading=math.pi / 2, speed=5.0)
+    found = describe(0.0, "crossing", EGO, other)
+    assert (found.side, found.overlap) == ("front", 1.0)
+    assert found.relative_speed == pytest.approx(math.hypot(20.0, 5.0))
+
+
+def test_a_rotated_corner_touching_the_left_side():
+    # turned by 45 deg it reaches 2.22739 m down: its lowest corner is on the ego's left side at 0.9 m
+    other = car(0.0, 0.9 + 2.22739, heading=math.pi / 4)
+    assert separation(EGO, other) == pytest.approx(0.0, abs=1e-5)
+    assert struck_side(EGO, other) == "left"
+
+
+@pytest.mark.parametrize(
+    ("velocity_heading", "speed", "side"),
+    [(0.0, 5.0, "front"), (-math.pi / 2, 30.0, "left")],  # slower car ahead; one that drops in from the left
+)
+def test_corner_to_corner_the_faster_closing_names_the_side(velocity_heading, speed, side):
+    # a square body, so that turning it changes only where it moves; its corner sits on the ego's front left corner
+    other = Body(2.25 + 0.9, 0.9 + 0.9, velocity_heading, speed, 1.8, 1.8)
+    assert struck_side(EGO, other) == side
+
+
+# --- the instant ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("gap", "closing"), [(0.3, 1.0), (0.999, 1.0), (0.05, 1.5), (0.0005, 0.5)])
+def test_the_instant_is_exact_for_constant_closing(gap, closing):
+    ego_after = moved(EGO, closing)
+    lead = car(4.5 + gap, 0.0)
+    assert first_touch(EGO, ego_after, lead, lead) == pytest.approx(gap / closing, abs=1e-9)
+
+
+def test_both_moving_closes_with_the_difference():
+    # gap 0.4 m, ego 1.5 m, lead 0.7 m in the step: 0.4 / 0.8 = half the step
+    assert first_touch(EGO, moved(EGO, 1.5), car(4.9, 0.0), car(5.6, 0.0)) == pytest.approx(0.5)
+
+
+def test_a_gap_not_closed_within_the_step_is_no_contact():
+    assert first_touch(EGO, moved(EGO, 1.0), car(5.51, 0.0), car(5.51, 0.0)) is None
+    assert first_touch(EGO, moved(EGO, 1.0), car(5.49, 0.0), car(5.49, 0.0)) is not None
+
+
+def test_a_body_jumped_over_between_two_samples_is_hit():
+    # 30 m in one step, past a car that is 10 m ahead: apart before, apart after, and through it in between
+    assert first_touch(EGO, moved(EGO, 30.0), car(10.0, 0.0), car(10.0, 0.0)) == pytest.approx(5.5 / 30.0)
+
+
+def test_a_grazing_corner_that_the_samples_miss_is_found():
+    # the other passes crosswise and clips the ego's front left corner for about a hundredth of the step
+    before, after = (
+        car(2.25 + 0.9 - 2.0, 0.9 + 0.9 + 1.99, length=1.8),
+        car(2.25 + 0.9 + 1.99, 0.9 + 0.9 - 2.0, length=1.8),
+    )
+    share = first_touch(EGO, EGO, before, after)
+    assert separation(EGO, before) > 0.5
+    assert separation(EGO, after) > 0.5
+    assert share is not None
+    # in y it comes within reach after 1.99/3.99 of the step, in x it is out of reach after 2/3.99: 2/3.99 - 1.99/3.99
+    assert share == pytest.approx(1.99 / 3.99, abs=1e-6)
+    assert not twin.overlap(EGO, twin.pose(before, after, share + 0.0026))
+
+
+def test_the_same_corner_a_centimetre_further_out_is_missed():
+    before, after = (
+        car(2.25 + 0.9 - 1.99, 0.9 + 0.9 + 2.0, length=1.8),
+        car(2.25 + 0.9 + 2.0, 0.9 + 0.9 - 1.99, length=1.8),
+    )
+    assert first_touch(EGO, EGO, before, after) is None
+
+
+def test_bodies_that_overlap_already_touch_at_once():
+    assert first_touch(EGO, moved(EGO, 1.0), car(4.0, 0.0), car(4.0, 0.0)) == 0.0
+
+
+def test_sliding_along_a_millimetre_apart_is_no_contact():
+    beside = car(1.0, 1.801)
+    assert first_touch(EGO, moved(EGO, 2.0), beside, moved(beside, -2.0)) is None
+    assert first_touch(EGO, moved(EGO, 2.0), car(1.0, 1.8 + 2 * TOUCH), car(-1.0, 1.8 + 2 * TOUCH)) is None
+
+
+def test_standing_bodies_do_not_touch():
+    assert first_touch(EGO, EGO, car(4.6, 0.0), car(4.6, 0.0)) is None
+
+
+def test_turning_into_the_neighbour_is_found():
+    # 0.1 m beside each other; the ego turns by 0.2 rad on the spot and its front left corner swings out
+    neighbour = car(1.0, 1.9)
+    share = first_touch(EGO, moved(EGO, turn=0.2), neighbour, neighbour)
+    # the corner reaches 1.0 m at an angle of 0.04486 rad: 2.25*0.044845 + 0.9*0.998994 = 1.0000; 0.04486/0.2 = 0.2243
+    assert share == pytest.approx(0.2243, abs=1e-3)
+
+
+def test_between_turns_the_shorter_way_round():
+    half = between(car(0, 0, math.pi - 0.1), car(0, 0, -math.pi + 0.1), 0.5)
+    assert abs(math.remainder(half.heading - math.pi, math.tau)) < 1e-12
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------
+
+
+def random_body(rng, reach):
+    return Body(
+        rng.uniform(-reach, reach), rng.uniform(-reach, reach), rng.uniform(-4, 4), 0.0,
+        rng.uniform(3, 6), rng.uniform(1.5, 2.5),
+    )  # fmt: skip
+
+
+def random_pairs(seed, count):
+    rng = random.Random(seed)
+    for _ in range(count):
+        a, b = random_body(rng, 4.0), random_body(rng, 4.0)
+        shift = lambda body: moved(body, rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-0.3, 0.3))  # noqa: E731
+        yield a, shift(a), b, shift(b)
+
+
+def test_law_what_the_brute_force_sees_is_never_missed_and_never_later():
+    seen = 0
+    for pair in random_pairs(1, 300):
+        dense = twin.first_overlap(*pair)
+        if dense is not None:
+            seen += 1
+            share = first_touch(*pair)
+            assert share is not None
+            assert share <= dense + 1e-9
+    assert seen > 100
+
+
+def test_law_a_contact_is_a_contact_and_before_it_there_is_none():
+    found = 0
+    for a, a_after, b, b_after in random_pairs(2, 300):
+        share = first_touch(a, a_after, b, b_after)
+        if share is None:
+            assert twin.first_overlap(a, a_after, b, b_after, samples=60) is None
+            continue
+        found += 1
+        assert twin.overlap(twin.pose(a, a_after, share), twin.pose(b, b_after, share), grow=10 * TOUCH)
+        for index in range(20 if share > 0 else 0):
+            earlier = share * index / 20
+            assert not twin.overlap(twin.pose(a, a_after, earlier), twin.pose(b, b_after, earlier))
+    assert found > 100
+
+
+bodies = st.builds(
+    Body,
+    x=st.floats(-5, 5), y=st.floats(-5, 5), heading=st.floats(-3.1, 3.1), speed=st.floats(0, 40),
+    length=st.floats(3, 6), width=st.floats(1.5, 2.5),
+)  # fmt: skip
+shifts = st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.3, 0.3))
+laws = settings(derandomize=True, deadline=None, max_examples=150)
+
+
+@laws
+@given(bodies, shifts, bodies, shifts)
+def test_law_contact_is_symmetric(a, a_shift, b, b_shift):
+    a_after, b_after = moved(a, *a_shift), moved(b, *b_shift)
+    assert separation(a, b) == pytest.approx(separation(b, a), abs=1e-9)
+    one, other = first_touch(a, a_after, b, b_after), first_touch(b, b_after, a, a_after)
+    assert (one is None) == (other is None)
+    if one is not None:
+        assert one == pytest.approx(other, abs=1e-5)
+
+
+@laws
+@given(bodies, shifts, bodies, shifts, st.floats(-3, 3), st.floats(-200, 200), st.floats(-200, 200))
+def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, turn, dx, dy):
+    def world(body):
+        c, s = math.cos(turn), math.sin(turn)
+        return body._replace(
+            x=dx + c * body.x - s * body.y, y=dy + s * body.x + c * body.y, heading=body.heading + turn
+        )
+
+    pair = a, moved(a, *a_shift), b, moved(b, *b_shift)
+    here, there = first_touch(*pair), first_touch(*map(world, pair))
+    closest = min(separation(between(pair[0], pair[1], s / 50), between(pair[2], pair[3], s / 50)) for s in range(51))
+    if abs(closest) < 1e-4:
+        return  # a graze that rounding decides
+    assert (here is None) == (there is None)
+    if here is not None:
+        assert there == pytest.approx(here, abs=1e-5)
+        one = describe(0.0, "b", between(pair[0], pair[1], here), between(pair[2], pair[3], here))
+        two = describe(0.0, "b", *(world(between(pair[i], pair[i + 1], here)) for i in (0, 2)))
+        assert two.overlap == pytest.approx(one.overlap, abs=1e-6)
+        assert two.relative_speed == pytest.approx(one.relative_speed, abs=1e-9)
+
+
+@laws
+@given(bodies, bodies)
+def test_law_separation_is_positive_exactly_when_the_twin_sees_no_overlap(a, b):
+    gap = separation(a, b)
+    if abs(gap) > 1e-9:
+        assert (gap > 0) == (not twin.overlap(a, b))

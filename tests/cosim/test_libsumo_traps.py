@@ -1,0 +1,395 @@
+"""The measured traps of libsumo 1.28, one by one: that bare libsumo has it, and that we are not caught by it."""
+
+import itertools
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import libsumo
+import pytest
+from cosim_cases import HALF_SECOND, ROAD, case, lead
+
+import sumo_eval.cosim.session as session_module
+from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim.contact import Body, separation
+from sumo_eval.cosim.session import session
+from sumo_eval.cosim.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.errors import SimulationError
+from sumo_eval.scenario import Actor, LaneChange, Start
+from sumo_eval.settings import SimulationSettings, VehicleSettings
+
+CAR = VehicleSettings()
+STEP = 0.05  # s
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """Start libsumo as one does without having read the facts; closed after the test."""
+
+    def start(concrete, *options, ego_type=None, text=None):
+        (tmp_path / "net.xml").write_text(network_xml(concrete.road))
+        (tmp_path / "rou.xml").write_text(text or routes_xml(concrete, CAR, ego_type))
+        files = ["-n", str(tmp_path / "net.xml"), "-r", str(tmp_path / "rou.xml")]
+        quiet = ["--no-step-log", "true", "--no-warnings", "true", "--step-method.ballistic", "true"]
+        libsumo.start(["sumo", *files, *quiet, "--step-length", str(STEP), *options])
+        libsumo.simulationStep()
+
+    yield start
+    if libsumo.simulation.isLoaded():
+        libsumo.close()
+
+
+# 1 --------------------------------------------------------------------------------------------------------------------
+
+TOO_CLOSE = case(lead(gap=1.0, speed=10.0))  # 20 m/s, 1 m behind a car at 10 m/s
+
+
+def test_trap_1_bare_libsumo_delays_a_vehicle_that_would_start_too_close(bare):
+    bare(TOO_CLOSE, text=routes_xml(TOO_CLOSE, CAR).replace(' insertionChecks="none"', ""))
+    assert len(libsumo.vehicle.getIDList()) == 1
+    for _ in range(10):
+        libsumo.simulationStep()
+    assert len(libsumo.vehicle.getIDList()) == 2  # half a second late: another scenario
+
+
+def test_trap_1_the_session_starts_it_as_requested():
+    with session(TOO_CLOSE, SimulationSettings()) as traci:
+        assert set(traci.vehicle.getIDList()) == {"ego", "lead"}
+        assert traci.vehicle.getPosition("ego") == pytest.approx((52.25, 0.0))
+        assert traci.vehicle.getPosition("lead") == pytest.approx((57.75, 0.0))
+        assert (traci.vehicle.getSpeed("ego"), traci.vehicle.getSpeed("lead")) == (20.0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "sentence"),
+    [
+        (' depart="0"', ' depart="3"', "did not insert vehicle `ego`"),
+        ('departPos="52.25"', 'departPos="53"', "at (50.750, 0.000) m instead of (50.000, 0.000) m"),
+        ('departSpeed="20.0"', 'departSpeed="19"', "the speed 19.000 m/s instead of 20.000 m/s"),
+    ],
+)
+def test_trap_1_a_start_that_is_not_the_requested_one_is_refused(monkeypatch, written, instead, sentence):
+    text = routes_xml(case(), CAR)
+    assert written in text
+    monkeypatch.setattr(session_module, "routes_xml", lambda *_: text.replace(written, instead))
+    found = simulate(case(), lambda *_: None)
+    assert found.end_reason == "sim_error"
+    assert sentence in found.error
+
+
+# 2 --------------------------------------------------------------------------------------------------------------------
+
+# both leave their lane by 0.9 m and 1.1 m towards the other's: 3.5 - 0.9 - 1.1 = 1.5 m apart, 1.8 m wide
+ACROSS_THE_LINE = case(Actor("lead", Start(51.0, 2.4, 20.0)), y=0.9)
+
+
+def test_trap_2_bare_libsumo_misses_bodies_that_overlap_across_a_lane_line(bare):
+    bare(ACROSS_THE_LINE, "--collision.action", "warn", "--collision.mingap-factor", "0")
+    seen = 0
+    for _ in range(30):
+        libsumo.simulationStep()
+        seen += len(libsumo.simulation.getCollisions())
+    assert seen == 0
+
+
+def test_trap_2_our_contact_test_sees_the_overlap():
+    found = simulate(ACROSS_THE_LINE, lambda *_: None)
+    assert (found.end_reason, found.collision.other, found.collision.time) == ("contact", "lead", 0.0)
+
+
+def test_trap_2_a_side_swipe_on_the_way_into_the_next_lane_is_seen():
+    neighbour = Actor("neighbour", Start(50.0, 3.5, 20.0))
+    found = simulate(case(neighbour), lambda *_: Command(0.0, 0.3))
+    assert (found.end_reason, found.collision.other, found.collision.side) == ("contact", "neighbour", "left")
+
+
+# 3 --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", [0, 2, 32])
+def test_trap_3_bare_libsumo_stops_a_car_in_one_step_in_some_speed_modes(bare, mode):
+    bare(case())
+    libsumo.vehicle.setSpeedMode("ego", mode)
+    libsumo.vehicle.setSpeed("ego", 0.0)
+    libsumo.simulationStep()
+    assert libsumo.vehicle.getSpeed("ego") == 0.0  # from 20 m/s: 400 m/s2
+
+
+@pytest.mark.parametrize(("mode", "collides"), [(31, False), (6, True)])
+def test_trap_3_bare_libsumo_brakes_for_the_ads_in_speed_mode_31_only(bare, mode, collides):
+    bare(case(lead(gap=35.0)))
+    libsumo.vehicle.setSpeed("lead", 0.0)
+    libsumo.vehicle.setSpeedMode("ego", mode)
+    libsumo.vehicle.setSpeed("ego", 20.0)
+    hardest = 0.0
+    for _ in range(30):
+        libsumo.simulationStep()
+        hardest = min(hardest, libsumo.vehicle.getAcceleration("ego"))
+    assert (hardest == 0.0) == collides
+
+
+@pytest.mark.parametrize("mode", [0, 2, 31, 32])
+def test_trap_3_under_test_a_speed_mode_is_taken_back_and_recorded(mode):
+    def tricky(traci, ego, time):
+        traci.vehicle.setSpeedMode(ego, mode)
+        traci.vehicle.setSpeed(ego, 0.0)
+
+    found = simulate(case(), tricky, HALF_SECOND)
+    clips = {clip.what: clip for clip in found.clips}
+    assert clips["speed_mode"].count == 10  # each of the 10 steps
+    assert (clips["speed_mode"].requested, clips["speed_mode"].applied) == (mode, 6)
+    assert clips["vtype_limit"].requested == pytest.approx(-9.0)  # that the limit was reached is on record
+    assert found.ego.speed[-1] == pytest.approx(20.0 - 9.0 * 0.5)
+
+
+def test_trap_3_under_test_an_ads_that_does_nothing_does_collide():
+    assert simulate(case(lead(gap=35.0)), lambda *_: None).end_reason == "contact"
+
+
+# 4 --------------------------------------------------------------------------------------------------------------------
+
+ONE_METRE_BEHIND = case(lead(gap=1.0, speed=20.0))
+
+
+@pytest.mark.parametrize(("options", "collisions"), [((), 1), (("--collision.mingap-factor", "0"), 0)])
+def test_trap_4_bare_libsumo_takes_min_gap_for_body(bare, options, collisions):
+    bare(ONE_METRE_BEHIND, "--collision.action", "warn", *options, ego_type={"minGap": "2.5"})
+    for name in ("ego", "lead"):
+        libsumo.vehicle.setSpeedMode(name, 32)
+        libsumo.vehicle.setSpeed(name, 20.0)
+    libsumo.simulationStep()
+    assert len(libsumo.simulation.getCollisions()) == collisions
+
+
+def test_trap_4_bare_libsumo_teleports_whoever_collides(bare):
+    bare(ONE_METRE_BEHIND)
+    for name, speed in (("ego", 20.0), ("lead", 0.0)):
+        libsumo.vehicle.setSpeedMode(name, 32)
+        libsumo.vehicle.setSpeed(name, speed)
+    for _ in range(3):
+        libsumo.simulationStep()
+    assert libsumo.vehicle.getIDList() == ("lead",)
+
+
+def test_trap_4_in_our_sessions_min_gap_is_no_body_and_nobody_teleports():
+    with session(ONE_METRE_BEHIND, SimulationSettings(), {"minGap": "2.5"}) as traci:
+        for name, speed in (("ego", 20.0), ("lead", 0.0)):
+            traci.vehicle.setSpeedMode(name, 32)
+            traci.vehicle.setSpeed(name, speed)
+        collisions = []
+        for _ in range(10):
+            traci.simulationStep()
+            collisions.append(len(traci.simulation.getCollisions()))
+        assert traci.vehicle.getIDList() == ("ego", "lead")
+    assert collisions[0] == 0  # 0 m left, none lost
+    assert collisions[-1] == 1  # SUMO still sees those within a lane: a TraCI ADS may ask it
+
+
+# 5 --------------------------------------------------------------------------------------------------------------------
+
+
+def test_trap_5_bare_libsumo_accepts_a_second_start_silently(bare):
+    bare(case())
+    bare(case(lead(gap=10.0)))
+    assert "lead" in libsumo.vehicle.getIDList()  # the first simulation is gone without a word
+
+
+def test_trap_5_a_nested_session_is_refused_with_a_sentence_and_the_outer_one_lives():
+    with session(case(), SimulationSettings()) as traci:
+        refused = pytest.raises(SimulationError, match="already running in this process; libsumo holds one at a time")
+        with refused, session(case(), SimulationSettings()):
+            pass
+        traci.simulationStep()
+        assert traci.vehicle.getIDList() == ("ego",)
+
+
+def test_trap_5_bare_libsumo_says_no_more_than_process_error(bare, capfd):
+    with pytest.raises(libsumo.TraCIException) as caught:
+        libsumo.start(["sumo", "-n", "/no/such/net.xml", "--no-step-log", "true"])
+    assert str(caught.value) == "Process Error"
+    assert "not accessible" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("writer", "text", "quote"),
+    [
+        ("network_xml", "no network at all", "invalid document structure"),
+        ("routes_xml", '<routes><vehicle id="ego" route="nowhere" depart="0"/></routes>', "nowhere"),
+        ("routes_xml", "<routes>", "rou.xml"),
+    ],
+)
+def test_trap_5_a_bad_file_quotes_sumos_log_and_keeps_the_console_clean(monkeypatch, capfd, writer, text, quote):
+    monkeypatch.setattr(session_module, writer, lambda *_: text)
+    with pytest.raises(SimulationError, match="SUMO could not start the case") as caught, session(case(), HALF_SECOND):
+        pass
+    assert quote in str(caught.value)
+    assert "Process Error" not in str(caught.value).replace("TraCIException: Process Error (", "(")
+    captured = capfd.readouterr()
+    assert (captured.out, captured.err) == ("", "")
+    monkeypatch.undo()
+    assert simulate(case(), lambda *_: None, HALF_SECOND).end_reason == "time_limit"  # the next case works
+
+
+def test_trap_5_stderr_works_again_after_a_session(capfd):
+    with pytest.raises(SimulationError), session(case(speed=99.0), HALF_SECOND):
+        pass
+    os.write(2, b"here again\n")
+    assert capfd.readouterr().err == "here again\n"
+
+
+# 6 --------------------------------------------------------------------------------------------------------------------
+
+
+def test_trap_6_importing_prints_nothing_to_stdout():
+    code = (
+        "import os; os.environ.pop('LIBSUMO_AS_TRACI', None)\n"
+        "import builtins, sys\n"
+        "seen = []\n"
+        "plain = builtins.__import__\n"
+        "def spy(name, *rest, **named):\n"
+        "    if name == 'libsumo': seen.append(os.environ.get('LIBSUMO_AS_TRACI'))\n"
+        "    return plain(name, *rest, **named)\n"
+        "builtins.__import__ = spy\n"
+        "import sumo_eval.cosim\n"
+        "assert 'libsumo' in sys.modules\n"
+        "assert seen and seen[0] == 'quiet', seen\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+# 7 --------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("options", "across"), [((), 3.5), (("--lanechange.duration", "5"), 3.5 / 5 * STEP)])
+def test_trap_7_bare_libsumo_changes_lane_in_one_step_unless_the_duration_is_given(bare, options, across):
+    bare(case(), *options)
+    libsumo.vehicle.setLaneChangeMode("ego", 0)
+    libsumo.vehicle.changeLane("ego", 1, 10.0)
+    libsumo.simulationStep()
+    assert libsumo.vehicle.getPosition("ego")[1] == pytest.approx(across)
+
+
+def test_trap_7_sumos_position_is_the_front_bumper_and_its_angle_runs_clockwise_from_north(bare):
+    bare(case())
+    assert libsumo.vehicle.getPosition("ego") == pytest.approx((52.25, 0.0))  # centre 50 + half of 4.5
+    assert libsumo.vehicle.getAngle("ego") == 90.0  # east
+
+
+def test_trap_7_we_record_centres_and_mathematical_headings_as_commanded():
+    found = simulate(case(), lambda *_: Command(0.0, 0.2), HALF_SECOND)
+    assert (found.ego.x[0], found.ego.heading[0]) == (50.0, 0.0)
+    assert found.ego.heading[-1] > 0.0  # to the left
+    # the centre moves where the body points, up to the slip of a mid-wheelbase point, half * curvature: 0.0063 rad
+    course = math.atan2(found.ego.y[-1] - found.ego.y[-2], found.ego.x[-1] - found.ego.x[-2])
+    assert course == pytest.approx((found.ego.heading[-1] + found.ego.heading[-2]) / 2, abs=0.01)
+
+
+def test_trap_7_scripted_lateral_motion_is_smooth_in_what_sumo_shows():
+    mover = Actor("mover", Start(80.0, 0.0, 20.0), (LaneChange(0.5, 3.0, 3.5),))
+    seen = []
+    simulate(
+        case(mover), lambda traci, *_: seen.append(traci.vehicle.getPosition("mover")), SimulationSettings(time_limit=5)
+    )
+    across = [(b[1] - a[1]) / STEP for a, b in itertools.pairwise(seen)]
+    assert seen[-1][1] == pytest.approx(3.5)
+    # the quintic's greatest lateral acceleration is 5.7735 * 3.5 / 3^2 = 2.245 m/s2; SUMO shows the bumper, 2.25 m
+    # ahead of the centre, so the yaw acceleration adds: v'' / v * 2.25 = (60*3.5/27)/20 * 2.25 = 0.875 m/s2 at most
+    change = [abs(b - a) / STEP for a, b in itertools.pairwise(across)]
+    assert max(change) < 2.245 + 0.875
+    assert max(across) < 1.875 * 3.5 / 3.0 * 1.1
+
+
+# 8 --------------------------------------------------------------------------------------------------------------------
+
+
+def test_trap_8_one_simulation_a_process_but_hundreds_one_after_the_other():
+    concrete = case()
+    for _ in range(300):
+        with session(concrete, SimulationSettings()) as traci:
+            traci.simulationStep()
+            assert traci.vehicle.getPosition("ego") == pytest.approx((53.25, 0.0))
+    assert not libsumo.simulation.isLoaded()
+
+
+# 9 --------------------------------------------------------------------------------------------------------------------
+
+
+def test_trap_9_the_hand_written_network_needs_no_netconvert():
+    with session(case(), SimulationSettings()) as traci:
+        assert [lane for lane in traci.lane.getIDList() if not lane.startswith(":")] == ["road_0", "road_1"]
+        assert traci.lane.getLength("road_0") == 6000.0
+        assert traci.lane.getShape("road_1") == ((0.0, 3.5), (6000.0, 3.5))
+        assert traci.lane.getWidth("road_1") == 3.5
+        assert traci.lane.getMaxSpeed("road_0") == 60.0
+
+
+def test_trap_9_uneven_lengths_reach_sumo_unrounded():
+    road = replace(ROAD, lane_width=3.333, length=600.125)
+    concrete = replace(case(Actor("lead", Start(80.0, 3.333, 5.0))), road=road)
+    with session(concrete, SimulationSettings()) as traci:  # which checks the start to the millimetre
+        assert traci.lane.getLength("road_0") == 6000.125
+
+
+# 10 -------------------------------------------------------------------------------------------------------------------
+
+
+def test_trap_10_no_fcd_output_is_used(monkeypatch):
+    lines = []
+    start = libsumo.start
+    monkeypatch.setattr(libsumo, "start", lambda line: (lines.append(line), start(line)))
+    with session(case(), SimulationSettings()):
+        pass
+    options = dict(zip(lines[0][1::2], lines[0][2::2], strict=True))
+    assert set(options) == {
+        "--net-file", "--route-files", "--begin", "--step-length", "--lanechange.duration", "--error-log", "--seed",
+        "--xml-validation", "--xml-validation.net", "--xml-validation.routes", "--no-step-log", "--no-warnings",
+        "--duration-log.disable", *(f"--{name}" for name in SIMULATION_OPTIONS),
+    }  # fmt: skip
+    assert not any("fcd" in option or "parquet" in option for option in lines[0])
+
+
+# values that are no numbers -------------------------------------------------------------------------------------------
+
+
+def test_trap_nan_bare_libsumo_takes_set_speed_nan_for_do_as_you_like(bare):
+    bare(case())
+    libsumo.vehicle.setSpeedMode("ego", 6)
+    libsumo.vehicle.setSpeed("ego", 20.0)
+    libsumo.simulationStep()
+    libsumo.vehicle.setSpeed("ego", math.nan)
+    libsumo.simulationStep()
+    assert math.isfinite(libsumo.vehicle.getSpeed("ego"))
+
+
+def test_trap_nan_bare_libsumo_moves_a_vehicle_to_nowhere_without_a_word(bare):
+    bare(case())
+    libsumo.vehicle.moveToXY("ego", "", -1, math.nan, 0.0, 90.0, 2)
+    libsumo.simulationStep()
+    assert math.isnan(libsumo.vehicle.getPosition("ego")[0])
+
+
+@pytest.mark.parametrize(
+    "command", [Command(math.nan), Command(0.0, math.nan), Command(math.inf), Command(0.0, -math.inf)]
+)
+def test_trap_nan_a_command_that_is_no_number_is_refused(command):
+    found = simulate(case(), lambda *_: command)
+    assert found.end_reason == "ads_error"
+    assert "must be a finite number" in found.error
+
+
+def test_trap_nan_an_ego_moved_to_nowhere_is_the_adss_fault():
+    def lost(traci, ego, time):
+        traci.vehicle.moveToXY(ego, "", -1, math.nan, 0.0, 90.0, 2)
+
+    found = simulate(case(), lost)
+    assert found.end_reason == "ads_error"
+    assert "moved its vehicle nan m" in found.error
+
+
+def test_our_gap_and_sumos_positions_agree(bare):
+    bare(case(lead(gap=7.0)))
+    ego, other = (Body(libsumo.vehicle.getPosition(name)[0] - 2.25, 0, 0, 0, 4.5, 1.8) for name in ("ego", "lead"))
+    assert separation(ego, other) == pytest.approx(7.0)

@@ -1,0 +1,746 @@
+"""One case through SUMO: why it ends, what an ADS may and may not do, and what is recorded."""
+
+import math
+import sys
+import time as clock
+from dataclasses import replace
+
+import libsumo
+import numpy as np
+import pytest
+from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
+
+from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim.contact import Body, separation
+from sumo_eval.cosim.controller import NativeModel, load_controller
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Actor, LaneChange, Start
+from sumo_eval.scenario.catalogue import FRONT_VEHICLE_CUT_OUT as CUT_OUT
+from sumo_eval.scenario.sampling import grid, sample
+from sumo_eval.settings import SimulationSettings, VehicleSettings
+
+GRIP = VehicleSettings().friction * 9.81  # m/s2
+
+
+def nothing(traci, ego, time):
+    """Keeps the speed it has."""
+
+
+def brake(traci, ego, time):
+    return Command(-9.0)
+
+
+def clips_of(recording):
+    return {clip.what: clip for clip in recording.clips}
+
+
+# --- why a case ends --------------------------------------------------------------------------------------------------
+
+
+def test_it_ends_in_contact_at_the_very_instant():
+    # 20 m/s, 31.4 m to a standing car: 1.57 s, between two steps of 0.05 s
+    found = simulate(case(lead(gap=31.4)), nothing)
+    assert (found.end_reason, found.error) == ("contact", None)
+    assert found.collision.time == pytest.approx(1.57)
+    assert (found.collision.other, found.collision.side, found.collision.overlap) == ("lead", "front", 1.0)
+    assert found.collision.ego_velocity == (20.0, 0.0)
+    assert found.collision.other_velocity == (0.0, 0.0)
+    assert found.collision.ego_pose == (pytest.approx(81.4), 0.0, 0.0)
+    assert found.ego.time[-1] == found.simulated_time == pytest.approx(1.57)
+    assert found.ego.x[-1] == pytest.approx(81.4)
+
+
+def test_it_ends_at_a_standstill_of_two_seconds():
+    found = simulate(case(), brake)
+    assert found.end_reason == "standstill"
+    # below 0.1 m/s after 0.075 + 19.9/9 = 2.286 s: the first such step ends at 2.30 s, the 40th (2 s) at 4.25 s
+    assert found.simulated_time == pytest.approx(4.25)
+    assert found.collision is None
+
+
+def test_it_ends_at_the_end_of_the_road():
+    found = simulate(case(x=590.0), nothing)
+    assert (found.end_reason, found.simulated_time) == ("road_end", pytest.approx(0.5))
+
+
+@pytest.mark.parametrize(("steering", "edge"), [(0.5, 5.25), (-0.5, -1.75)])
+def test_it_ends_off_the_road_when_the_centre_leaves_it(steering, edge):
+    found = simulate(case(), lambda *_: Command(0.0, steering))
+    assert found.end_reason == "off_road"
+    assert abs(found.ego.y[-1]) > abs(edge)
+    assert abs(found.ego.y[-2]) <= abs(edge)
+
+
+def test_it_ends_at_the_time_limit():
+    found = simulate(case(), nothing, SimulationSettings(time_limit=1.23))
+    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(1.25))
+
+
+def test_it_ends_in_an_ads_error():
+    found = simulate(case(), lambda *_: 1 / 0)
+    assert (found.end_reason, found.collision) == ("ads_error", None)
+    assert found.error == "The ADS raised at 0.00 s: ZeroDivisionError: division by zero."
+    assert "ZeroDivisionError" in found.log
+    assert "test_simulate.py" in found.log  # the traceback, for whoever wrote it
+
+
+def test_it_ends_in_an_ads_timeout():
+    found = simulate(case(), lambda *_: clock.sleep(0.02), step_timeout=0.01)
+    assert found.end_reason == "ads_timeout"
+    assert found.error.startswith("The ADS must answer within 0.01 s, took 0.0")
+    assert found.controller_latency[1] >= 0.02
+
+
+def test_a_slow_reset_is_no_slow_step():
+    class Slow:
+        def reset(self, scenario, traci, ego):
+            clock.sleep(0.5)
+
+        def step(self, traci, ego, time):
+            return None
+
+    found = simulate(case(), Slow(), HALF_SECOND, step_timeout=0.45)
+    assert found.end_reason == "time_limit"
+    assert found.controller_latency[1] < 0.45
+
+
+def test_it_ends_in_a_sim_error_when_sumo_refuses_the_start():
+    found = simulate(case(speed=70.0), nothing)  # above the ego's top speed of 60 m/s
+    assert found.end_reason == "sim_error"
+    assert "Departure speed for vehicle 'ego' is too high" in found.error
+    assert found.ego.speed[0] == 70.0  # what was asked for is kept
+
+
+@pytest.mark.parametrize(("dx", "dy"), [(0.1, 0.0), (0.0, 0.1)])
+def test_it_ends_in_a_sim_error_when_sumo_shows_the_ego_elsewhere(monkeypatch, dx, dy):
+    place = libsumo.vehicle.moveToXY
+    askew = lambda name, edge, lane, x, y, angle, keep: place(name, edge, lane, x + dx, y + dy, angle, keep)  # noqa: E731
+    monkeypatch.setattr(libsumo.vehicle, "moveToXY", askew)
+    found = simulate(case(), lambda *_: Command(0.0))
+    assert found.end_reason == "sim_error"
+    assert "SUMO put the ego's front bumper at" in found.error
+
+
+def test_of_two_bodies_hit_in_one_step_the_first_one_counts():
+    # 31.4 m and 31.2 m at 20 m/s: 1.57 s and 1.56 s, both between 1.55 s and 1.60 s
+    found = simulate(case(lead(gap=31.4), replace(lead(gap=31.2), name="nearer")), nothing)
+    assert (found.collision.other, found.collision.time) == ("nearer", pytest.approx(1.56))
+
+
+def test_a_simulation_of_somebody_else_in_the_process_is_a_sim_error_and_survives():
+    from sumo_eval.cosim.session import session
+
+    with session(case(), SimulationSettings()) as traci:
+        assert simulate(case(), nothing).end_reason == "sim_error"
+        assert traci.simulation.isLoaded()
+
+
+# --- the controller door ----------------------------------------------------------------------------------------------
+
+
+class Counting:
+    """A full controller."""
+
+    def __init__(self):
+        self.calls = []
+
+    def reset(self, scenario, traci, ego):
+        self.calls.append(("reset", scenario.scenario, scenario.road, scenario.step, ego, traci is libsumo))
+
+    def step(self, traci, ego, time):
+        self.calls.append(("step", ego, time))
+        return Command(0.0)
+
+    def close(self):
+        self.calls.append(("close",))
+
+
+def test_an_object_is_reset_stepped_and_closed_in_this_order():
+    ads = Counting()
+    found = simulate(case(), ads, SimulationSettings(time_limit=0.1))
+    assert found.error is None
+    assert ads.calls == [
+        ("reset", "test", ROAD, 0.05, "ego", True), ("step", "ego", 0.0), ("step", "ego", 0.05), ("close",),
+    ]  # fmt: skip
+
+
+def test_an_object_without_reset_and_close_will_do():
+    class Bare:
+        def step(self, traci, ego, time):
+            return Command(1.0)
+
+    assert simulate(case(), Bare(), HALF_SECOND).end_reason == "time_limit"
+
+
+def test_a_class_is_made_anew_for_every_case():
+    made = []
+
+    class Ads:
+        def __init__(self):
+            made.append(self)
+
+        def step(self, traci, ego, time):
+            return None
+
+    for _ in range(2):
+        assert simulate(case(), Ads, HALF_SECOND).end_reason == "time_limit"
+    assert len(made) == 2
+
+
+def test_a_module_and_name(tmp_path, monkeypatch):
+    (tmp_path / "an_ads_package_for_tests.py").write_text(
+        "def drive(traci, ego, time):\n    traci.vehicle.setSpeed(ego, 5.0)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    found = simulate(case(), "an_ads_package_for_tests:drive", HALF_SECOND)
+    assert found.ego.speed[-1] == pytest.approx(15.5)
+
+
+def test_a_file_and_name_relative_to_a_folder_with_its_neighbours(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "neighbour_of_my_ads.py").write_text("SPEED = 15.5\n")
+    (tmp_path / "my_ads.py").write_text(
+        "from neighbour_of_my_ads import SPEED\n"
+        "class MyAds:\n"
+        "    def step(self, traci, ego, time):\n"
+        "        traci.vehicle.setSpeed(ego, SPEED)\n"
+    )
+    found = simulate(case(), "my_ads.py:MyAds", HALF_SECOND, folder=tmp_path)
+    assert found.ego.speed[-1] == pytest.approx(15.5)
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("ideal_brakin", "Did you mean `ideal_braking`?"),
+        ("idn", "Did you mean `idm`?"),
+        ("sumo:IDN", "Unknown SUMO car-following model `IDN`. Did you mean `IDM`?"),
+        ("no_such_module_of_mine:Ads", "there is no module `no_such_module_of_mine`"),
+        ("no_such_file.py:Ads", "there is no file"),
+        ("math:squrt", "`math` has no `squrt`. Did you mean `sqrt`?"),
+        ("math:pi", "must be a function (traci, ego, time), a class or an object with a `step` method, got float"),
+        ("leaves.py:Ads", "SystemExit"),
+        ("raises.py:Ads", "RuntimeError: not today"),
+        ("needs.py:Ads", "making one without arguments failed: TypeError"),
+        ("quits.py:Ads", "making one without arguments failed: SystemExit: 2"),
+    ],
+)
+def test_what_cannot_be_a_controller_is_refused_in_a_sentence_before_anything_runs(
+    tmp_path, monkeypatch, locator, sentence
+):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "leaves.py").write_text("import sys\nsys.exit(3)\n")
+    (tmp_path / "raises.py").write_text("raise RuntimeError('not today')\n")
+    (tmp_path / "needs.py").write_text("class Ads:\n    def __init__(self, map_file): pass\n    step = None\n")
+    (tmp_path / "quits.py").write_text("class Ads:\n    def __init__(self): raise SystemExit(2)\n")
+    with pytest.raises(InputError) as caught:
+        simulate(case(), locator, folder=tmp_path)
+    assert sentence in str(caught.value)
+
+
+def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monkeypatch):
+    import subprocess
+
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "my_ads.py").write_text("def drive(traci, ego, time):\n    pass\n")
+    code = (
+        "import sys; from pathlib import Path; from sumo_eval.cosim.controller import find_controller\n"
+        f"print(find_controller('my_ads.py:drive', Path({str(tmp_path)!r})).__module__)"
+    )
+    names = {
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": seed}
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(names) == 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (-3.0, "must return a Command or None, got float"),
+        ((-3.0, 0.0), "must return a Command or None, got tuple"),
+        (True, "must return a Command or None, got bool"),
+        (Command(True), "`acceleration` of the ADS's Command must be a finite number, got True"),
+        (Command(0.0, False), "`steering` of the ADS's Command must be a finite number, got False"),
+        (Command("brake"), "`acceleration` of the ADS's Command must be a finite number, got 'brake'"),
+        (Command(None), "`acceleration` of the ADS's Command must be a finite number, got None"),
+        (Command(math.nan), "`acceleration` of the ADS's Command must be a finite number, got nan"),
+        (Command(np.float64("nan")), "`acceleration` of the ADS's Command must be a finite number"),
+        (Command(0.0, -math.inf), "`steering` of the ADS's Command must be a finite number, got -inf"),
+        (Command(np.zeros(1)), "`acceleration` of the ADS's Command must be a finite number"),
+        (Command(1j), "`acceleration` of the ADS's Command must be a finite number"),
+    ],
+)
+def test_an_answer_that_is_no_command_is_the_adss_error(answer, sentence):
+    found = simulate(case(), lambda traci, ego, time: answer if time > 0.21 else Command(0.0))
+    assert found.end_reason == "ads_error"
+    assert sentence in found.error
+    assert "at 0.25 s" in found.error
+    assert found.ego.time[-1] == pytest.approx(0.25)  # what was driven until then is kept, to the instant
+
+
+@pytest.mark.parametrize("value", [-1, np.float64(-1.0), np.float32(-1.0), np.int64(-1)])
+def test_any_real_number_will_do_in_a_command(value):
+    found = simulate(case(), lambda *_: Command(value), HALF_SECOND)
+    assert found.end_reason == "time_limit"
+    assert found.ego.speed[-1] == pytest.approx(20.0 - 0.5 + 1.0 / 60.0 / 2.0)
+
+
+class Faulty:
+    """Raises in one of its methods."""
+
+    def __init__(self, where, error):
+        self.where, self.error, self.closed = where, error, 0
+
+    def _maybe(self, where):
+        if where == self.where:
+            raise self.error
+
+    def reset(self, scenario, traci, ego):
+        self._maybe("reset")
+
+    def step(self, traci, ego, time):
+        self._maybe("step")
+
+    def close(self):
+        self.closed += 1
+        self._maybe("close")
+
+
+@pytest.mark.parametrize(
+    "error", [RuntimeError("boom."), SystemExit(3), InputError("mine"), libsumo.TraCIException("x")]
+)
+@pytest.mark.parametrize("where", ["reset", "step", "close"])
+def test_an_ads_that_raises_ends_its_case_only(where, error):
+    ads = Faulty(where, error)
+    found = simulate(case(), ads, HALF_SECOND)
+    assert found.end_reason == "ads_error"
+    assert type(error).__name__ in found.error
+    assert ".." not in found.error
+    assert type(error).__name__ in found.log
+    assert ads.closed == 1
+    assert not libsumo.simulation.isLoaded()
+    assert found.ego.time[-1] == pytest.approx(0.5 if where == "close" else 0.0)
+
+
+def test_a_collision_is_kept_when_the_ads_then_raises_in_close():
+    found = simulate(case(lead(gap=5.0)), Faulty("close", RuntimeError("late")))
+    assert found.end_reason == "ads_error"
+    assert found.collision.other == "lead"
+    assert found.error == "The ADS raised in close: RuntimeError: late."
+
+
+@pytest.mark.parametrize("where", ["reset", "step", "close"])
+def test_a_keyboard_interrupt_passes_and_leaves_nothing_running(where):
+    ads = Faulty(where, KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt):
+        simulate(case(), ads, HALF_SECOND)
+    assert ads.closed == 1
+    assert not libsumo.simulation.isLoaded()
+
+
+# --- what is SUMO's and the harness's ---------------------------------------------------------------------------------
+
+
+def at(moment, action):
+    """An ADS that does something once, and otherwise nothing."""
+
+    def ads(traci, ego, time):
+        if abs(time - moment) < 1e-9:
+            action(traci, ego)
+
+    return ads
+
+
+@pytest.mark.parametrize(
+    ("action", "sentence"),
+    [
+        (lambda traci, ego: traci.close(), "The ADS closed the simulation at 0.30 s"),
+        (lambda traci, ego: traci.simulationStep(), "The ADS moved SUMO's clock by +0.05 s at 0.30 s"),
+        (lambda traci, ego: traci.simulationStep(7.0), "The ADS moved SUMO's clock by"),
+        (
+            lambda traci, ego: traci.vehicle.remove(ego),
+            "SUMO cannot move the ego: TraCIException: Vehicle 'ego' is not known",
+        ),
+        (lambda traci, ego: traci.vehicle.setSpeed("nobody", 1.0), "TraCIException: Vehicle 'nobody' is not known"),
+    ],
+)
+@pytest.mark.parametrize("answer", [None, Command(0.0)])
+def test_an_ads_that_takes_over_the_simulation_is_stopped_and_the_next_case_works(action, sentence, answer):
+    def ads(traci, ego, time):
+        at(0.3, action)(traci, ego, time)
+        return answer
+
+    found = simulate(case(lead(gap=50.0)), ads)
+    assert found.end_reason == "ads_error"
+    assert sentence in found.error
+    assert found.ego.time[-1] == pytest.approx(0.3)
+    assert not libsumo.simulation.isLoaded()
+    assert simulate(case(), nothing, HALF_SECOND).end_reason == "time_limit"
+
+
+def test_stepping_the_clock_in_reset_is_seen_too():
+    class Eager:
+        def reset(self, scenario, traci, ego):
+            traci.simulationStep()
+
+        def step(self, traci, ego, time):
+            return None
+
+    assert "moved SUMO's clock by +0.05 s at 0.00 s" in simulate(case(), Eager()).error
+
+
+def test_closing_the_simulation_in_reset_is_named_before_a_step_trips_over_it():
+    class Closing:
+        def reset(self, scenario, traci, ego):
+            traci.close()
+
+        def step(self, traci, ego, time):
+            traci.vehicle.getSpeed(ego)
+
+    assert simulate(case(), Closing()).error == "The ADS closed the simulation at 0.00 s; that is the harness's."
+
+
+def test_an_actor_that_leaves_the_simulation_is_recorded():
+    found = simulate(case(lead(gap=50.0)), at(0.3, lambda traci, ego: traci.vehicle.remove("lead")), HALF_SECOND)
+    assert "actor_left_the_network" in clips_of(found)
+    assert found.actors["lead"].time[-1] == pytest.approx(0.3)
+
+
+# --- an ADS that drives through TraCI stays physical ------------------------------------------------------------------
+
+
+def test_set_speed_0_brakes_at_the_vehicles_limit():
+    found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 0.0), HALF_SECOND)
+    assert found.ego.speed[-1] == pytest.approx(15.5)  # 20 - 9 * 0.5
+    assert found.ego.acceleration[1:] == pytest.approx(-9.0)
+    assert clips_of(found)["vtype_limit"].count == 10
+
+
+def test_set_speed_100_accelerates_at_the_vehicles_limit():
+    found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 100.0), HALF_SECOND)
+    assert found.ego.speed[-1] == pytest.approx(22.0)  # 20 + 4 * 0.5
+    assert found.ego.acceleration[1:] == pytest.approx(4.0)
+
+
+def test_set_speed_within_the_limits_is_no_clip():
+    found = simulate(
+        case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 20.0 - 2.0 * (time + 0.05)), HALF_SECOND
+    )
+    assert found.ego.speed[-1] == pytest.approx(19.0)
+    assert found.clips == ()
+
+
+@pytest.mark.parametrize(
+    ("trick", "sentence"),
+    [
+        (
+            lambda v, ego: (v.setDecel(ego, 50.0), v.setEmergencyDecel(ego, 50.0), v.setSpeed(ego, 0.0)),
+            "got -50.0 m/s2",
+        ),
+        (lambda v, ego: (v.setAccel(ego, 30.0), v.setSpeed(ego, 60.0)), "got 30.0 m/s2"),
+        (lambda v, ego: v.setPreviousSpeed(ego, 0.0), "must drive its vehicle within -9..4 m/s2"),
+        (
+            lambda v, ego: v.moveToXY(ego, "", -1, 80.0, 0.0, 90.0, 2),
+            "moved its vehicle 21.75 m in a step that its speed",
+        ),
+        (lambda v, ego: v.moveToXY(ego, "", -1, 59.25, 3.5, 90.0, 2), "moved its vehicle 3.64 m in a step"),  # sideways
+        (lambda v, ego: v.moveToXY(ego, "", -1, 58.25, 0.0, 90.0, 2), "moved its vehicle 0.00 m in a step"),  # frozen
+        (lambda v, ego: v.moveTo(ego, "road_1", 400.0), "moved its vehicle"),
+    ],
+)
+def test_motion_that_no_vehicle_can_do_is_the_adss_error(trick, sentence):
+    found = simulate(case(), at(0.3, lambda traci, ego: trick(traci.vehicle, ego)))
+    assert found.end_reason == "ads_error"
+    assert sentence in found.error
+    assert found.ego.time[-1] == pytest.approx(0.3)
+
+
+def test_nobody_escapes_a_crash_by_jumping():
+    for target in ((95.0, 0.0), (58.0, 3.5)):
+        jump = at(0.3, lambda traci, ego, target=target: traci.vehicle.moveToXY(ego, "", -1, *target, 90.0, 2))
+        assert simulate(case(lead(gap=7.0)), jump).end_reason == "ads_error"
+
+
+def test_an_ads_with_its_own_vehicle_dynamics_may_use_move_to_xy_with_a_set_speed():
+    def own(traci, ego, time):
+        v, now = 20.0 - 3.0 * (time + 0.05), time + 0.05
+        x = 52.25 + 20.0 * now - 1.5 * now**2
+        traci.vehicle.setSpeed(ego, v)
+        traci.vehicle.moveToXY(ego, "", -1, x, 0.2 * now, 90.0 - math.degrees(0.2 / v), 2)
+
+    found = simulate(case(), own, HALF_SECOND)
+    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert found.ego.speed[-1] == pytest.approx(18.5)
+    assert found.ego.y[-1] == pytest.approx(0.1 - 2.25 * 0.2 / 18.5, abs=1e-3)
+
+
+def test_change_lane_takes_the_lane_change_duration():
+    ads = at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, 1, 100.0))
+    found = simulate(case(), ads, SimulationSettings(time_limit=9.0, lane_change_duration=4.0))
+    # 3.5 m at 0.875 m/s for 4 s: the front bumper crosses half way at 0.5 + 2 s; the angle lags a little
+    crossed = np.interp(1.75, found.ego.y, found.ego.time)
+    assert crossed == pytest.approx(2.5, abs=0.15)
+    assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
+    assert np.abs(np.diff(found.ego.y)).max() < 0.0875 * 1.3  # never faster than a tenth of a second's share
+    assert found.clips == ()
+    assert found.ego.speed.max() == pytest.approx(math.hypot(20.0, 0.875))  # over ground, not along the lane
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0, 8.0, 30.0])
+def test_a_lane_change_by_sumo_is_driving_at_any_speed(speed):
+    ads = at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, 1, 100.0))
+    found = simulate(case(speed=speed), ads, SimulationSettings(time_limit=8.0))
+    assert (found.end_reason, found.error, found.clips) == ("time_limit", None, ())
+    assert np.abs(np.diff(found.ego.heading)).max() < 0.2
+
+
+def test_braking_while_sumo_changes_lane_is_within_the_limits():
+    def ads(traci, ego, time):
+        at(0.5, lambda traci, ego: traci.vehicle.changeLane(ego, 1, 100.0))(traci, ego, time)
+        if time > 0.45:
+            traci.vehicle.setSpeed(ego, 0.0)
+
+    found = simulate(case(), ads)
+    assert (found.end_reason, found.error) == ("standstill", None)
+    assert found.ego.acceleration.min() == pytest.approx(-9.0)
+
+
+@pytest.mark.parametrize("model", ["sumo:IDM", "sumo:krauss", "sumo:EIDM"])
+def test_sumos_own_models_drive_the_ego_and_keep_to_its_speed(model):
+    free = simulate(case(), model, SimulationSettings(time_limit=8.0))
+    assert (free.end_reason, free.error) == ("time_limit", None)
+    assert np.all(np.isnan(free.ego.steering_wheel_angle))
+    assert free.ego.speed.max() < 20.5  # not the road's limit of 60 m/s
+    behind = simulate(case(lead(gap=60.0, speed=10.0)), model)
+    assert behind.end_reason == "road_end"
+    assert behind.ego.speed[-1] == pytest.approx(10.0, abs=0.5)
+    assert behind.ego.acceleration.min() > -5.0
+
+
+def test_a_native_model_has_its_attributes():
+    gentle = simulate(case(), NativeModel("Krauss", {"desiredMaxSpeed": "30"}), SimulationSettings(time_limit=8.0))
+    assert gentle.ego.speed[-1] == pytest.approx(30.0, abs=0.1)
+    assert gentle.ego.acceleration.max() == pytest.approx(2.6)  # SUMO's default for a car
+
+
+# --- commands and TraCI in turn ---------------------------------------------------------------------------------------
+
+
+def test_commands_and_traci_may_take_turns():
+    def ads(traci, ego, time):
+        if time < 0.975:
+            return Command(-2.0)
+        if time < 1.975:
+            return None
+        return Command(1.0)
+
+    found = simulate(case(), ads, SimulationSettings(time_limit=3.0))
+    assert (found.end_reason, found.error, found.clips[0].what) == ("time_limit", None, "acceleration_rate")
+    speed = dict(zip(found.ego.time.round(2), found.ego.speed, strict=True))
+    # 20 - 2*1 + 2*2/(2*60) = 18.0333: kept by SUMO, then +1 m/s2 for 1 s less a rise of 0.1 s at 10 m/s3: 0.95 m/s
+    assert speed[1.0] == pytest.approx(18.03333, abs=1e-5)
+    assert speed[2.0] == pytest.approx(18.03333, abs=1e-5)
+    assert speed[3.0] == pytest.approx(18.98333, abs=1e-5)
+    steering = dict(zip(found.ego.time.round(2), found.ego.steering_wheel_angle, strict=True))
+    assert [bool(np.isnan(steering[t])) for t in (0.0, 1.0, 1.1, 2.0, 2.1)] == [False, False, True, True, False]
+
+
+def test_a_body_left_to_sumo_at_an_angle_snaps_to_the_lane_and_that_is_recorded():
+    found = simulate(
+        case(), lambda traci, ego, time: Command(0.0, 0.5) if time < 0.5 else None, SimulationSettings(time_limit=1)
+    )
+    clip = clips_of(found)["heading"]
+    assert (clip.count, clip.applied) == (1, 0.0)
+    assert clip.requested > 0.05
+    assert found.end_reason == "time_limit"
+
+
+def test_clips_keep_count_first_time_and_worst_request():
+    found = simulate(case(), lambda traci, ego, time: Command(-20.0 if time > 0.12 else -10.0), HALF_SECOND)
+    clip = clips_of(found)["acceleration"]
+    assert (clip.count, clip.first_time, clip.requested, clip.applied) == (10, 0.0, -20.0, -9.0)
+
+
+# --- recordings -------------------------------------------------------------------------------------------------------
+
+
+def test_samples_come_ten_times_a_second_from_the_requested_start_to_the_end():
+    found = simulate(case(lead(gap=31.4)), nothing)
+    assert found.ego.time == pytest.approx([*np.arange(16) / 10, 1.57])  # 0.0 .. 1.5, and the contact at 1.57 s
+    assert (found.ego.x[0], found.ego.y[0], found.ego.heading[0], found.ego.speed[0]) == (50.0, 0.0, 0.0, 20.0)
+    assert found.ego.x == pytest.approx(50.0 + 20.0 * found.ego.time)  # the centre, not the bumper
+    assert found.actors["lead"].x == pytest.approx(85.9)  # 50 + 4.5 + 31.4
+    assert np.all(np.diff(found.ego.time) > 0)
+    assert (found.ego.length, found.ego.width) == (4.5, 1.8)
+
+
+@pytest.mark.parametrize(("step", "interval"), [(0.05, 0.05), (0.02, 0.1), (0.1, 0.1), (0.025, 0.1)])
+def test_samples_come_at_the_recording_interval(step, interval):
+    settings = SimulationSettings(step=step, record_interval=interval, time_limit=1.0)
+    found = simulate(case(), nothing, settings)
+    assert found.ego.time == pytest.approx(np.arange(round(1.0 / interval) + 1) * interval)
+
+
+def test_at_the_contact_every_vehicle_is_recorded_at_that_instant():
+    beside = Actor("beside", Start(50.0, 3.5, 20.0))
+    found = simulate(case(lead(gap=31.4), beside), nothing)
+    assert found.actors["beside"].time[-1] == pytest.approx(1.57)
+    assert found.actors["beside"].x[-1] == pytest.approx(50.0 + 20.0 * 1.57)
+
+
+def test_acceleration_is_recorded_under_commands_and_under_traci():
+    commanded = simulate(case(), brake, HALF_SECOND)
+    assert commanded.ego.acceleration == pytest.approx([0.0, -6.0, -9.0, -9.0, -9.0, -9.0])  # 60 m/s3 * 0.1 s
+    native = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 0.0), HALF_SECOND)
+    assert native.ego.acceleration == pytest.approx([0.0, -9.0, -9.0, -9.0, -9.0, -9.0])
+
+
+def test_an_actors_acceleration_is_that_of_its_motion():
+    # the quintic lane change of 3.5 m in 3 s raises the ground speed of 10 m/s by at most
+    # hypot(10, 1.875*3.5/3) - 10 = 0.2364 m/s, and with it the acceleration is not 0
+    mover = Actor("mover", Start(80.0, 0.0, 10.0), (LaneChange(0.0, 3.0, 3.5),))
+    found = simulate(case(mover, speed=10.0), nothing, SimulationSettings(time_limit=3.0))
+    track = found.actors["mover"]
+    assert track.speed.max() == pytest.approx(10.2364, abs=1e-3)
+    assert 0.1 < track.acceleration.max() < 1.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        (
+            {"step": 0.0125},
+            "`step` of the simulation must be a whole number of milliseconds (SUMO rounds it), got 0.0125",
+        ),
+        ({"step": 0.0004, "record_interval": 0.0004}, "a whole number of milliseconds"),
+        ({"step": 1e-10, "record_interval": 1e-10}, "a whole number of milliseconds"),
+        ({"step": 0.04}, "`record_interval` of the simulation must be a multiple of `step` (0.04 s), got 0.1"),
+        ({"step": 0.1, "record_interval": 0.05}, "must be a multiple of `step`"),
+        ({"record_interval": 1e-12}, "must be a multiple of `step`"),
+    ],
+)
+def test_steps_and_samples_that_do_not_fit_are_refused(settings, sentence):
+    with pytest.raises(InputError) as caught:
+        simulate(case(), nothing, SimulationSettings(**settings))
+    assert sentence in str(caught.value)
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------
+
+
+def late_brake(traci, ego, time):
+    return Command(-9.0) if time > 0.99 else Command(0.0)
+
+
+def test_law_moving_the_world_moves_nothing():
+    here = case(lead(gap=25.0, speed=5.0))
+    found, there = simulate(here, late_brake), simulate(shifted(here, 123.456), late_brake)
+    assert found.end_reason == there.end_reason == "contact"
+    assert there.collision.time == pytest.approx(found.collision.time, abs=1e-9)
+    assert there.collision.relative_speed == pytest.approx(found.collision.relative_speed, abs=1e-9)
+    assert there.ego.x - 123.456 == pytest.approx(found.ego.x, abs=1e-9)
+    assert there.ego.speed == pytest.approx(found.ego.speed, abs=1e-9)
+
+
+def test_law_the_same_case_gives_the_same_recording():
+    one, two = (simulate(case(lead(gap=35.0, speed=5.0)), "sumo:EIDM") for _ in range(2))
+    assert np.array_equal(one.ego.x, two.ego.x)
+    assert np.array_equal(one.ego.speed, two.ego.speed)
+
+
+@pytest.mark.parametrize("gap", [15.0, 20.0, 24.0, 26.0])
+def test_law_halving_the_step_hardly_changes_the_impact_speed(gap):
+    # the ego brakes from 20 m/s towards a standing car: v^2 = 19.325^2 - 2*9*(gap - 2.96625), brakes built up
+    exact = math.sqrt(max(19.325**2 - 18.0 * (gap - 2.96625), 0.0))
+    for step in (0.1, 0.05, 0.025):
+        found = simulate(case(lead(gap=gap)), brake, SimulationSettings(step=step))
+        impact = found.collision.relative_speed if found.collision else 0.0
+        assert impact == pytest.approx(exact, abs=0.02)
+
+
+def test_the_longest_gap_that_is_hit_is_the_braking_distance():
+    # 23.71378 m from 20 m/s (worked out in test_vehicle_model)
+    assert simulate(case(lead(gap=23.71)), brake).end_reason == "contact"
+    assert simulate(case(lead(gap=23.72)), brake).end_reason == "standstill"
+
+
+# --- cut-out: the lead leaves and does not touch what it reveals ------------------------------------------------------
+
+
+def body(actor, time):
+    """The actor's body as its script says."""
+    across = actor.lateral_speed(time)
+    heading = math.atan2(across, actor.start.speed)
+    return Body(actor.start.x + actor.start.speed * time, actor.y(time), heading, 0.0, actor.length, actor.width)
+
+
+def test_the_leads_lane_change_is_smooth_and_within_its_tyres_grip():
+    times = np.linspace(-0.2, 2.4, 2601)
+    actor = next(a for a in CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0, gap=70.0).actors if a.name == "lead")
+    across = np.array([actor.y(t) for t in times])
+    speed = np.array([actor.lateral_speed(t) for t in times])
+    assert np.gradient(across, times) == pytest.approx(speed, abs=0.01)
+    acceleration = np.gradient(speed, times)
+    assert np.abs(np.diff(acceleration)).max() < 0.1  # continuous: the jerk is at most 60*3.5/8 = 26 m/s3, * 1 ms
+    # 10/sqrt(3) * 3.5 / 2^2 = 5.0518 m/s2 of the 9.0252 that the tyres hold
+    assert np.abs(acceleration).max() == pytest.approx(5.0518, abs=0.01)
+    assert np.abs(acceleration).max() < GRIP
+    assert (across[0], across[-1]) == (0.0, 3.5)
+
+
+def test_law_the_lead_never_touches_the_obstacle_at_any_possible_point_of_the_grid():
+    points = grid(CUT_OUT)
+    assert len(points) == 275
+    feasible = CUT_OUT.feasible(points)
+    assert 100 < feasible.sum() < 275
+    for concrete in CUT_OUT.concretes(points[feasible]):
+        lead_car, obstacle = concrete.actors
+        ego = Actor("ego", concrete.ego)
+        for time in np.arange(0.0, 6.0, 0.02):
+            assert separation(body(lead_car, time), body(obstacle, time)) > 0.0, concrete.label
+        assert separation(body(lead_car, 0.0), body(ego, 0.0)) >= 2.0 - 1e-9
+
+
+def test_the_lead_never_touches_the_obstacle_in_sumo_either():
+    points = sample(CUT_OUT).points
+    chosen = np.random.default_rng(7).choice(len(points), size=8, replace=False)
+    for concrete in CUT_OUT.concretes(points[chosen]):
+        gaps = []
+
+        def watch(traci, ego, time, gaps=gaps):
+            bodies = []
+            for name in ("lead", "obstacle"):
+                x, y = traci.vehicle.getPosition(name)
+                heading = math.radians(90.0 - traci.vehicle.getAngle(name))
+                bodies.append(Body(x - 2.25 * math.cos(heading), y - 2.25 * math.sin(heading), heading, 0.0, 4.5, 1.8))
+            gaps.append(separation(*bodies))
+            return Command(-9.0)
+
+        found = simulate(concrete, watch, SimulationSettings(time_limit=4.0))
+        assert found.error is None
+        assert min(gaps) > 0.0, concrete.label
+
+
+def test_infeasible_points_are_refused_with_the_constraints_sentence():
+    points = sample(CUT_OUT).refused
+    assert len(points) > 0
+    for row in points:
+        with pytest.raises(
+            InputError, match=r"The point of scenario `front_vehicle_cut_out` must be one where the (lead|obstacle)"
+        ):
+            CUT_OUT.concretes(row[None])
+
+
+def test_the_lead_hides_the_obstacle_until_it_is_out_of_its_lane():
+    for concrete in CUT_OUT.concretes(sample(CUT_OUT).points):
+        lead_car, obstacle = concrete.actors
+        assert concrete.ego.x < lead_car.start.x < obstacle.start.x
+        assert lead_car.start.speed == concrete.ego.speed
+
+
+def test_a_controller_that_was_loaded_may_be_loaded_again():
+    ads = load_controller(nothing)
+    assert load_controller(ads) is ads

@@ -1,0 +1,165 @@
+"""The grid: exact decimals, both ends, C order, nothing silently missing."""
+
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario.sampling import central_point, grid, sample
+
+CUT_OUT = catalogue.load("front_vehicle_cut_out")
+LOW_SPEED = catalogue.load("front_vehicle_low_speed")
+
+
+def space(*ranges):
+    """A space without constraints: (low, high, step) of a, b, c."""
+    return LogicalScenario(
+        name="test", about="", source="",
+        parameters=tuple(Parameter(name, *r, "m", "") for name, r in zip("abc", ranges, strict=False)),
+        constraints=(), road=Road("r", 100.0, 1, 3.5, 0.0),
+        place=lambda v: (Start(10.0, 0.0, 5.0), ()), approach=lambda v: Approach(v["a"], v["a"], v["a"], 0.0),
+    )  # fmt: skip
+
+
+def test_the_spaces_own_steps_are_the_default():
+    points = grid(CUT_OUT)
+    assert points.shape == (5 * 5 * 11, 3)
+    assert points.dtype == np.float64
+    assert np.unique(points[:, 2]).tolist() == [20.0 + 10.0 * i for i in range(11)]
+
+
+def test_the_first_parameter_is_the_slowest():
+    assert grid(space((0, 1, 1), (5, 7, 1))).tolist() == [[0, 5], [0, 6], [0, 7], [1, 5], [1, 6], [1, 7]]
+
+
+def test_levels_are_evenly_spaced_and_include_both_ends():
+    points = grid(CUT_OUT, levels=4)
+    assert points.shape == (64, 3)
+    assert np.unique(points[:, 0]).tolist() == pytest.approx([10.0, 16.66666667, 23.33333333, 30.0])
+    assert np.unique(points[:, 2])[[0, -1]].tolist() == [20.0, 120.0]
+
+
+def test_levels_and_steps_by_name_leave_the_others_their_own_steps():
+    points = grid(CUT_OUT, levels={"ego_speed": 2}, steps={"gap": 50.0})
+    assert np.unique(points[:, 0]).tolist() == [10.0, 30.0]
+    assert np.unique(points[:, 1]).tolist() == [0.0, 5.0, 10.0, 15.0, 20.0]
+    assert np.unique(points[:, 2]).tolist() == [20.0, 70.0, 120.0]
+
+
+def test_a_tenth_ends_where_it_should_without_a_duplicate():
+    # scenarioxp's trap: adding 0.1 ten times gives 0.9999999999999999 and then 1.0 (or 1.0999999999999999) once more
+    values = grid(space((0.0, 1.0, 0.1))).ravel()
+    assert values.tolist() == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+
+
+def test_every_grid_of_tenths_has_every_tenth_once():
+    for low in range(30):
+        for high in range(low + 1, 31):
+            chosen = sample(space((low / 10, high / 10, 0.1)))
+            assert chosen.points.ravel().tolist() == [tenth / 10 for tenth in range(low, high + 1)]
+            assert chosen.notes == ()
+
+
+decimals = st.decimals(min_value=-50, max_value=50, places=2)
+
+
+@settings(derandomize=True, deadline=None, max_examples=200)
+@given(decimals, decimals, st.decimals(min_value="0.05", max_value=5, places=2))
+def test_law_a_step_grid_is_that_of_decimal_arithmetic(low, high, step):
+    assume(low < high)
+    chosen = sample(space((float(low), float(high), float(step))))
+    count = int((high - low) / step) + 1
+    assert chosen.points.ravel().tolist() == [float(low + step * i) for i in range(count)]
+    assert (chosen.notes == ()) == ((high - low) % step == 0)
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(decimals, decimals, st.integers(2, 40))
+def test_law_levels_start_at_low_end_at_high_and_grow(low, high, levels):
+    assume(high - low > Decimal("0.05"))
+    values = grid(space((float(low), float(high), 1.0)), levels=levels).ravel()
+    assert (len(values), values[0], values[-1]) == (levels, float(low), float(high))
+    assert np.all(np.diff(values) > 0)
+    assert np.diff(values) == pytest.approx((float(high) - float(low)) / (levels - 1), abs=1e-9)
+
+
+def test_a_step_that_does_not_divide_the_range_is_said():
+    chosen = sample(CUT_OUT, steps={"gap": 30.0})
+    assert chosen.notes == ("`gap`: steps of 30 m from 20 do not end at 120; the last point is 110.",)
+    assert np.unique(chosen.points[:, 2]).tolist() == [20.0, 50.0, 80.0, 110.0]
+    assert np.unique(chosen.refused[:, 2]).tolist() == [20.0, 50.0, 80.0, 110.0]
+
+
+def test_a_step_longer_than_the_range_leaves_one_point_and_says_so():
+    chosen = sample(space((2.0, 3.0, 5.0)))
+    assert chosen.points.tolist() == [[2.0]]
+    assert "the last point is 2." in chosen.notes[0]
+
+
+def test_possible_and_refused_points_are_the_whole_grid():
+    chosen = sample(CUT_OUT)
+    assert len(chosen.points) + len(chosen.refused) == 275
+    assert CUT_OUT.feasible(chosen.points).all()
+    assert not CUT_OUT.feasible(chosen.refused).any()
+    merged = np.concatenate([chosen.points, chosen.refused])
+    assert {tuple(row) for row in merged} == {tuple(row) for row in grid(CUT_OUT)}
+    # low speed: lead slower than the ego; of 5 x 5 the pairs (10, >=10), (15, >=15), (20, 20): 3 + 2 + 1 are not
+    assert (len(sample(LOW_SPEED).points), len(sample(LOW_SPEED).refused)) == (19, 6)
+
+
+def test_points_keep_the_grids_order():
+    points = sample(CUT_OUT).points
+    assert points.tolist() == sorted(points.tolist())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"method": "gird"}, "Unknown sampling method `gird`. Did you mean `grid`?"),
+        ({"levels": {"gpa": 3}}, "Unknown parameter of scenario `front_vehicle_cut_out` `gpa`. Did you mean `gap`?"),
+        ({"steps": {"ego_sped": 3}}, "Did you mean `ego_speed`?"),
+        ({"levels": 1}, "must be a whole number of levels, at least 2, got 1"),
+        ({"levels": {"gap": 1}}, "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number"),
+        ({"levels": 2.5}, "must be a whole number of levels, at least 2, got 2.5"),
+        ({"levels": True}, "must be a whole number of levels, at least 2, got True"),
+        (
+            {"steps": {"gap": 0.0}},
+            "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a step greater than 0, got 0.0",
+        ),
+        ({"steps": {"gap": -5}}, "must be a step greater than 0, got -5"),
+        ({"steps": {"gap": float("nan")}}, "must be a step greater than 0, got nan"),
+        ({"steps": {"gap": "10"}}, "must be a step greater than 0, got '10'"),
+        ({"levels": 3, "steps": {"gap": 10.0}}, "must have levels or a step, got both"),
+        ({"levels": {"gap": 3}, "steps": {"gap": 10.0}}, "must have levels or a step, got both"),
+        ({"steps": {"gap": 1e-7}}, "must have at most 1,000,000 points, got 1,000,000,001"),
+        ({"levels": 1000}, "must have at most 1,000,000 points, got 1,000,000,000"),
+        ({"levels": 10**12}, "must have at most 1,000,000 points"),
+    ],
+)
+def test_what_makes_no_grid_is_refused_in_a_sentence(arguments, sentence):
+    with pytest.raises(InputError) as caught:
+        sample(CUT_OUT, **arguments)
+    assert sentence in str(caught.value)
+
+
+def test_the_central_point_is_on_the_grid_possible_and_nearest_to_the_centre():
+    assert central_point(CUT_OUT).tolist() == [20.0, 10.0, 70.0]
+    assert central_point(LOW_SPEED).tolist() == [20.0, 10.0]
+    assert central_point(space((0.0, 3.0, 1.0))).tolist() == [1.0]  # 1 and 2 are as near to 1.5: the first
+
+
+def test_the_central_point_steps_aside_where_the_centre_is_impossible():
+    from dataclasses import replace
+
+    from sumo_eval.scenario import Constraint
+
+    narrowed = replace(CUT_OUT, constraints=(Constraint("fast", lambda v: v["ego_speed"] > 22.0),))
+    assert central_point(narrowed).tolist() == [25.0, 10.0, 70.0]
+
+
+def test_two_callers_cannot_get_different_grids():
+    assert grid(CUT_OUT).tobytes() == grid(CUT_OUT).tobytes()

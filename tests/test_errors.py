@@ -1,0 +1,63 @@
+"""One error family, one sentence shape."""
+
+import pytest
+
+from sumo_eval.errors import (
+    ControllerError,
+    ControllerTimeoutError,
+    InputError,
+    SimulationError,
+    SumoEvalError,
+    did_you_mean,
+    must_be,
+    said,
+    unknown,
+)
+
+
+def test_the_family():
+    for kind in (InputError, ControllerError, ControllerTimeoutError, SimulationError):
+        assert issubclass(kind, SumoEvalError)
+    assert issubclass(InputError, ValueError)  # so that plain Python code may catch what it expects
+    assert issubclass(ControllerTimeoutError, ControllerError)
+
+
+def test_must_be_says_what_of_which_object_must_be_what_and_what_it_got():
+    error = must_be("`gap`", "scenario `front_vehicle_cut_out`", "within 20..120 m", 150)
+    assert isinstance(error, InputError)
+    assert str(error) == "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150."
+
+
+def test_a_text_is_quoted_so_that_it_cannot_be_taken_for_a_number():
+    assert str(must_be("`step`", "the simulation", "a number", "0.1")).endswith("must be a number, got '0.1'.")
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "sentence"),
+    [
+        ("idn", ["idm", "lane_changer"], "Unknown ADS `idn`. Did you mean `idm`?"),
+        ("zzz", ["idm", "lane_changer"], "Unknown ADS `zzz`. Known: idm, lane_changer."),
+        ("zzz", [], "Unknown ADS `zzz`."),
+        ("lane_changr", iter(["idm", "lane_changer"]), "Unknown ADS `lane_changr`. Did you mean `lane_changer`?"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_the_nearest_or_with_all(name, known, sentence):
+    assert str(unknown("ADS", name, known)) == sentence
+
+
+def test_did_you_mean_offers_one_name_only():
+    assert did_you_mean("gap_", ["gap", "gaps"]).count("`") == 2
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ValueError("no such lane"), "ValueError: no such lane"),
+        (ValueError("It ended. "), "ValueError: It ended"),  # the sentence around it sets the full stop
+        (SystemExit(), "SystemExit"),
+        (SystemExit(3), "SystemExit: 3"),
+        (KeyError("x"), "KeyError: 'x'"),
+    ],
+)
+def test_an_exception_in_words(error, words):
+    assert said(error) == words
