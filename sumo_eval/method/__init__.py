@@ -1,1 +1,1 @@
-
+"""The paper: its equations as functions, arrays in and values out. No files, no plots, no simulator."""

@@ -1,0 +1,172 @@
+"""How well an ADS avoids or softens collisions, Eqs. 14-17: severity, loss, weight and the index C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.method.zone_partition import IntArray, ZonePartition
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
+LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L
+LEAST_LOSS = 0.1  # Eq. 14: L otherwise
+MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray
+BISECTIONS = 40  # halvings of a step of the march: to the last digits
+SAME_POINT = 1e-12  # unit-box lengths
+
+
+def collision_loss(u: ArrayLike) -> FloatArray:
+    """Eq. 14: L = 1 if U > 15, 0.7 if 8 < U <= 15, 0.4 if 0 < U <= 8, 0.1 otherwise.
+
+    u: U, severity of a collision, m/s, any shape. Raises InputError for values that are negative or not finite.
+    """
+    severity = _not_negative("u", u)
+    above = [severity > limit for limit, _ in LOSS_CLASSES]
+    return np.select(above, [loss for _, loss in LOSS_CLASSES], LEAST_LOSS)[()]
+
+
+def impact_severity(ego_velocity: ArrayLike, obstacle_velocity: ArrayLike, overlap: ArrayLike) -> FloatArray:
+    """Eq. 15: U = |v_ego - v_obstacle| / w at first contact, m/s.
+
+    ego_velocity, obstacle_velocity: (..., 2) m/s in one frame. overlap: w, share of the ego's bumper width that faces
+    the obstacle, (...), 0..1. The paper has w in [0.5, 1]: a smaller share counts as 0.5, so that a graze is at most
+    twice as severe as a full hit, never without limit.
+    Raises InputError for velocities that are not finite pairs and for an overlap outside 0..1.
+    """
+    ego, obstacle = _velocity("ego_velocity", ego_velocity), _velocity("obstacle_velocity", obstacle_velocity)
+    share = _not_negative("overlap", overlap)
+    if np.any(share > 1.0):
+        raise must_be("`overlap`", "a collision", "within 0..1", float(share[share > 1.0].flat[0]))
+    return np.asarray(np.linalg.norm(ego - obstacle, axis=-1) / np.maximum(share, SMALLEST_OVERLAP))[()]
+
+
+def collision_weight(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> FloatArray:
+    """Eq. 16: r_i = |x_i - x*| / |b - x*| in the unit box: how far from the most dangerous point it happened.
+
+    point: x_i by name, or a row (k,) or rows (n, k) in the order of the space; a float or (n,) comes back.
+    x*: most dangerous point of the zone nearest to x_i. b: the first point of the ray from x* through x_i that leaves
+    the zone: into the safe zone, over a constraint, or over the edge of the box. So r is 0 at x*, 1 at that exit, and
+    above 1 beyond it, as for every collision in the safe zone. Without a hazardous zone r = 1.
+    Raises InputError for points outside the box and for missing or unknown names.
+    """
+    rows = _rows(point, partition)
+    zone = partition.nearest_zone(rows)  # refuses points outside the box
+    if partition.zones == 0:
+        return np.ones(rows.shape[:-1])[()]
+    logical = partition.logical
+    stars = logical.to_unit([logical.row(values) for values in partition.most_dangerous])
+    unit = logical.to_unit(rows).reshape(-1, rows.shape[-1])
+    start = stars[np.ravel(zone)]
+    away = np.linalg.norm(unit - start, axis=1) > SAME_POINT
+    r = np.zeros(len(unit))
+    if away.any():
+        r[away] = 1.0 / _first_exit(partition, start[away], unit[away] - start[away])
+    return r.reshape(rows.shape[:-1])[()]
+
+
+def collision_avoidance_index(
+    u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike, loss: Literal["severity", "class"] = "severity"
+) -> float:
+    """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions; 1 if there are none.
+
+    u: U_i of the ADS, (n,) m/s. u_ideal: Ug_i of the ideal vehicle in the same concrete scenarios, 0 where it avoids.
+    weights: r_i. loss: "severity" compares U as printed, "class" the loss L of Eq. 14 of both.
+    An ADS that hits no harder than the ideal vehicle (see `beats_ideal`), at 0 m/s included, counts 1. If all weights
+    are 0, every collision weighs the same. With "class" an ideal vehicle that avoids still has L = 0.1 (Eq. 14).
+    Raises InputError for arrays of different lengths and for values that are negative or not finite.
+    """
+    if loss not in ("severity", "class"):
+        raise must_be("`loss`", "`collision_avoidance_index`", "'severity' or 'class'", loss)
+    hit, best, r = _collisions(u, u_ideal, weights)
+    if hit.size == 0:
+        return 1.0
+    if loss == "class":
+        hit, best = collision_loss(hit), collision_loss(best)
+    ratio = np.divide(best, hit, out=np.ones(hit.shape), where=hit > best)
+    return float(np.mean(ratio) if not r.any() else np.sum(r * ratio) / np.sum(r))
+
+
+def beats_ideal(u: ArrayLike, u_ideal: ArrayLike) -> BoolArray:
+    """Collisions in which the ADS hit less hard than the ideal vehicle, U < Ug: (n,) flags for the report."""
+    hit, best, _ = _collisions(u, u_ideal, np.zeros(np.shape(u)))
+    return np.asarray(hit < best)
+
+
+def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArray) -> FloatArray:
+    """Smallest t > 0, (n,), at which start + t direction (n, k) leaves the zone; unit-box coordinates.
+
+    Marched in steps of MARCH (a gap in the zone narrower than that can be missed), then bisected.
+    """
+    towards = np.where(direction > 0.0, 1.0 - start, start)
+    moves = np.abs(direction) > SAME_POINT
+    to_face = np.divide(towards, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
+    to_box = np.maximum(to_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
+
+    def inside(rays: IntArray, t: FloatArray) -> BoolArray:
+        unit = np.clip(start[rays] + t[:, None] * direction[rays], 0.0, 1.0)
+        points = partition.logical.from_unit(unit)
+        return np.asarray(partition.hazardous(points) & partition.exists(points))
+
+    low: FloatArray = np.zeros(len(start))
+    high: FloatArray = to_box.copy()
+    marching = np.arange(len(start))
+    steps = math.ceil(float(np.max(to_box * np.linalg.norm(direction, axis=1))) / MARCH)
+    for step in range(1, steps + 1):
+        t = to_box[marching] * (step / steps)
+        stays = inside(marching, t)
+        high[marching[~stays]] = t[~stays]
+        marching = marching[stays]
+        low[marching] = t[stays]
+        if marching.size == 0:
+            break
+    every = np.arange(len(start))
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2.0
+        stays = inside(every, middle)
+        low, high = np.where(stays, middle, low), np.where(stays, high, middle)
+    return high
+
+
+def _rows(point: Mapping[str, float] | ArrayLike, partition: ZonePartition) -> FloatArray:
+    logical = partition.logical
+    if not isinstance(point, Mapping):
+        array = np.asarray(point, dtype=np.float64)
+        if array.ndim == 0:
+            raise must_be("`point`", f"scenario `{logical.name}`", "values by name, a row or rows", point)
+        return array
+    for name in point:
+        if name not in logical.names:
+            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+    missing = [name for name in logical.names if name not in point]
+    if missing:
+        raise InputError(f"Parameter `{missing[0]}` of scenario `{logical.name}` is missing.")
+    return logical.row(point)
+
+
+def _collisions(u: ArrayLike, u_ideal: ArrayLike, weights: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    arrays = _not_negative("u", u), _not_negative("u_ideal", u_ideal), _not_negative("weights", weights)
+    shapes = [array.shape for array in arrays]
+    if len(set(shapes)) != 1 or len(shapes[0]) != 1:
+        raise must_be("`u`, `u_ideal` and `weights`", "the collisions", "of one length (n,)", shapes)
+    return arrays
+
+
+def _velocity(name: str, values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 2 or not np.all(np.isfinite(array)):
+        raise must_be(f"`{name}`", "a collision", "finite with a last axis of 2 (vx, vy)", array)
+    return array
+
+
+def _not_negative(name: str, values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    wrong = ~(np.isfinite(array) & (array >= 0.0))
+    if np.any(wrong):
+        raise must_be(f"`{name}`", "a collision", "finite and at least 0", float(array[wrong].flat[0]))
+    return array

@@ -1,0 +1,211 @@
+"""Criticality of an approach to a slower vehicle under ideal braking, Eqs. 1-6.
+
+One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps `lead_speed`. It keeps
+its speed for `delay`, then brakes until it is as fast as the lead. Everything has a closed form. Arrays broadcast.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import must_be
+from sumo_eval.trajectory import FloatArray
+
+
+def time_to_collision(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
+    """Eq. 1: TTC = d / (v2 - v1), s; 0 where they touch, inf where they are not closing.
+
+    ego_speed: v2, m/s. lead_speed: v1, m/s. gap: d, bumper to bumper, m; 0 or less is contact.
+    Raises InputError for numbers that are not finite and for negative speeds.
+    """
+    inverse = inverse_ttc(ego_speed, lead_speed, gap)
+    return np.asarray(np.divide(1.0, inverse, out=np.full(np.shape(inverse), np.inf), where=inverse > 0.0))[()]
+
+
+def inverse_ttc(ego_speed: ArrayLike, lead_speed: ArrayLike, gap: ArrayLike) -> FloatArray:
+    """Eq. 2: ITTC = (v2 - v1) / d, 1/s; inf where they touch while closing, 0 where they are not closing.
+
+    ego_speed: v2, m/s. lead_speed: v1, m/s. gap: d, bumper to bumper, m; 0 or less is contact.
+    Raises InputError for numbers that are not finite and for negative speeds.
+    """
+    closing, distance = np.broadcast_arrays(_closing_speed(ego_speed, lead_speed), _finite("gap", gap))
+    apart = np.divide(closing, distance, out=np.full(closing.shape, np.inf), where=distance > 0.0)
+    return np.where(closing > 0.0, apart, 0.0)[()]
+
+
+def ideal_braking_speed(
+    ego_speed: ArrayLike,
+    lead_speed: ArrayLike,
+    time: ArrayLike,
+    *,
+    deceleration: ArrayLike = 5.0,
+    delay: ArrayLike = 0.0,
+) -> FloatArray:
+    """Eq. 3: v2 = v0 - a (t - delay), m/s, until it is the lead's speed; an ego that is not closing keeps its own.
+
+    ego_speed: v0, m/s. lead_speed: v1, m/s. time: t >= 0, s. deceleration: a, m/s2. delay: s before braking.
+    Raises InputError for numbers outside these meanings.
+    """
+    closing = _closing_speed(ego_speed, lead_speed)
+    braked = _not_negative("deceleration", deceleration, above_zero=True) * _braking_time(time, delay)
+    return np.asarray(np.asarray(ego_speed, dtype=np.float64) - np.clip(braked, 0.0, np.maximum(closing, 0.0)))[()]
+
+
+def ideal_braking_gap(
+    ego_speed: ArrayLike,
+    lead_speed: ArrayLike,
+    gap: ArrayLike,
+    time: ArrayLike,
+    *,
+    deceleration: ArrayLike = 5.0,
+    delay: ArrayLike = 0.0,
+) -> FloatArray:
+    """Eq. 4: d = d0 + v1 t - t (v0 + v2) / 2, m, from the end of the delay on; negative once the ego has hit.
+
+    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m. time: t >= 0, s. deceleration: a, m/s2. delay: s.
+    Once the ego is as fast as the lead the gap stays. Raises InputError for numbers outside these meanings.
+    """
+    closing = _closing_speed(ego_speed, lead_speed)
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    braking = _braking_time(time, delay)
+    before = np.asarray(time, dtype=np.float64) - braking
+    lasting = np.where(closing > 0.0, np.minimum(braking, closing / strength), braking)
+    slower = np.where(closing > 0.0, strength * lasting, 0.0)
+    return np.asarray(_finite("gap", gap) - closing * before - lasting * (closing - slower / 2.0))[()]
+
+
+def max_inverse_ttc(
+    ego_speed: ArrayLike,
+    lead_speed: ArrayLike,
+    gap: ArrayLike,
+    *,
+    deceleration: ArrayLike = 5.0,
+    delay: ArrayLike = 0.0,
+) -> FloatArray:
+    """Eqs. 5-6: largest ITTC on the way to equal speeds, 1/s; inf where ideal braking hits, 0 where not closing.
+
+    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m; 0 or less is contact. deceleration: a, m/s2. delay: s.
+
+    Relative speed u while braking leaves the gap c + u^2/(2a), c = d0 - rel delay - rel^2/(2a). So
+    ITTC(u) = u / (c + u^2/(2a)), with its peak sqrt(a/(2c)) at u = sqrt(2ac), or at u = rel if that comes first.
+    Raises InputError for numbers that are not finite, negative speeds or delays, and a deceleration not above 0.
+    """
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    rel = _closing_speed(ego_speed, lead_speed)
+    left = _finite("gap", gap) - rel * _not_negative("delay", delay)
+    rel, left, strength = np.broadcast_arrays(rel, left, strength)
+    c = left - rel**2 / (2.0 * strength)
+    hit = (left <= 0.0) | (c <= 0.0)
+    c = np.where(hit, 1.0, c)
+    peak_in_braking = 2.0 * strength * c <= rel**2
+    peak = np.where(peak_in_braking, np.sqrt(strength / (2.0 * c)), rel / np.where(hit, 1.0, left))
+    return np.where(rel <= 0.0, 0.0, np.where(hit, np.inf, peak))[()]
+
+
+def critical_gap(
+    closing_speed: ArrayLike,
+    *,
+    deceleration: ArrayLike = 5.0,
+    critical_inverse_ttc: ArrayLike = 0.7,
+    delay: ArrayLike = 0.0,
+) -> FloatArray:
+    """Eq. 6 solved for the gap: where max ITTC = k, m. At this gap and below a point is hazardous.
+
+    closing_speed: D = v0 - v1, m/s. deceleration: a, m/s2. critical_inverse_ttc: k, 1/s. delay: s.
+
+    D/k + D delay while D <= a/k (the peak is where braking begins), else D^2/(2a) + a/(2k^2) + D delay; 0 where not
+    closing. Raises InputError for numbers that are not finite, a or k not above 0, and a negative delay.
+    """
+    closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    k = _not_negative("critical_inverse_ttc", critical_inverse_ttc, above_zero=True)
+    at_onset = closing / k
+    in_braking = closing**2 / (2.0 * strength) + strength / (2.0 * k**2)
+    braked = np.where(closing <= strength / k, at_onset, in_braking)
+    return np.asarray(braked + closing * _not_negative("delay", delay))[()]
+
+
+def required_gap(
+    closing_speed: ArrayLike, *, deceleration: ArrayLike, delay: ArrayLike = 0.0, build_up: ArrayLike = 0.0
+) -> FloatArray:
+    """Smallest gap behind a constant-speed vehicle that braking can still use without contact, m; 0 if not closing.
+
+    closing_speed: D, m/s. deceleration: am, the plateau, m/s2. delay: td, s at constant speed. build_up: Tr, s of
+    linear rise 0 -> am.
+
+    D (td + Tr) - am Tr^2/6 + (D - am Tr/2)^2 / (2 am) if D >= am Tr/2, else D td + 2/3 D t*, t* = sqrt(2 D Tr/am),
+    because the ego then is as slow as the lead before the ramp ends.
+    Raises InputError for numbers that are not finite, am not above 0, and negative times.
+    """
+    closing = np.maximum(_finite("closing_speed", closing_speed), 0.0)
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    wait, ramp = _not_negative("delay", delay), _not_negative("build_up", build_up)
+    after_ramp = closing - strength * ramp / 2.0
+    on_plateau = closing * ramp - strength * ramp**2 / 6.0 + after_ramp**2 / (2.0 * strength)
+    in_ramp = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
+    return np.asarray(closing * wait + np.where(after_ramp >= 0.0, on_plateau, in_ramp))[()]
+
+
+def ideal_impact_speed(
+    ego_speed: ArrayLike,
+    lead_speed: ArrayLike,
+    gap: ArrayLike,
+    *,
+    deceleration: ArrayLike,
+    delay: ArrayLike = 0.0,
+    build_up: ArrayLike = 0.0,
+) -> FloatArray:
+    """Relative speed at contact under ideal braking, m/s; 0 where it is avoided. Times its 1/w this is Ug of Eq. 17.
+
+    ego_speed: v0, m/s. lead_speed: v1, m/s. gap: d0, m; 0 or less is contact. deceleration: am, m/s2. delay: td, s.
+    build_up: Tr, s of linear rise 0 -> am.
+
+    With D = v0 - v1 and d = d0 - D td left when braking begins: D if d <= 0. On the ramp (jerk j = am/Tr) the gap
+    D t - j t^3/6 = d is a cubic with the root t = 2 t* sin(q), sin(3q) = d / (2/3 D t*), t* = sqrt(2 D/j), so the
+    speed left is D (1 - 4 sin(q)^2). On the plateau sqrt((D - am Tr/2)^2 - 2 am (d - D Tr + am Tr^2/6)).
+    Raises InputError for numbers that are not finite, negative speeds or times, and am not above 0.
+    """
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    rel = _closing_speed(ego_speed, lead_speed)
+    left = _finite("gap", gap) - rel * _not_negative("delay", delay)
+    rel, left, strength, ramp = np.broadcast_arrays(rel, left, strength, _not_negative("build_up", build_up))
+    closing = np.maximum(rel, 0.0)
+
+    after_ramp = closing - strength * ramp / 2.0
+    ramp_length = closing * ramp - strength * ramp**2 / 6.0
+    on_plateau = np.sqrt(np.maximum(after_ramp**2 - 2.0 * strength * (left - ramp_length), 0.0))
+
+    stop_in_ramp = 2.0 / 3.0 * closing * np.sqrt(2.0 * closing * ramp / strength)
+    share = np.divide(left, stop_in_ramp, out=np.ones(left.shape), where=stop_in_ramp > 0.0)
+    cubic_root = closing * (1.0 - 4.0 * np.sin(np.arcsin(np.clip(share, 0.0, 1.0)) / 3.0) ** 2)
+    on_ramp = np.where(share < 1.0, cubic_root, 0.0)
+
+    contact_on_ramp = np.where(after_ramp >= 0.0, left < ramp_length, True)
+    braked = np.where(contact_on_ramp, on_ramp, on_plateau)
+    return np.where(rel <= 0.0, 0.0, np.where(left <= 0.0, rel, np.maximum(braked, 0.0)))[()]
+
+
+def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:
+    """rel = v0 - v1. An oncoming vehicle is refused: braking cannot bring the relative speed to 0."""
+    return np.asarray(_not_negative("ego_speed", ego_speed) - _not_negative("lead_speed", lead_speed))
+
+
+def _braking_time(time: ArrayLike, delay: ArrayLike) -> FloatArray:
+    return np.maximum(_not_negative("time", time) - _not_negative("delay", delay), 0.0)
+
+
+def _finite(name: str, values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if not np.all(np.isfinite(array)):
+        raise must_be(f"`{name}`", "an approach", "finite", float(array[~np.isfinite(array)].flat[0]))
+    return array
+
+
+def _not_negative(name: str, values: ArrayLike, *, above_zero: bool = False) -> FloatArray:
+    array = _finite(name, values)
+    wrong = array <= 0.0 if above_zero else array < 0.0
+    if np.any(wrong):
+        requirement = "greater than 0" if above_zero else "at least 0"
+        raise must_be(f"`{name}`", "an approach", requirement, float(array[wrong].flat[0]))
+    return array

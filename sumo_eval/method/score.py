@@ -1,0 +1,78 @@
+"""The combined score S, Eq. 18."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sumo_eval.errors import must_be
+
+ROUNDING = 1e-9  # what a mean of shares may be off by
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """S and what it is made of.
+
+    total: S, points. c: index C. d: index D, None where it was not computed. c_points, d_points: what each adds to S;
+    d_points is 0 where D was not computed.
+    """
+
+    total: float
+    c: float
+    d: float | None
+    c_points: float
+    d_points: float
+
+
+def combined_score(
+    c: float, d: float | None, *, a: float = 50.0, b: float = 50.0, k5: float = 1.0, k6: float = 1.0
+) -> Score:
+    """Eq. 18: S = a k5 C + b k6 D.
+
+    c: C, 0..1. d: D, 0..1, or None: after a collision in the safe zone there is no D, and its term counts 0.
+    a, b: points for either, not negative, together 100. k5, k6: scales, above 0 (1, or see `population_scale`: with
+    other scales S can pass 100, and is not cut). Raises InputError for anything else.
+    """
+    _index("c", c)
+    if d is not None:
+        _index("d", d)
+    if not (a >= 0.0 and b >= 0.0 and math.isclose(a + b, 100.0, abs_tol=1e-9)):
+        raise must_be("`a` and `b`", "the score", "at least 0 and together 100", (a, b))
+    for name, scale in (("k5", k5), ("k6", k6)):
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise must_be(f"`{name}`", "the score", "greater than 0", scale)
+    c_points = a * k5 * c
+    d_points = 0.0 if d is None else b * k6 * d
+    return Score(c_points + d_points, c, d, c_points, d_points)
+
+
+def population_scale(
+    values: Sequence[float], share: float = 0.5, *, centre: Literal["median", "mean"] = "median"
+) -> float:
+    """k5 or k6 of Eq. 18 for a population of ADSs: share / median(C), so that the median ADS scores share * a points.
+
+    values: C (or the computed D) of every ADS, 0..1. share: 0.5 by the paper, within (0, 1]. centre: which ADS stands
+    for the population. Raises InputError if there are no values, or if their centre is 0 (no scale can lift it).
+    """
+    if len(values) == 0:
+        raise must_be("`values`", "`population_scale`", "at least one index", values)
+    for value in values:
+        _index("values", value)
+    if not 0.0 < share <= 1.0:
+        raise must_be("`share`", "`population_scale`", "within 0..1 and above 0", share)
+    if centre not in ("median", "mean"):
+        raise must_be("`centre`", "`population_scale`", "'median' or 'mean'", centre)
+    middle = float(np.median(values) if centre == "median" else np.mean(values))
+    if middle == 0.0:
+        raise must_be(f"The {centre}", "the population's indexes", "greater than 0", middle)
+    return share / middle
+
+
+def _index(name: str, value: float) -> None:
+    if not -ROUNDING <= value <= 1.0 + ROUNDING:
+        raise must_be(f"`{name}`", "the score", "within 0..1", value)

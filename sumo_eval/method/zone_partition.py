@@ -1,0 +1,582 @@
+"""Safe and hazardous zones of a parameter space, Eqs. 7-8.
+
+A Gaussian process learns from the training points how much time ideal braking leaves; a point is hazardous where the
+learnt y <= 0. Zones are the connected hazardous regions of the points that exist (box and constraints). Distances are
+taken in the unit box, because metres and metres per second have no common length.
+
+Not on the page, and stated here: the GP may miss each training value by about 10 % of it (`TARGET_TOLERANCE`) and by a
+common noise that the likelihood finds like its other constants. The target has plateaus and kinks away from the zone
+boundary. A surface that must pass through all of them takes length scales so short that it falls back to 0 between
+the points; this one is exact where it matters, near y = 0. For the same reason no length scale may be below half the
+spacing of the training points.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import generate_binary_structure, label
+from scipy.optimize import minimize
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
+from sumo_eval.scenario import LogicalScenario, Parameter
+from sumo_eval.settings import ZoneSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+IntArray = NDArray[np.intp]
+DEFAULT_SETTINGS = ZoneSettings()
+
+SEED = 20220  # restarts of the search and its sample of training points; a constant, so that zones never vary
+SEARCH_POINTS = 350  # the hyperparameters are searched on at most so many training points, the GP uses all of them
+OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
+MOST_POINTS = 5_000  # training points a user may bring
+TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
+LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguishable from "does not matter"
+SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
+EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
+ERROR_WORTH_A_NOTE = 0.01  # share of the space
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """Eqs. 7-8: the GP's posterior mean y(x) = sf^2 sum_i exp(-|(x - x_i)/sl|^2 / 2) weight_i, x in the unit box.
+
+    points: x_i (n, k). weights: (K + sn^2 I + diag(0.1 y_i)^2)^-1 y, (n,). length_scales: sl (k,).
+    signal_deviation: sf. noise_deviation: sn. level: 0, or the constant +1 (safe) or -1 (hazardous) with n = 0 where
+    every training point agrees.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+    length_scales: FloatArray
+    signal_deviation: float
+    noise_deviation: float
+    level: float = 0.0
+
+    def value(self, unit_points: FloatArray) -> FloatArray:
+        """Eq. 8 at points (n, k) of the unit box: y, (n,)."""
+        y = np.full(len(unit_points), self.level)
+        for rows in self._blocks(len(unit_points)):
+            y[rows] += self._covariance(unit_points[rows]) @ self.weights
+        return y
+
+    def gradient(self, unit_points: FloatArray) -> FloatArray:
+        """Derivative of Eq. 8 by each unit coordinate, (n, k)."""
+        slope = np.zeros(unit_points.shape)
+        for rows in self._blocks(len(unit_points)):
+            pull = self._covariance(unit_points[rows]) * self.weights
+            slope[rows] = (pull @ self.points - pull.sum(axis=1)[:, None] * unit_points[rows]) / self.length_scales**2
+        return slope
+
+    def _covariance(self, unit_points: FloatArray) -> FloatArray:
+        exponent = cdist(unit_points / self.length_scales, self.points / self.length_scales, "sqeuclidean")
+        exponent *= -0.5  # in place, as the next line: new blocks of this size cost more than the arithmetic
+        np.exp(exponent, out=exponent)
+        exponent *= self.signal_deviation**2
+        return exponent
+
+    def _blocks(self, n: int) -> Iterator[slice]:
+        """Rows in blocks whose covariance stays within the processor's cache (2 MB)."""
+        size = max(1, 250_000 // max(1, len(self.points)))
+        return (slice(start, start + size) for start in range(0, n, size))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZonePartition:
+    """The zones of one logical scenario. Points are rows (..., k) in the order and units of `logical.parameters`.
+
+    training_points: (n, k), sorted. training_inverse_ttc: Eq. 6, (n,) 1/s. training_target: what the GP learnt, (n,).
+    surface: the GP, in the unit box. most_dangerous: one point a zone, name -> value, the largest zone first.
+    zone_shares: share of the space that each zone takes. notes: sentences about whatever limits the trust in it.
+    zone_tree, zone_index: the zones' points on the dense grid, unit box, and the zone of each; boundary_tree: where the
+    grid's edges cross the zone boundary. The trees are None without zones, the last one also without a safe zone.
+    Every method refuses points outside the box: the GP knows nothing there.
+    """
+
+    logical: LogicalScenario
+    settings: ZoneSettings
+    training_points: FloatArray
+    training_inverse_ttc: FloatArray
+    training_target: FloatArray
+    surface: Surface
+    most_dangerous: tuple[dict[str, float], ...]
+    zone_shares: tuple[float, ...]
+    notes: tuple[str, ...]
+    zone_tree: KDTree | None
+    zone_index: IntArray
+    boundary_tree: KDTree | None
+
+    @property
+    def zones(self) -> int:
+        """Number of hazardous zones."""
+        return len(self.zone_shares)
+
+    @property
+    def length_scales(self) -> FloatArray:
+        """Length scale of each parameter, in unit-box lengths; inf where the outcome is constant."""
+        return self.surface.length_scales
+
+    def predicted(self, points: ArrayLike) -> FloatArray:
+        """Eq. 8: the GP's y; above 0 is safe. Exactly +1 or -1 everywhere if all training points agree."""
+        unit = _checked_unit(self.logical, points)
+        return self.surface.value(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
+
+    def hazardous(self, points: ArrayLike) -> BoolArray:
+        """Where y <= 0."""
+        return np.asarray(self.predicted(points) <= 0.0)
+
+    def zone_of(self, points: ArrayLike) -> IntArray:
+        """Number of the hazardous zone that a point belongs to (0 is the largest), -1 in the safe zone."""
+        return np.where(self.hazardous(points), self.nearest_zone(points), -1)
+
+    def nearest_zone(self, points: ArrayLike) -> IntArray:
+        """Number of the zone nearest in the unit box, -1 if there is none; judged on the dense grid of the zones."""
+        unit = _checked_unit(self.logical, points)
+        if self.zone_tree is None:
+            return np.full(unit.shape[:-1], -1, dtype=np.intp)
+        return self.zone_index[self.zone_tree.query(unit)[1]]
+
+    def exists(self, points: ArrayLike) -> BoolArray:
+        """Which points belong to the space. Its edges do, and also what rounding puts 1e-9 of the box beyond one."""
+        unit = _checked_unit(self.logical, points)
+        return _exists(self.logical, unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
+
+    def boundary_distance(self, points: ArrayLike) -> FloatArray:
+        """Distance to the zone boundary y = 0 in the unit box: positive in the safe zone, negative in a hazardous one.
+
+        inf where there is no hazardous zone, -inf where there is no safe one. Edges of the space are no boundary. The
+        sign is exact; the distance is exact to 1e-6 where the nearest boundary point is off the edges of the space;
+        otherwise it is too long, by less than the diagonal of a cell of the dense grid (0.05 for three parameters).
+        """
+        unit = _checked_unit(self.logical, points)
+        rows = unit.reshape(-1, unit.shape[-1])
+        sign = np.where(self.surface.value(rows) <= 0.0, -1.0, 1.0)
+        if self.boundary_tree is None:
+            return (sign * np.inf).reshape(unit.shape[:-1])
+        distance, nearest = self.boundary_tree.query(rows)
+        polished = self._closest_on_boundary(rows, np.asarray(self.boundary_tree.data)[nearest])
+        closer = np.linalg.norm(polished - rows, axis=1)
+        found = (np.abs(self.surface.value(polished)) < EDGE) & (closer <= distance) & _exists(self.logical, polished)
+        return (sign * np.where(found, closer, distance)).reshape(unit.shape[:-1])
+
+    def _closest_on_boundary(self, unit: FloatArray, start: FloatArray) -> FloatArray:
+        """Project onto the surface's tangent plane again and again; it settles where the connection is normal to it.
+
+        Half steps, because whole ones diverge where the boundary is more curved than the distance is short.
+        """
+        foot = start
+        for _ in range(60):
+            slope = self.surface.gradient(foot)
+            reach = self.surface.value(foot) + np.sum(slope * (unit - foot), axis=1)
+            steepness = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
+            projected = np.clip(unit - (reach / steepness)[:, None] * slope, 0.0, 1.0)
+            foot = (foot + projected) / 2.0
+        return foot
+
+
+def partition(
+    logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS, *, points: ArrayLike | None = None
+) -> ZonePartition:
+    """Eqs. 7-8: split the space of a logical scenario into a safe zone and hazardous zones.
+
+    points: training points (n, k) in the parameters' units; by default the grid of the parameters' own steps over the
+    whole box. Points that violate a constraint train the GP too (criticality is defined there), but belong to no zone.
+    If all training points agree there is nothing to learn: that outcome then holds everywhere, and no GP is fitted.
+    The order of the points, and repeated ones, change nothing. Raises InputError for points outside the box.
+    """
+    axes, thinned = _own_axes(logical)
+    notes = list(thinned) if points is None else []
+    training = _mesh(axes) if points is None else _user_points(logical, points)
+    inverse, target = _training_target(logical, training, settings)
+    surface = _fit(logical, logical.to_unit(training), target, settings, notes)
+
+    refined = _refine(axes, settings.grid_points)
+    grid = _mesh(refined)
+    unit = logical.to_unit(grid)
+    y = surface.value(unit)
+    feasible = logical.feasible(grid)
+    if not feasible.any():
+        raise InputError(
+            f"Scenario `{logical.name}` must have points that satisfy its constraints: none of {len(grid)} do."
+        )
+    _compare_with_closed_form(logical, grid[feasible], y[feasible] <= 0.0, settings, notes)
+
+    shape = tuple(len(axis) for axis in refined)
+    hazard = ((y <= 0.0) & feasible).reshape(shape)
+    labels, count = label(hazard, structure=generate_binary_structure(len(shape), len(shape)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    by_size = np.argsort(-sizes, kind="stable")
+    number = np.full(count + 1, -1, dtype=np.intp)
+    number[by_size + 1] = np.arange(count)
+    zone = number[labels.ravel()]
+    in_zone = zone >= 0
+    tree = KDTree(unit[in_zone]) if count else None
+
+    most_dangerous: tuple[dict[str, float], ...] = ()
+    boundary = None
+    if tree is not None:
+        crossings = _crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape))
+        boundary = KDTree(crossings) if len(crossings) else None
+        cell = max(1.0 / (len(axis) - 1) for axis in refined)
+        search = _DangerSearch(logical, settings, surface, tree, zone[in_zone], cell)
+        most_dangerous = tuple(search.most_dangerous(index, grid[zone == index], training) for index in range(count))
+    return ZonePartition(
+        logical=logical,
+        settings=settings,
+        training_points=training,
+        training_inverse_ttc=inverse,
+        training_target=target,
+        surface=surface,
+        most_dangerous=most_dangerous,
+        zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
+        notes=tuple(notes),
+        zone_tree=tree,
+        zone_index=zone[in_zone],
+        boundary_tree=boundary,
+    )
+
+
+def squared_time_target(
+    inverse_ttc: ArrayLike, impact_speed: ArrayLike, settings: ZoneSettings = DEFAULT_SETTINGS
+) -> FloatArray:
+    """What the GP learns: y = tanh((T^2 - T*^2) / scale), T = 1 / max ITTC, T* = 1 / ITTC*.
+
+    inverse_ttc: max ITTC, 1/s. impact_speed: u, m/s, under the zones' braking a. Where it hits, T^2 := -(u/a)^2, which
+    continues T^2 smoothly through contact: both are 2c/a, c the gap left over. Not closing: T = inf, y = 1.
+    """
+    inverse, u = np.broadcast_arrays(np.asarray(inverse_ttc, float), np.asarray(impact_speed, float))
+    squared = np.divide(1.0, inverse**2, out=np.full(inverse.shape, np.inf), where=inverse > 0.0)
+    squared = np.where(np.isinf(inverse), -((u / settings.deceleration) ** 2), squared)
+    return np.asarray(np.tanh((squared - settings.critical_inverse_ttc**-2) / settings.target_scale))
+
+
+@dataclass(frozen=True, slots=True)
+class BoundaryError:
+    """Share of misclassified points: over the whole box, and over the points that satisfy the constraints."""
+
+    box: float
+    feasible: float
+
+
+def boundary_error(zones: ZonePartition, n: int = 50_000) -> BoundaryError:
+    """Compare a partition with the closed form (max ITTC >= ITTC*) at n evenly spread points of the box.
+
+    The points are the additive recurrence x_i = frac(1/2 + i / phi^(1..k)). A regular grid would share its lines with
+    the training grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
+    """
+    if n < 1:
+        raise must_be("`n`", "`boundary_error`", "at least 1", n)
+    k = len(zones.logical.parameters)
+    phi = 2.0
+    for _ in range(60):
+        phi = (1.0 + phi) ** (1.0 / (k + 1))
+    points = zones.logical.from_unit((0.5 + np.outer(np.arange(n), phi ** -np.arange(1.0, k + 1))) % 1.0)
+    wrong = zones.hazardous(points) != _closed_form_hazardous(zones.logical, points, zones.settings)
+    feasible = zones.logical.feasible(points)
+    return BoundaryError(float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan)
+
+
+# --- training ---------------------------------------------------------------------------------------------------------
+
+
+def _criticality(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Max ITTC, impact speed and gap at points (n, k), by the zones' ideal braking after the scenario's delay."""
+    approach = logical.approach(logical.columns(points))
+    inverse = max_inverse_ttc(
+        approach.ego_speed,
+        approach.obstacle_speed,
+        approach.gap,
+        deceleration=settings.deceleration,
+        delay=approach.delay,
+    )
+    impact = ideal_impact_speed(
+        approach.ego_speed,
+        approach.obstacle_speed,
+        approach.gap,
+        deceleration=settings.deceleration,
+        delay=approach.delay,
+    )
+    n = len(points)
+    return np.broadcast_to(inverse, n), np.broadcast_to(impact, n), np.broadcast_to(approach.gap, n)
+
+
+def _closed_form_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
+    return np.asarray(_criticality(logical, points, settings)[0] >= settings.critical_inverse_ttc)
+
+
+def _training_target(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> tuple[FloatArray, FloatArray]:
+    inverse, impact, _ = _criticality(logical, points, settings)
+    if settings.target == "label":
+        return inverse, np.where(inverse >= settings.critical_inverse_ttc, -1.0, 1.0)
+    return inverse, squared_time_target(inverse, impact, settings)
+
+
+def _fit(
+    logical: LogicalScenario, unit: FloatArray, target: FloatArray, settings: ZoneSettings, notes: list[str]
+) -> Surface:
+    n, k = unit.shape
+    hazardous = target <= 0.0
+    if hazardous.all() or not hazardous.any():
+        notes.append(
+            f"All {n} training points are {'hazardous' if hazardous[0] else 'safe'}: no GP is fitted, and the whole "
+            "space counts as such."
+        )
+        nothing = np.empty(0)
+        return Surface(nothing.reshape(0, k), nothing, np.full(k, np.inf), 0.0, 0.0, -1.0 if hazardous[0] else 1.0)
+
+    spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
+    spacing = np.maximum(spacing, n ** (-1.0 / k))
+    scale_bounds = [(0.5 * step, LONGEST_SCALE) for step in spacing]
+    prior = ConstantKernel(1.0, SIGNAL_BOUNDS) * RBF(np.maximum(0.5, 2.0 * spacing), scale_bounds)
+    prior += WhiteKernel(1e-3, NOISE_BOUNDS)
+    failures: list[str] = []
+
+    def search(objective: object, start: FloatArray, bounds: FloatArray) -> tuple[FloatArray, float]:
+        result = minimize(objective, start, method="L-BFGS-B", jac=True, bounds=bounds)  # type: ignore[call-overload]
+        if not result.success:
+            failures.append(str(result.message))
+        return result.x, float(result.fun)
+
+    tolerance = (TARGET_TOLERANCE * target) ** 2
+    sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
+    # One thread: matrices this small gain nothing from more, and several waited 20 s for each other on a busy machine.
+    with warnings.catch_warnings(), threadpool_limits(1):
+        # scikit-learn warns of hyperparameters at their bounds; `_bound_notes` says the same in our words.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        searched = GaussianProcessRegressor(
+            prior,
+            alpha=tolerance[sample],
+            optimizer=search,
+            n_restarts_optimizer=settings.restarts,
+            random_state=SEED,
+        ).fit(unit[sample], target[sample])
+    if failures:
+        notes.append(
+            f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters stopped early: "
+            f"{failures[0]}."
+        )
+    kernel = searched.kernel_
+    notes.extend(_bound_notes(logical, kernel))
+    # Three digits are more than the likelihood can tell apart, and keep zones free of the last digits of the search.
+    rounded = kernel.clone_with_theta(np.log([float(f"{value:.3g}") for value in np.exp(kernel.theta)]))
+    fitted = GaussianProcessRegressor(rounded, alpha=tolerance, optimizer=None).fit(unit, target)
+    signal, noise = fitted.kernel_.k1, fitted.kernel_.k2
+    return Surface(
+        points=unit,
+        weights=np.ravel(fitted.alpha_),
+        length_scales=np.broadcast_to(signal.k2.length_scale, k).astype(np.float64),
+        signal_deviation=math.sqrt(signal.k1.constant_value),
+        noise_deviation=math.sqrt(noise.noise_level),
+    )
+
+
+def _bound_notes(logical: LogicalScenario, kernel: Any) -> list[str]:
+    """One sentence for each hyperparameter that the search left at a bound."""
+    names = ["signal deviation", *(f"length scale of `{name}`" for name in logical.names), "noise deviation"]
+    meaning = {
+        ("length", "upper"): "the zones hardly depend on it",
+        ("length", "lower"): "the zones change faster than the training points can tell; add points",
+        ("noise", "lower"): "the surface follows the training points as closely as it may",
+        ("noise", "upper"): "the surface hardly follows the training points; add points",
+        ("signal", "lower"): "the training points are almost alike",
+        ("signal", "upper"): "the surface may swing far between the training points; add points",
+    }
+    notes = []
+    for name, value, (low, high) in zip(names, kernel.theta, kernel.bounds, strict=True):
+        reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
+        if reached:
+            notes.append(f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}.")
+    return notes
+
+
+def _compare_with_closed_form(
+    logical: LogicalScenario, points: FloatArray, hazardous: BoolArray, settings: ZoneSettings, notes: list[str]
+) -> None:
+    wrong = float(np.mean(hazardous != _closed_form_hazardous(logical, points, settings)))
+    if wrong > ERROR_WORTH_A_NOTE:
+        notes.append(f"The GP puts {100 * wrong:.1f} % of the space in the wrong zone (closed form): add points.")
+
+
+# --- points -----------------------------------------------------------------------------------------------------------
+
+
+def _own_axes(logical: LogicalScenario) -> tuple[list[FloatArray], tuple[str, ...]]:
+    """The values of each parameter's own steps, thinned where they are too many for a GP, and a sentence about that."""
+    counts = [_own_count(parameter) for parameter in logical.parameters]
+    own = math.prod(counts)
+    while math.prod(counts) > OWN_GRID_POINTS:
+        counts[counts.index(max(counts))] = min(max(counts) - 1, OWN_GRID_POINTS)
+    axes = [_axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)]
+    if math.prod(counts) == own:
+        return axes, ()
+    return axes, (f"The grid of own steps has {own} points; a coarser one of {math.prod(counts)} stands in for it.",)
+
+
+def _own_count(parameter: Parameter) -> int:
+    """Number of values from low in steps, and high."""
+    return math.ceil((_decimal(parameter.high) - _decimal(parameter.low)) / _decimal(parameter.step)) + 1
+
+
+def _axis(parameter: Parameter, count: int) -> FloatArray:
+    """Low, low + step, ... as exact decimals, and high; evenly spaced values if `count` is less than that takes."""
+    low, high, step = _decimal(parameter.low), _decimal(parameter.high), _decimal(parameter.step)
+    if count < _own_count(parameter):
+        step = (high - low) / (count - 1)
+    return np.array([*(float(low + step * index) for index in range(count - 1)), float(high)])
+
+
+def _decimal(value: float) -> Decimal:
+    """The decimal that a float is written as."""
+    return Decimal(repr(float(value)))
+
+
+def _refine(axes: list[FloatArray], most: int) -> list[FloatArray]:
+    """Split every interval in the same number of parts, as many as `most` points allow: old points stay on the grid.
+
+    Decimals again: two parameters that meet in a constraint must get equal numbers where they are equal.
+    """
+    parts = 1
+    while math.prod((len(axis) - 1) * (parts + 1) + 1 for axis in axes) <= most:
+        parts += 1
+    refined = []
+    for axis in axes:
+        exact = [_decimal(value) for value in axis]
+        inner = [a + (b - a) * part / parts for a, b in itertools.pairwise(exact) for part in range(parts)]
+        refined.append(np.array([float(value) for value in (*inner, exact[-1])]))
+    return refined
+
+
+def _mesh(axes: list[FloatArray]) -> FloatArray:
+    """All combinations of the axes' values, (n, k), lexicographic."""
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _user_points(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
+    array = np.asarray(points, dtype=np.float64)
+    owner = f"scenario `{logical.name}`"
+    if array.ndim != 2 or array.shape[1] != len(logical.parameters) or not 1 <= len(array) <= MOST_POINTS:
+        wanted = f"an (n, {len(logical.parameters)}) array with n in 1..{MOST_POINTS}"
+        raise must_be("The training points", owner, wanted, array.shape)
+    _checked_unit(logical, array)
+    return np.unique(array, axis=0)
+
+
+def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
+    """Points in the unit box; refuses what lies outside of it by more than rounding."""
+    columns = logical.columns(points)
+    for parameter in logical.parameters:
+        values = columns[parameter.name]
+        slack = EDGE * (parameter.high - parameter.low)
+        outside = ~((values >= parameter.low - slack) & (values <= parameter.high + slack))
+        if np.any(outside):
+            allowed = f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}"
+            owner = f"scenario `{logical.name}`"
+            raise must_be(f"`{parameter.name}`", owner, allowed, float(np.ravel(values)[np.ravel(outside)][0]))
+    return np.clip(logical.to_unit(points), 0.0, 1.0)
+
+
+def _exists(logical: LogicalScenario, unit: FloatArray) -> BoolArray:
+    """Constraints with their edges: a point also exists if a nudge of `EDGE` to some side makes it feasible."""
+    holds = logical.feasible(logical.from_unit(unit))
+    if not holds.all():
+        nudges = EDGE * _mesh([np.array([-1.0, 0.0, 1.0])] * unit.shape[1])
+        nudged = np.clip(unit[~holds][:, None, :] + nudges, 0.0, 1.0)
+        holds[~holds] = logical.feasible(logical.from_unit(nudged)).any(axis=1)
+    return holds
+
+
+# --- zones ------------------------------------------------------------------------------------------------------------
+
+
+def _crossings(logical: LogicalScenario, surface: Surface, unit: FloatArray, y: FloatArray) -> FloatArray:
+    """Where the grid's edges cross y = 0 within the space, (m, k): unit (..., k) and y (...) on the grid."""
+    found = []
+    for axis in range(y.ndim):
+        before = tuple(slice(None, -1) if other == axis else slice(None) for other in range(y.ndim))
+        after = tuple(slice(1, None) if other == axis else slice(None) for other in range(y.ndim))
+        changes = (y[before] <= 0.0) != (y[after] <= 0.0)
+        y0, y1 = y[before][changes], y[after][changes]
+        x0, x1 = unit[before][changes], unit[after][changes]
+        for _ in range(5):  # regula falsi: a distance to the crossings must never come out too short
+            crossing = x0 + (y0 / (y0 - y1))[:, None] * (x1 - x0)
+            value = surface.value(crossing)
+            first = (value <= 0.0) == (y0 <= 0.0)
+            x0, y0 = np.where(first[:, None], crossing, x0), np.where(first, value, y0)
+            x1, y1 = np.where(first[:, None], x1, crossing), np.where(first, y1, value)
+        found.append(crossing)
+    crossings = np.concatenate(found)
+    return crossings[_exists(logical, crossings)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _DangerSearch:
+    """Finds the most dangerous point of a zone: impact speed, then max ITTC, then smaller gap, then the smaller row."""
+
+    logical: LogicalScenario
+    settings: ZoneSettings
+    surface: Surface
+    zone_tree: KDTree
+    zone_index: IntArray
+    cell: float
+
+    def most_dangerous(self, zone: int, members: FloatArray, others: FloatArray) -> dict[str, float]:
+        """Take the worst of the zone's known members and of those others that belong to it, rows (n, k); then look
+        around it in ever smaller windows; then round it, if the rounded point belongs to the zone.
+
+        The windows are what finds a corner between a constraint and the box, where no grid point lies.
+        """
+        best = self._worst(np.concatenate([members, self._members(zone, others)]))
+        k = len(self.logical.parameters)
+        offsets = _mesh([np.linspace(-1.0, 1.0, {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k)
+        width = self.cell
+        for _ in range(200):
+            centre = self.logical.to_unit(best)
+            around = self.logical.from_unit(np.clip(centre + width * offsets, 0.0, 1.0))
+            worst = self._worst(np.concatenate([best[None, :], self._members(zone, around)]))
+            if np.array_equal(worst, best):
+                width *= 0.4
+            best = worst
+            if width < 1e-12:
+                break
+        return dict(zip(self.logical.names, self._rounded(zone, best).tolist(), strict=True))
+
+    def _members(self, zone: int, points: FloatArray) -> FloatArray:
+        """The points (n, k) that exist and belong to a zone."""
+        points = points[self.logical.feasible(points)]
+        unit = self.logical.to_unit(points)
+        nearest = self.zone_index[self.zone_tree.query(unit)[1]]
+        return np.asarray(points[(self.surface.value(unit) <= 0.0) & (nearest == zone)])
+
+    def _worst(self, points: FloatArray) -> FloatArray:
+        inverse, impact, gap = _criticality(self.logical, points, self.settings)
+        # Rounded, so that equal danger is a tie and not a matter of the last digit.
+        keys = (np.round(gap, 9), -np.round(inverse, 9), -np.round(impact, 9))
+        return np.asarray(points[np.lexsort((*points.T[::-1], *keys))[0]])
+
+    def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
+        """The same point, to 1e-7 of the box, in the fewest digits that still lie within the zone."""
+        for digits in range(10):
+            short = np.clip(np.round(best, digits), self.logical.low, self.logical.high)
+            near = np.all(np.abs(self.logical.to_unit(short) - self.logical.to_unit(best)) < 1e-7)
+            if near and len(self._members(zone, short[None, :])):
+                return short
+        return best

@@ -1,0 +1,317 @@
+"""Eqs. 14-17 against hand-worked numbers, laws, and a plain walk along the ray."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from twins.collision_avoidance import walked_weight
+from twins.spaces import space
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.collision_avoidance import (
+    beats_ideal,
+    collision_avoidance_index,
+    collision_loss,
+    collision_weight,
+    impact_severity,
+)
+from sumo_eval.method.zone_partition import partition
+from sumo_eval.scenario.catalogue import load
+from sumo_eval.settings import ZoneSettings
+
+CUT_OUT = load("front_vehicle_cut_out")
+QUICK = ZoneSettings(restarts=0, grid_points=5_000)
+law = settings(derandomize=True, deadline=None, max_examples=200)
+crash = st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 60.0), st.floats(0.0, 5.0))
+crashes = st.lists(crash, min_size=1, max_size=6)
+
+
+@pytest.fixture(scope="module")
+def cut_out():
+    return partition(CUT_OUT, QUICK)
+
+
+@pytest.fixture(scope="module")
+def two_zones():
+    def gap(values):
+        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
+        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
+        return 45.102 + np.minimum(first, second)
+
+    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """A zone around a safe middle, most dangerous at (50, 15): the ray from there to (50, 85) leaves and comes back."""
+
+    def gap(values):
+        return 25.0 + np.abs(np.hypot(values["x"] - 50, values["y"] - 50) - 35) + 0.05 * values["y"]
+
+    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+
+
+def star_of(zones, index=0):
+    return zones.logical.row(zones.most_dangerous[index])
+
+
+def on_ray(zones, towards, share, index=0):
+    """The point at a share of the way from x* to another point, in the parameters' units."""
+    return star_of(zones, index) + share * (np.asarray(towards, float) - star_of(zones, index))
+
+
+# --- Eqs. 14 and 15 ---------------------------------------------------------------------------------------------------
+
+
+def test_loss_classes_and_their_edges():
+    u = [0.0, 1e-9, 8.0, 8.0 + 1e-9, 15.0, 15.0 + 1e-9, 40.0]
+    assert collision_loss(u).tolist() == [0.1, 0.4, 0.4, 0.7, 0.7, 1.0, 1.0]
+    assert collision_loss(10.0) == 0.7
+
+
+def test_severity_by_hand():
+    # |(20, 0) - (5, 0)| = 15 m/s over 3/4 of the width: 20; |(20, 3) - (16, 0)| = 5 at full width: 5
+    assert impact_severity((20, 0), (5, 0), 0.75) == 20.0
+    assert impact_severity([[20, 0], [20, 3]], [[5, 0], [16, 0]], [0.75, 1.0]).tolist() == [20.0, 5.0]
+
+
+def test_less_than_half_an_overlap_counts_as_half():
+    # 15 / 0.5 = 30 for every overlap from 0 to 0.5
+    assert impact_severity((20, 0), (5, 0), [0.0, 0.2, 0.5]).tolist() == [30.0, 30.0, 30.0]
+
+
+def test_severity_does_not_depend_on_the_frame():
+    ego, other, turn = np.array([20.0, 3.0]), np.array([5.0, -1.0]), 0.7
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    moved = impact_severity(rotation @ ego + 4.0, rotation @ other + 4.0, 0.8)
+    assert moved == pytest.approx(impact_severity(ego, other, 0.8), abs=1e-12)
+
+
+# --- Eq. 16 -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_weight_is_0_at_the_most_dangerous_point(cut_out):
+    assert collision_weight(cut_out.most_dangerous[0], cut_out) == 0.0
+
+
+def test_the_weight_is_1_on_the_zone_boundary_and_more_in_the_safe_zone(cut_out):
+    far = np.array([30.0, 20.0, 110.0])  # safe: 10 m/s, 110 m
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if cut_out.hazardous(on_ray(cut_out, far, middle)) else (low, middle)
+    assert collision_weight(on_ray(cut_out, far, low), cut_out) == pytest.approx(1.0, abs=1e-9)
+    assert collision_weight(far, cut_out) == pytest.approx(1 / low, abs=1e-9)
+
+
+def test_every_collision_in_the_safe_zone_weighs_more_than_1(cut_out):
+    points = CUT_OUT.from_unit(np.random.default_rng(2).random((200, 3)))
+    points = points[CUT_OUT.feasible(points) & ~cut_out.hazardous(points)]
+    assert len(points) > 50
+    assert np.all(collision_weight(points, cut_out) > 1.0)
+
+
+def test_the_weight_grows_evenly_along_a_ray(cut_out):
+    hazardous = [25.0, 5.0, 50.0]
+    whole = collision_weight(hazardous, cut_out)
+    for share in (0.1, 0.5, 0.9):
+        weight = collision_weight(on_ray(cut_out, hazardous, share), cut_out)
+        assert weight == pytest.approx(share * whole, abs=1e-9)
+
+
+def test_a_ray_that_meets_no_boundary_ends_at_the_edge_of_the_space(cut_out):
+    # at 30 m/s the zone reaches 125.1 m, beyond the box: b is (30, 0, 120), r = (80 - 45.5) / (120 - 45.5)
+    assert collision_weight([30, 0, 80], cut_out) == pytest.approx((80 - 45.5) / (120 - 45.5), abs=1e-9)
+    assert collision_weight([30, 0, 120], cut_out) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_ray_that_crosses_a_constraint_ends_there():
+    # hazardous everywhere, worst at (0, 0); the ray through (2, 1) leaves x + 2y <= 8 at (4, 2): r = 1/2
+    cut = space(
+        [("x", 0.0, 10.0, 2.0), ("y", 0.0, 10.0, 2.0)],
+        lambda values: 10 + values["x"] + values["y"],
+        constraints=[lambda values: values["x"] + 2 * values["y"] <= 8],
+    )
+    zones = partition(cut, QUICK)
+    assert zones.most_dangerous == ({"x": 0.0, "y": 0.0},)
+    assert collision_weight([2.0, 1.0], zones) == pytest.approx(0.5, abs=1e-8)
+
+
+def test_a_ray_along_a_constraint_stays_in_the_space(cut_out):
+    # gap = 6.5 + 1.3 * closing speed is an edge of the space; rounding must not end the ray at its start
+    edge = [[speed, 0.0, 6.5 + 1.3 * speed] for speed in (29.0, 27.5, 25.0)]
+    ray = np.array(collision_weight(edge, cut_out))
+    assert np.all(ray < 1.0)
+    assert ray / ray[0] == pytest.approx([1.0, 2.5, 5.0], rel=1e-6)
+
+
+def test_the_weight_is_what_a_plain_walk_finds(cut_out):
+    points = CUT_OUT.from_unit(np.random.default_rng(4).random((60, 3)))
+    points = points[CUT_OUT.feasible(points)][:10]
+    star = CUT_OUT.to_unit(star_of(cut_out))
+
+    def inside(unit):
+        ego, obstacle, gap = CUT_OUT.from_unit(unit).T
+        exists = np.all((unit >= -1e-12) & (unit <= 1 + 1e-12), axis=1) & (gap >= 6.5 + 1.3 * (ego - obstacle) - 1e-9)
+        exists &= obstacle < ego
+        hazardous = np.zeros(len(unit), dtype=bool)
+        hazardous[exists] = cut_out.predicted(CUT_OUT.from_unit(np.clip(unit[exists], 0, 1))) <= 0
+        return hazardous
+
+    plain = [walked_weight(CUT_OUT.to_unit(point), star, inside) for point in points]
+    assert collision_weight(points, cut_out) == pytest.approx(plain, rel=1e-8)
+
+
+def test_names_a_row_and_rows_give_the_same_weight(cut_out):
+    row = [25.0, 5.0, 50.0]
+    named = collision_weight({"gap": 50.0, "ego_speed": 25.0, "obstacle_speed": 5.0}, cut_out)
+    assert named == collision_weight(row, cut_out)
+    assert collision_weight([row, row], cut_out) == pytest.approx([named, named], abs=1e-12)
+    assert isinstance(named, float)
+
+
+def test_without_a_hazardous_zone_every_collision_weighs_1():
+    logical = load("front_vehicle_low_speed")
+    zones = partition(logical)
+    assert collision_weight({"ego_speed": 20.0, "lead_speed": 0.0}, zones) == 1.0
+    assert collision_weight([[20.0, 0.0], [30.0, 5.0]], zones).tolist() == [1.0, 1.0]
+
+
+def test_the_nearest_of_several_zones_counts(two_zones):
+    # (80, 85) is 15 m from the middle of the small zone, (30, 75) 35 m from that of the large one
+    small, large = star_of(two_zones, 1), star_of(two_zones, 0)
+    weights = collision_weight([[80, 85], [30, 75]], two_zones)
+    assert collision_weight(on_ray(two_zones, [80, 85], 0.1, index=1), two_zones) == pytest.approx(weights[0] / 10)
+    assert collision_weight(on_ray(two_zones, [30, 75], 0.1, index=0), two_zones) == pytest.approx(weights[1] / 10)
+    assert np.all(collision_weight([small, large], two_zones) == 0.0)
+
+
+def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
+    star = star_of(ring)
+    across = np.array([100.0, 100.0]) - star
+    assert star == pytest.approx([50, 15], abs=0.5)
+    assert ring.zones == 1
+    assert ring.hazardous(star)
+    assert ring.hazardous(across)
+    assert not ring.hazardous((star + across) / 2)
+    weight = collision_weight(across, ring)
+    unit = ring.logical.to_unit
+
+    def inside(points):
+        return ring.hazardous(ring.logical.from_unit(points))
+
+    assert weight > 1.0
+    assert weight == pytest.approx(walked_weight(unit(across), unit(star), inside, farthest=0.5), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("point", "sentence"),
+    [
+        ({"ego_speed": 30.0, "gap": 50.0}, "Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing"),
+        (
+            {"ego_speed": 30.0, "obstacle_sped": 0.0, "gap": 50.0},
+            "Unknown parameter of scenario `front_vehicle_cut_out` `obstacle_sped`. Did you mean `obstacle_speed`",
+        ),
+        ([30.0, 0.0, 150.0], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
+        ([30.0, 0.0], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),
+        (30.0, "`point` of scenario `front_vehicle_cut_out` must be values by name, a row or rows"),
+    ],
+)
+def test_points_outside_the_space_have_no_weight(cut_out, point, sentence):
+    with pytest.raises(InputError, match=sentence):
+        collision_weight(point, cut_out)
+
+
+# --- Eq. 17 -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_index_by_hand():
+    # (1 * 5/10 + 3 * 0/20) / (1 + 3) = 0.125
+    assert collision_avoidance_index([10, 20], [5, 0], [1, 3]) == 0.125
+
+
+def test_the_index_of_loss_classes_by_hand():
+    # L of the ADS 1, 0.7, 0.4; of the ideal vehicle 0.1 (it avoids), 0.7, 0.4: (0.1/1 + 0.7/0.7 + 0.4/0.4) / 3
+    assert collision_avoidance_index([16, 10, 5], [0, 9, 1], [1, 1, 1], loss="class") == pytest.approx(2.1 / 3)
+
+
+def test_no_collision_scores_1():
+    assert collision_avoidance_index([], [], []) == 1.0
+    assert collision_avoidance_index([], [], [], loss="class") == 1.0
+
+
+def test_the_ideal_vehicle_scores_1():
+    u = np.random.default_rng(0).uniform(0.1, 40, 20)
+    r = np.random.default_rng(1).uniform(0, 2, 20)
+    for loss in ("severity", "class"):
+        assert collision_avoidance_index(u, u, r, loss=loss) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_weights_of_0_throughout_mean_an_unweighted_mean():
+    # (5/10 + 0/20) / 2
+    assert collision_avoidance_index([10, 20], [5, 0], [0, 0]) == 0.25
+
+
+def test_hitting_no_harder_than_the_ideal_vehicle_counts_1_and_is_flagged():
+    u, ideal = [4, 5, 6, 0, 0], [5, 5, 5, 5, 0]
+    # 1, 1, 5/6, 1, and 1 for a touch at 0 m/s that the ideal vehicle has, too
+    assert collision_avoidance_index(u, ideal, [1] * 5) == pytest.approx((4 + 5 / 6) / 5)
+    assert beats_ideal(u, ideal).tolist() == [True, False, False, True, False]
+
+
+@law
+@given(crashes, st.data())
+def test_over_a_fixed_set_of_crashes_a_lower_impact_speed_never_lowers_c(cases, data):
+    u, ideal, r = (list(column) for column in zip(*cases, strict=True))
+    which = data.draw(st.integers(0, len(cases) - 1))
+    softer = u.copy()
+    softer[which] *= data.draw(st.floats(0.0, 1.0))
+    for loss in ("severity", "class"):
+        before, after = (collision_avoidance_index(speeds, ideal, r, loss=loss) for speeds in (u, softer))
+        assert after >= before - 1e-12
+
+
+@law
+@given(crashes, st.floats(0.01, 100.0))
+def test_c_is_a_share_and_only_the_ratio_of_the_weights_counts(cases, factor):
+    u, ideal, r = (np.array(column) for column in zip(*cases, strict=True))
+    c = collision_avoidance_index(u, ideal, r)
+    assert 0.0 <= c <= 1.0
+    assert collision_avoidance_index(u, ideal, factor * r) == pytest.approx(c, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (([1, 2], [1], [1, 1]), "`u`, `u_ideal` and `weights` of the collisions must be of one length"),
+        ((1.0, 1.0, 1.0), "`u`, `u_ideal` and `weights` of the collisions must be of one length"),
+        (([-1], [1], [1]), "`u` of a collision must be finite and at least 0, got -1.0"),
+        (([1], [math.nan], [1]), "`u_ideal` of a collision must be finite and at least 0, got nan"),
+        (([1], [1], [math.inf]), "`weights` of a collision must be finite and at least 0, got inf"),
+        (([1], [1], [1], "l"), "`loss` of `collision_avoidance_index` must be 'severity' or 'class', got 'l'"),
+    ],
+)
+def test_impossible_collisions_are_refused(arguments, sentence):
+    with pytest.raises(InputError, match=sentence):
+        collision_avoidance_index(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (((20, 0), (5, 0), 1.01), "`overlap` of a collision must be within 0..1, got 1.01"),
+        (((20, 0), (5, 0), -0.1), "`overlap` of a collision must be finite and at least 0, got -0.1"),
+        (((20, 0, 0), (5, 0, 0), 1.0), "`ego_velocity` of a collision must be finite with a last axis of 2"),
+        (((20, 0), (5, math.nan), 1.0), "`obstacle_velocity` of a collision must be finite with a last axis of 2"),
+    ],
+)
+def test_impossible_impacts_are_refused(arguments, sentence):
+    with pytest.raises(InputError, match=sentence):
+        impact_severity(*arguments)
+
+
+def test_a_negative_severity_has_no_loss():
+    with pytest.raises(InputError, match=r"`u` of a collision must be finite and at least 0, got -1\.0"):
+        collision_loss([3.0, -1.0])

@@ -1,0 +1,245 @@
+"""Eqs. 1-6 against hand-worked numbers, published tables and a plain simulation."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from twins.criticality import braked
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.criticality import (
+    critical_gap,
+    ideal_braking_gap,
+    ideal_braking_speed,
+    ideal_impact_speed,
+    inverse_ttc,
+    max_inverse_ttc,
+    required_gap,
+    time_to_collision,
+)
+
+TABLES = Path(__file__).parents[2].parent / "shared" / "data" / "r157"
+CAREFUL = {"deceleration": 7.593, "delay": 1.15, "build_up": 0.6}
+law = settings(derandomize=True, deadline=None, max_examples=60)
+speeds = st.floats(0.0, 40.0)
+gaps = st.floats(0.1, 200.0)
+decelerations = st.floats(1.0, 10.0)
+delays = st.floats(0.0, 2.0)
+
+
+def table(name):
+    path = TABLES / name
+    if not path.exists():
+        pytest.skip(f"{path} is not on this machine")
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    return {column: np.array([float(row[column]) for row in rows]) for column in rows[0]}
+
+
+def test_ttc_and_its_inverse():
+    # 40 m apart, closing at 30 - 10 = 20 m/s: 2 s, 0.5 1/s
+    assert time_to_collision(30, 10, 40) == 2.0
+    assert inverse_ttc(30, 10, 40) == 0.5
+
+
+def test_touching_while_closing_is_unbounded_and_not_closing_is_not_critical():
+    assert inverse_ttc(30, 10, [0, -1]).tolist() == [math.inf, math.inf]
+    assert time_to_collision(30, 10, [0, -1]).tolist() == [0.0, 0.0]
+    assert inverse_ttc([10, 5], 10, [0, 20]).tolist() == [0.0, 0.0]
+    assert time_to_collision([10, 5], 10, [0, 20]).tolist() == [math.inf, math.inf]
+
+
+def test_ideal_braking_by_hand():
+    # 20 m/s behind 10 m/s, 30 m, braking 5 m/s2 after 1 s. At 2 s: 20 - 5 = 15 m/s; gap 30 - 10 - (10 + 5)/2 = 12.5 m.
+    # From 3 s on both drive 10 m/s: gap 30 - 10 - 10^2/(2*5) = 10 m.
+    time = [0.0, 1.0, 2.0, 3.0, 9.0]
+    assert ideal_braking_speed(20, 10, time, deceleration=5, delay=1).tolist() == [20, 20, 15, 10, 10]
+    assert ideal_braking_gap(20, 10, 30, time, deceleration=5, delay=1).tolist() == [30, 20, 12.5, 10, 10]
+
+
+def test_an_ego_that_is_not_closing_does_not_brake():
+    assert ideal_braking_speed(10, 15, 4.0) == 10.0
+    assert ideal_braking_gap(10, 15, 20.0, 4.0) == 40.0
+
+
+def test_max_inverse_ttc_by_hand():
+    # rel 20, gap 50, a 5: c = 50 - 400/10 = 10, u = sqrt(2*5*10) = 10 <= 20: sqrt(5/(2*10)) = 0.5
+    assert max_inverse_ttc(20, 0, 50) == pytest.approx(0.5, abs=1e-15)
+    # rel 5, gap 10: c = 7.5, u = sqrt(75) > 5: 5/10, at the start
+    assert max_inverse_ttc(15, 10, 10) == 0.5
+    # the delay of 1 s takes 5 m: 5/5
+    assert max_inverse_ttc(15, 10, 10, delay=1.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("ego", "lead", "gap", "expected"),
+    [
+        (10, 10, 5, 0.0),  # as fast as the lead
+        (5, 10, 5, 0.0),  # slower
+        (5, 10, 0, 0.0),  # touching, but slower
+        (20, 0, 40, math.inf),  # c = 40 - 400/10 = 0: touches just as it stops
+        (20, 0, 39, math.inf),
+        (20, 0, 0, math.inf),
+        (20, 0, -1, math.inf),
+    ],
+)
+def test_max_inverse_ttc_at_its_edges(ego, lead, gap, expected):
+    assert max_inverse_ttc(ego, lead, gap) == expected
+
+
+def test_delay_alone_can_reach_contact():
+    # 20 m/s, 20 m, 1 s: contact just when braking would begin, unbraked
+    assert max_inverse_ttc(20, 0, 20, delay=1.0) == math.inf
+    assert ideal_impact_speed(20, 0, 20, deceleration=5, delay=1.0) == 20.0
+
+
+@law
+@given(speeds, speeds, gaps, decelerations, delays)
+def test_max_inverse_ttc_is_what_a_plain_simulation_finds(ego, lead, gap, deceleration, delay):
+    assume(abs(gap - required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay)) > 1e-6)
+    plain, _ = braked(ego, lead, gap, deceleration, delay)
+    assert max_inverse_ttc(ego, lead, gap, deceleration=deceleration, delay=delay) == pytest.approx(plain, rel=1e-9)
+
+
+@law
+@given(speeds, speeds, gaps, decelerations, delays)
+def test_max_inverse_ttc_is_the_largest_on_the_way(ego, lead, gap, deceleration, delay):
+    time = np.linspace(0.0, delay + 40.0 / deceleration, 4001)
+    constants = {"deceleration": deceleration, "delay": delay}
+    speed = ideal_braking_speed(ego, lead, time, **constants)
+    on_the_way = inverse_ttc(speed, lead, ideal_braking_gap(ego, lead, gap, time, **constants)).max()
+    assert on_the_way <= max_inverse_ttc(ego, lead, gap, **constants) * (1 + 1e-9)
+
+
+@law
+@given(speeds, speeds, gaps, decelerations, delays, st.sampled_from([0.0, 0.15, 0.6, 3.0]))
+def test_impact_speed_is_what_a_plain_simulation_finds(ego, lead, gap, deceleration, delay, build_up):
+    # at the very gap that is required the impact speed leaves 0 like a square root: digits of the gap are lost there
+    required = required_gap(max(ego - lead, 0.0), deceleration=deceleration, delay=delay, build_up=build_up)
+    assume(abs(gap - required) > 1e-4)
+    _, plain = braked(ego, lead, gap, deceleration, delay, build_up)
+    mine = ideal_impact_speed(ego, lead, gap, deceleration=deceleration, delay=delay, build_up=build_up)
+    assert mine == pytest.approx(plain, abs=1e-9)
+
+
+@law
+@given(st.floats(0.1, 40.0), decelerations, delays, st.floats(0.0, 3.0))
+def test_required_gap_is_where_contact_ends(closing, deceleration, delay, build_up):
+    brakes = {"deceleration": deceleration, "delay": delay, "build_up": build_up}
+    gap = required_gap(closing, **brakes)
+    assert ideal_impact_speed(closing, 0.0, gap + 1e-6, **brakes) == 0.0
+    assert ideal_impact_speed(closing, 0.0, gap - 1e-6, **brakes) > 0.0
+
+
+@law
+@given(speeds, speeds, gaps, decelerations, delays, st.floats(0.0, 2.0), st.floats(0.01, 10.0))
+def test_more_room_never_hits_harder(ego, lead, gap, deceleration, delay, build_up, more):
+    brakes = {"deceleration": deceleration, "delay": delay, "build_up": build_up}
+    closer, further = ideal_impact_speed(ego, lead, [gap, gap + more], **brakes)
+    assert further <= closer + 1e-12
+
+
+@law
+@given(st.floats(0.1, 40.0), decelerations, st.floats(0.2, 2.0), delays)
+def test_critical_gap_is_where_max_inverse_ttc_meets_the_threshold(closing, deceleration, k, delay):
+    gap = critical_gap(closing, deceleration=deceleration, critical_inverse_ttc=k, delay=delay)
+    assert max_inverse_ttc(closing, 0.0, gap, deceleration=deceleration, delay=delay) == pytest.approx(k, rel=1e-9)
+
+
+@law
+@given(st.floats(0.0, 30.0), st.floats(0.0, 30.0), gaps, delays, st.floats(0.0, 1.0))
+def test_only_the_speed_difference_counts(closing, lead, gap, delay, build_up):
+    moving = ideal_impact_speed(lead + closing, lead, gap, deceleration=6, delay=delay, build_up=build_up)
+    standing = ideal_impact_speed(closing, 0.0, gap, deceleration=6, delay=delay, build_up=build_up)
+    assert moving == pytest.approx(standing, abs=1e-5)  # a square root near 0 spreads the last digit of the difference
+
+
+def test_the_zone_boundary_of_the_paper():
+    # D^2/10 + 5/(2*0.49): 10 + 5.102, 40 + 5.102, 90 + 5.102; the delay of 1 s adds D
+    assert critical_gap([10, 20, 30]) == pytest.approx([15.10, 45.10, 95.10], abs=0.005)
+    assert critical_gap([10, 20, 30], delay=1.0) == pytest.approx([25.10, 65.10, 125.10], abs=0.005)
+    # below the knee at 5/0.7 = 7.143 m/s it is D/0.7: 5/0.7 = 7.143 m; not closing: no gap is critical
+    assert critical_gap([5, 0, -3]) == pytest.approx([7.142857, 0, 0], abs=1e-6)
+
+
+def test_front_vehicle_low_speed_is_never_hazardous():
+    ego, lead = np.meshgrid(np.linspace(0, 33, 331), np.linspace(0, 33, 331))
+    moving = ego > 0
+    assert np.all(max_inverse_ttc(ego[moving], lead[moving], 3.5 * ego[moving]) < 0.7)
+
+
+def test_careful_driver_behind_a_standing_target():
+    # 30 km/h = 8.333 m/s: 8.333*1.75 - 7.593*0.36/6 + (8.333 - 2.2779)^2/15.186 = 14.583 - 0.456 + 2.415 = 16.54 m
+    gaps = required_gap(np.array([30, 40, 50, 60]) / 3.6, **CAREFUL)
+    assert gaps == pytest.approx([16.54, 24.13, 32.73, 42.34], abs=0.005)
+
+
+def test_contact_within_the_ramp_by_hand():
+    # jerk 12, ramp of 1 s: D = 10, after 0.5 s it has gone 10*0.5 - 12*0.125/6 = 4.75 m and does 10 - 12*0.25/2 = 8.5
+    assert ideal_impact_speed(10, 0, 4.75, deceleration=12, build_up=1.0) == pytest.approx(8.5, abs=1e-12)
+    # slower than 12*1/2 = 6 m/s it stops on the ramp: D = 1.5, t* = sqrt(2*1.5/12) = 0.5, 2/3*1.5*0.5 = 0.5 m
+    assert required_gap(1.5, deceleration=12, build_up=1.0) == pytest.approx(0.5, abs=1e-15)
+
+
+def test_published_approaches():
+    rows = table("analytic_approach.csv")
+    brakes = {"deceleration": rows["a_max_mps2"], "delay": rows["delay_s"], "build_up": rows["ramp_s"]}
+    assert required_gap(rows["dv0_mps"], **brakes) == pytest.approx(rows["gap_required_m"], abs=1e-5)
+    # the gaps are printed to 0.1 mm, and v dv = a dd: 8 m/s2 * 1e-4 m moves v^2/2 by less than 1e-3
+    impact = ideal_impact_speed(rows["dv0_mps"], 0.0, rows["gap0_m"], **brakes)
+    assert np.max(np.abs(impact**2 - rows["dv_impact_mps"] ** 2)) < 2e-3
+    clear = np.abs(rows["gap0_m"] - rows["gap_required_m"]) > 1e-4
+    assert clear.sum() > 400
+    assert np.array_equal(impact[clear] > 0, rows["crash"][clear] == 1)
+
+
+def test_published_zone_boundaries():
+    rows = table("paper_zone_boundary.csv")
+    constants = {"deceleration": rows["a_mps2"], "critical_inverse_ttc": rows["ittc_threshold_per_s"]}
+    boundary = rows["d_boundary_no_delay_m"]
+    assert critical_gap(rows["dv_mps"], **constants) == pytest.approx(boundary, rel=1e-4)
+    assert critical_gap(rows["dv_mps"], delay=1.0, **constants) == pytest.approx(
+        rows["d_boundary_1s_delay_m"], rel=1e-4
+    )
+    for share, column in ((0.98, "ittc_max_at_d_minus_2pct"), (1.02, "ittc_max_at_d_plus_2pct")):
+        gap = share * critical_gap(rows["dv_mps"], **constants)
+        peak = max_inverse_ttc(rows["dv_mps"], 0.0, gap, deceleration=rows["a_mps2"])
+        assert peak == pytest.approx(rows[column], rel=1e-4)
+
+
+def test_arrays_broadcast_and_scalars_stay_scalars():
+    assert max_inverse_ttc(np.full((4, 1), 20.0), np.zeros(3), 50.0).shape == (4, 3)
+    assert ideal_impact_speed(20.0, [0.0, 10.0], [[10.0], [30.0]], deceleration=5).shape == (2, 2)
+    for value in (max_inverse_ttc(20, 0, 50), ideal_impact_speed(20, 0, 5, deceleration=5), critical_gap(10)):
+        assert isinstance(value, np.float64)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"ego_speed": math.nan}, "`ego_speed` of an approach must be finite, got nan"),
+        ({"lead_speed": -1.0}, "`lead_speed` of an approach must be at least 0, got -1.0"),
+        ({"gap": math.inf}, "`gap` of an approach must be finite, got inf"),
+        ({"deceleration": 0.0}, "`deceleration` of an approach must be greater than 0, got 0.0"),
+        ({"delay": -0.1}, "`delay` of an approach must be at least 0, got -0.1"),
+        ({"build_up": -0.1}, "`build_up` of an approach must be at least 0, got -0.1"),
+    ],
+)
+def test_impossible_approaches_are_refused(wrong, sentence):
+    approach = {"ego_speed": 20.0, "lead_speed": 0.0, "gap": 30.0, "deceleration": 5.0, "delay": 0.0} | wrong
+    with pytest.raises(InputError, match=sentence):
+        ideal_impact_speed(**approach)
+    if "build_up" not in wrong:
+        with pytest.raises(InputError, match=sentence):
+            max_inverse_ttc(**approach)
+
+
+def test_impossible_thresholds_and_times_are_refused():
+    with pytest.raises(InputError, match="`critical_inverse_ttc` of an approach must be greater than 0"):
+        critical_gap(10.0, critical_inverse_ttc=0.0)
+    with pytest.raises(InputError, match="`time` of an approach must be at least 0"):
+        ideal_braking_gap(20, 0, 30, -1.0)

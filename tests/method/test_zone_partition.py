@@ -1,0 +1,386 @@
+"""Eqs. 7-8: zones against closed forms, laws, and a textbook Gaussian process."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from twins.spaces import space
+from twins.zone_partition import distance_to_change, posterior_mean
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
+from sumo_eval.method.zone_partition import TARGET_TOLERANCE, boundary_error, partition, squared_time_target
+from sumo_eval.scenario.catalogue import load
+from sumo_eval.settings import ZoneSettings
+
+CUT_OUT = load("front_vehicle_cut_out")
+LOW_SPEED = load("front_vehicle_low_speed")
+QUICK = ZoneSettings(restarts=1, grid_points=5_000)
+
+
+def grid(logical, count):
+    axes = [np.linspace(parameter.low, parameter.high, count) for parameter in logical.parameters]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def scattered(logical, n, seed=1):
+    return logical.from_unit(np.random.default_rng(seed).random((n, len(logical.parameters))))
+
+
+@pytest.fixture(scope="module")
+def cut_out():
+    return partition(CUT_OUT)
+
+
+@pytest.fixture(scope="module")
+def hill():
+    """Two parameters; the gap is short around (30, 40) and around (80, 70), where the second is the smaller zone."""
+
+    def gap(values):
+        first = np.hypot(values["x"] - 30, values["y"] - 40) - 25
+        second = np.hypot(values["x"] - 80, values["y"] - 70) - 10
+        return 45.102 + np.minimum(first, second)
+
+    return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+
+
+# --- the paper's scenarios --------------------------------------------------------------------------------------------
+
+
+def test_cut_out_has_one_hazardous_zone_with_its_worst_at_the_shortest_possible_gap(cut_out):
+    # 2 m to the lead, its 4.5 m, and 1.3 s * 30 m/s that the ego closes until the lead is out of the way: 45.5 m
+    assert cut_out.zones == 1
+    assert cut_out.most_dangerous == ({"ego_speed": 30.0, "obstacle_speed": 0.0, "gap": 45.5},)
+
+
+def test_low_speed_has_no_hazardous_zone_at_all():
+    zones = partition(LOW_SPEED)
+    points = scattered(LOW_SPEED, 2_000)
+    assert zones.zones == 0
+    assert zones.most_dangerous == ()
+    assert zones.zone_shares == ()
+    assert not zones.hazardous(points).any()
+    assert np.all(zones.boundary_distance(points) == np.inf)
+    assert np.all(zones.zone_of(points) == -1)
+    assert np.all(zones.predicted(points) == 1.0)
+    assert np.all(np.isinf(zones.length_scales))
+    assert zones.notes == ("All 25 training points are safe: no GP is fitted, and the whole space counts as such.",)
+
+
+def test_a_space_that_is_hazardous_everywhere_is_one_zone_without_a_boundary():
+    everywhere = space([("x", 10.0, 40.0, 10.0)], lambda values: values["x"])
+    zones = partition(everywhere, QUICK)
+    points = scattered(everywhere, 100)
+    assert zones.zones == 1
+    assert zones.zone_shares == (1.0,)
+    assert zones.most_dangerous == ({"x": 10.0},)
+    assert zones.hazardous(points).all()
+    assert np.all(zones.boundary_distance(points) == -np.inf)
+    assert np.all(zones.zone_of(points) == 0)
+
+
+def test_the_cut_out_boundary_is_where_the_closed_form_has_it(cut_out):
+    error = boundary_error(cut_out)
+    assert error.box <= 0.01
+    assert error.feasible <= 0.01
+    # d = rel + rel^2/10 + 5.102: 65.10 m at 20 m/s; the GP's own boundary lies within 1.5 m
+    gap = np.linspace(40, 120, 8001)
+    column = np.column_stack([np.full(gap.size, 30.0), np.full(gap.size, 10.0), gap])
+    changes = np.flatnonzero(np.diff(cut_out.hazardous(column).astype(int)))
+    assert gap[changes] == pytest.approx([critical_gap(20.0, delay=1.0)], abs=1.5)
+
+
+def test_a_grid_of_nine_puts_less_than_a_thousandth_of_the_space_in_the_wrong_zone():
+    zones = partition(CUT_OUT, QUICK, points=grid(CUT_OUT, 9))
+    error = boundary_error(zones)
+    assert error.box <= 0.001
+    assert error.feasible <= 0.001
+    assert zones.most_dangerous == ({"ego_speed": 30.0, "obstacle_speed": 0.0, "gap": 45.5},)
+
+
+def test_labels_serve_too_but_less_well(cut_out):
+    zones = partition(CUT_OUT, ZoneSettings(target="label", restarts=0, grid_points=5_000))
+    assert set(zones.training_target) == {-1.0, 1.0}
+    assert boundary_error(cut_out).box < boundary_error(zones).box <= 0.01
+
+
+# --- laws -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_partition_does_not_depend_on_sample_order():
+    points = grid(CUT_OUT, 5)
+    shuffled = np.random.default_rng(7).permutation(np.concatenate([points, points[::3]]))
+    first, second = (partition(CUT_OUT, QUICK, points=sample) for sample in (points, shuffled))
+    where = scattered(CUT_OUT, 500)
+    assert np.array_equal(first.training_points, second.training_points)
+    assert np.array_equal(first.predicted(where), second.predicted(where))
+    assert first.most_dangerous == second.most_dangerous
+    assert np.array_equal(first.boundary_distance(where), second.boundary_distance(where))
+
+
+def test_the_default_training_points_are_the_own_steps_of_the_space(cut_out):
+    own = np.stack(
+        np.meshgrid(np.arange(10, 31, 5), np.arange(0, 21, 5), np.arange(20, 121, 10), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    assert np.array_equal(cut_out.training_points, own)
+    by_hand = max_inverse_ttc(own[:, 0], own[:, 1], own[:, 2], delay=1.0)
+    assert np.array_equal(cut_out.training_inverse_ttc, by_hand)
+
+
+def test_the_surface_is_a_textbook_gaussian_process():
+    points = grid(CUT_OUT, 3)
+    zones = partition(CUT_OUT, QUICK, points=points)
+    variances = (TARGET_TOLERANCE * zones.training_target) ** 2 + zones.surface.noise_deviation**2
+    assert zones.length_scales == pytest.approx([float(f"{scale:.3g}") for scale in zones.length_scales], rel=1e-12)
+    for where in scattered(CUT_OUT, 5):
+        plain = posterior_mean(
+            CUT_OUT.to_unit(where),
+            CUT_OUT.to_unit(zones.training_points),
+            zones.training_target,
+            zones.length_scales,
+            zones.surface.signal_deviation,
+            variances,
+        )
+        assert float(zones.predicted(where)) == pytest.approx(plain, abs=1e-9)
+
+
+def test_the_gradient_is_the_slope_of_the_surface(cut_out):
+    unit = np.random.default_rng(3).random((20, 3))
+    step = 1e-6
+    for axis in range(3):
+        nudge = step * np.eye(3)[axis]
+        slope = (cut_out.surface.value(unit + nudge) - cut_out.surface.value(unit - nudge)) / (2 * step)
+        assert cut_out.surface.gradient(unit)[:, axis] == pytest.approx(slope, abs=1e-6)
+
+
+def test_hazardous_is_where_the_surface_is_not_above_zero(cut_out):
+    points = scattered(CUT_OUT, 1_000)
+    assert np.array_equal(cut_out.hazardous(points), cut_out.predicted(points) <= 0.0)
+    assert np.array_equal(cut_out.zone_of(points) >= 0, cut_out.hazardous(points))
+
+
+def test_no_hazardous_point_is_worse_than_the_most_dangerous_one(cut_out):
+    points = scattered(CUT_OUT, 20_000)
+    points = points[CUT_OUT.feasible(points) & cut_out.hazardous(points)]
+    assert len(points) > 1_000
+    worst = cut_out.most_dangerous[0]
+    impact = ideal_impact_speed(points[:, 0], points[:, 1], points[:, 2], deceleration=5, delay=1)
+    limit = ideal_impact_speed(worst["ego_speed"], worst["obstacle_speed"], worst["gap"], deceleration=5, delay=1)
+    assert np.all(impact <= limit)
+
+
+def test_a_single_row_and_many_rows_agree(cut_out):
+    points = scattered(CUT_OUT, 6)
+    for method in ("predicted", "hazardous", "zone_of", "nearest_zone", "boundary_distance", "exists"):
+        whole = getattr(cut_out, method)(points)
+        assert whole.shape == (6,)
+        assert getattr(cut_out, method)(points.reshape(2, 3, 3)).shape == (2, 3)
+        # the GP's sums run over blocks of rows, whose last digit depends on the block
+        alone = [float(getattr(cut_out, method)(row)) for row in points]
+        assert alone == pytest.approx(whole.astype(float).tolist(), abs=1e-9)
+
+
+# --- the target -------------------------------------------------------------------------------------------------------
+
+
+def test_the_target_by_hand():
+    # ITTC 0.5: T = 2 s, T* = 1/0.7 s: tanh((4 - 2.0408)/10) = 0.19345; at the threshold 0; not closing 1
+    # impact at 10 m/s under 5 m/s2: T^2 = -4: tanh(-6.0408/10) = -0.53995
+    y = squared_time_target([0.5, 0.7, 0.0, np.inf], [0.0, 0.0, 0.0, 10.0])
+    assert y == pytest.approx([0.19345, 0.0, 1.0, -0.53995], abs=1e-5)
+
+
+def test_the_target_runs_smoothly_through_contact():
+    # 20 m/s behind a standing vehicle touches at 40 m; one millimetre moves T^2 = 2c/a by 0.0004 s2 on either side
+    gap = np.array([39.999, 40.001])
+    y = squared_time_target(max_inverse_ttc(20, 0, gap), ideal_impact_speed(20, 0, gap, deceleration=5.0))
+    middle = np.tanh(-(0.7**-2) / 10)
+    slope = (1 - middle**2) * 0.0004 / 10
+    assert y - middle == pytest.approx([-slope, slope], rel=1e-3)
+
+
+# --- zones ------------------------------------------------------------------------------------------------------------
+
+
+def test_two_zones_are_told_apart_and_ordered_by_size(hill):
+    assert hill.zones == 2
+    assert hill.zone_shares[0] > hill.zone_shares[1]
+    assert hill.zone_of([[30, 40], [80, 70], [55, 95]]).tolist() == [0, 1, -1]
+    assert hill.nearest_zone([[30, 40], [80, 70], [80, 95], [5, 95]]).tolist() == [0, 1, 1, 0]
+    assert [(round(point["x"]), round(point["y"])) for point in hill.most_dangerous] == [(30, 40), (80, 70)]
+
+
+def test_a_zone_may_be_safe_on_both_sides():
+    # the crash set of a cut-in is an interval of the gap: |x - 50| + 35 <= 45.102 holds from 39.9 to 60.1
+    band = space([("x", 0.0, 100.0, 5.0)], lambda values: np.abs(values["x"] - 50) + 35)
+    zones = partition(band, QUICK)
+    assert zones.zones == 1
+    x = np.linspace(0, 100, 10_001)[:, None]
+    hazardous = x[zones.hazardous(x), 0]
+    assert (hazardous.min(), hazardous.max()) == pytest.approx((39.9, 60.1), abs=0.5)
+    assert hazardous.size == pytest.approx((hazardous.max() - hazardous.min()) * 100, abs=2)
+    assert zones.most_dangerous[0]["x"] == pytest.approx(50.0, abs=0.01)
+
+
+def test_a_constraint_can_cut_a_zone_in_two():
+    def gap(values):
+        return 30.0 + 0.0 * values["x"]
+
+    both = space([("x", 0.0, 100.0, 5.0)], gap, constraints=[lambda values: np.abs(values["x"] - 40) >= 10])
+    zones = partition(both, QUICK)
+    assert zones.zones == 2
+    assert zones.zone_shares[0] == pytest.approx(50 / 80, abs=0.01)
+    # every point is equally dangerous: the smallest row of each zone stands for it
+    assert zones.most_dangerous == ({"x": 50.0}, {"x": 0.0})
+    assert zones.exists([[30.0], [40.0], [50.0]]).tolist() == [True, False, True]
+
+
+def test_equal_impact_speed_and_ittc_are_decided_by_the_smaller_gap():
+    # the delay of 1 s at 30 m/s takes all gaps up to 30 m: impact at 30 m/s for each of them; the gap is 105 - x
+    box = space(
+        [("speed", 10.0, 30.0, 5.0), ("x", 0.0, 100.0, 10.0)],
+        lambda values: 105 - values["x"],
+        ego_speed=lambda values: values["speed"],
+        delay=1.0,
+    )
+    assert partition(box, QUICK).most_dangerous == ({"speed": 30.0, "x": 100.0},)
+
+
+def test_without_any_impact_the_largest_inverse_ttc_decides():
+    # gap = v^2/10 + c leaves c = 4 - 0.3 x, ITTC sqrt(5/(2c)): the largest is at x = 10, where the gap is longest
+    box = space(
+        [("x", 0.0, 10.0, 1.0)],
+        lambda values: (10 + values["x"]) ** 2 / 10 + 4 - 0.3 * values["x"],
+        ego_speed=lambda values: 10 + values["x"],
+    )
+    assert partition(box, QUICK).most_dangerous == ({"x": 10.0},)
+
+
+def test_the_worst_point_is_found_in_a_corner_that_no_grid_holds():
+    cut = 2.0**0.5
+    corner = space(
+        [("x", 0.0, 10.0, 1.0), ("y", 0.0, 10.0, 1.0)],
+        lambda values: 20 + 5 * values["x"] + 4 * values["y"],
+        constraints=[lambda values: values["x"] + cut * values["y"] >= 2.7, lambda values: values["y"] <= 1.3],
+    )
+    # along the edge 5x + 4y falls with y up to its limit: y = 1.3, x = 2.7 - 1.3*sqrt(2)
+    point = partition(corner, QUICK).most_dangerous[0]
+    assert (point["x"], point["y"]) == pytest.approx((2.7 - 1.3 * cut, 1.3), abs=1e-6)
+
+
+def test_boundary_distance_is_what_looking_in_every_direction_finds(hill):
+    points = scattered(hill.logical, 10, seed=5)
+
+    def label(unit):
+        return hill.hazardous(hill.logical.from_unit(unit))
+
+    mine = hill.boundary_distance(points)
+    assert np.array_equal(mine < 0, hill.hazardous(points))
+    assert 2 <= (mine < 0).sum() <= 8
+    for unit, distance in zip(hill.logical.to_unit(points), mine, strict=True):
+        assert abs(distance) == pytest.approx(distance_to_change(unit, label), abs=1e-6)
+
+
+def test_boundary_distance_is_the_least_of_all_distances_to_the_surface(cut_out):
+    unit = np.random.default_rng(0).random((60, 3))
+    mine = np.abs(cut_out.boundary_distance(CUT_OUT.from_unit(unit)))
+    inner = 0
+    for point, distance, start in zip(unit, mine, cut_out.boundary_tree.query(unit)[1], strict=True):
+        found = minimize(
+            lambda x, point=point: np.sum((x - point) ** 2),
+            cut_out.boundary_tree.data[start],
+            bounds=[(0.0, 1.0)] * 3,
+            constraints={"type": "eq", "fun": lambda x: cut_out.surface.value(x[None])[0]},
+            method="SLSQP",
+            options={"ftol": 1e-14},
+        )
+        on_edge = np.any((found.x < 1e-6) | (found.x > 1 - 1e-6)) or not CUT_OUT.feasible(CUT_OUT.from_unit(found.x))
+        if found.success and not on_edge:
+            inner += 1
+            assert distance == pytest.approx(math.sqrt(found.fun), abs=1e-6)
+        elif found.success:  # an edge of the space is nearest: too long by less than a cell's diagonal
+            assert -1e-6 < distance - math.sqrt(found.fun) < 0.05
+    assert inner > 25
+
+
+def test_boundary_distance_of_a_plane():
+    # 20 m/s: hazardous up to 45.102 m, in a box of 0..100 m: the distance is (gap - 45.102) / 100
+    plane = space([("d", 0.0, 100.0, 5.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
+    zones = partition(plane, ZoneSettings(restarts=1, grid_points=5_000))
+    points = scattered(plane, 50)
+    assert zones.boundary_distance(points) == pytest.approx((points[:, 0] - 45.102) / 100, abs=0.005)
+
+
+# --- what is said, and what is refused --------------------------------------------------------------------------------
+
+
+def test_a_parameter_without_influence_is_noted():
+    plane = space([("d", 0.0, 100.0, 10.0), ("other", 0.0, 1.0, 0.25)], lambda values: values["d"])
+    zones = partition(plane, QUICK)
+    assert "The GP's length scale of `other` reached its upper bound: the zones hardly depend on it." in zones.notes
+    assert zones.most_dangerous == ({"d": 0.0, "other": 0.0},)
+
+
+def test_too_few_training_points_are_noted():
+    zones = partition(CUT_OUT, QUICK, points=grid(CUT_OUT, 2))
+    assert any("% of the space in the wrong zone" in note for note in zones.notes)
+
+
+def test_hazard_between_training_points_that_are_all_safe_is_noted():
+    zones = partition(CUT_OUT, QUICK, points=[[10.0, 0.0, 120.0], [10.0, 20.0, 20.0]])
+    assert zones.zones == 0
+    assert any("% of the space in the wrong zone" in note for note in zones.notes)
+
+
+def test_a_large_grid_of_own_steps_is_thinned_and_says_so():
+    fine = space([(name, 0.0, 10.0, 1.0) for name in "abcd"], lambda values: 30 + sum(values.values()))
+    zones = partition(fine, ZoneSettings(restarts=0, grid_points=3_000))
+    assert "The grid of own steps has 14641 points; a coarser one of 1296 stands in for it." in zones.notes
+    assert len(zones.training_points) == 1296
+    assert zones.zones == 1
+
+
+def test_steps_are_exact_decimals_and_the_last_point_is_high():
+    fine = space([("x", 0.0, 0.3, 0.1), ("y", 10.0, 25.0, 10.0)], lambda values: 100 * values["x"] + values["y"])
+    points = partition(fine, QUICK).training_points
+    assert sorted(set(points[:, 0])) == [0.0, 0.1, 0.2, 0.3]
+    assert sorted(set(points[:, 1])) == [10.0, 20.0, 25.0]
+
+
+@pytest.mark.parametrize(
+    ("points", "sentence"),
+    [
+        ([[30.0, 0.0, 150.0]], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
+        ([[np.nan, 0.0, 50.0]], "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan"),
+        ([[30.0, 0.0]], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),
+    ],
+)
+def test_points_outside_the_space_are_refused(cut_out, points, sentence):
+    for method in (cut_out.hazardous, cut_out.predicted, cut_out.boundary_distance, cut_out.zone_of):
+        with pytest.raises(InputError, match=sentence):
+            method(points)
+
+
+@pytest.mark.parametrize(
+    ("points", "sentence"),
+    [
+        ([[30.0, 0.0, 150.0]], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
+        (np.empty((0, 3)), "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array"),
+        (np.full((5_001, 3), 20.0), "with n in 1..5000"),
+        ([30.0, 0.0, 50.0], "The training points of scenario `front_vehicle_cut_out` must be an .n, 3. array"),
+    ],
+)
+def test_training_points_that_cannot_serve_are_refused(points, sentence):
+    with pytest.raises(InputError, match=sentence):
+        partition(CUT_OUT, QUICK, points=points)
+
+
+def test_a_space_without_points_and_an_error_over_no_points_are_refused():
+    def gap(values):
+        return values["x"]
+
+    with pytest.raises(InputError, match="must have points that satisfy its constraints"):
+        partition(space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK)
+    with pytest.raises(InputError, match="`n` of `boundary_error` must be at least 1"):
+        boundary_error(partition(LOW_SPEED), 0)
