@@ -173,8 +173,11 @@ def _fact(row: tuple[Any, ...]) -> Fact:
 def _collision(text: str | None) -> Collision | None:
     if text is None:
         return None
-    plain: dict[str, Any] = json.loads(text)
-    return Collision(**{name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()})
+    plain = json.loads(text)
+    channels: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
+    }
+    return Collision(**channels)
 
 
 _DOUBLE = ("time", "x")  # the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from sumo_eval.ads.known_answers import IdealBraking
 from sumo_eval.batch.cases import Case, Outcome, Setup, Status
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.errors import InputError
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import EndReason, Recording
 
 _STATUS: dict[EndReason, Status] = {
@@ -29,10 +34,28 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     return Outcome(case, _STATUS[recording.end_reason], recording, recording.error, recording.log)
 
 
+def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
+    """The simulation with the ideal vehicle's own brakes, on a road that can hold them."""
+    vehicle = settings.vehicle
+    friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
+    return replace(
+        settings,
+        vehicle=replace(
+            vehicle,
+            max_deceleration=settings.ideal_deceleration,
+            brake_build_up=settings.ideal_build_up,
+            friction=friction,
+        ),
+    )
+
+
 def _simulate(case: Case, setup: Setup) -> Recording:
     if case.role == "human":
         driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete)
         return simulate(case.concrete, driver, setup.simulation)
+    if case.role == "ideal":
+        settings = _ideal_vehicle(setup.simulation)
+        return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     return simulate(
         case.concrete, case.controller, setup.simulation, folder=setup.folder, step_timeout=setup.run.step_timeout
     )

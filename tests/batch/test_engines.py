@@ -64,10 +64,10 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
 @pytest.mark.parametrize(
     ("name", "status", "sentence"),
     [
-        ("raises", "ads_error", "The ADS raised ValueError at 0.00 s: no path found."),
+        ("raises", "ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
         ("gives_nan", "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s."),
         ("wrong_type", "ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
-        ("leaves", "ads_error", "The ADS raised SystemExit at 0.00 s: 3."),
+        ("leaves", "ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
         ("vanishes", "crashed", "The process that ran the case died with exit code 7."),
         ("hangs", "timeout", "The case took longer than 6 s of wall time."),
         ("slow", "ads_timeout", "The ADS must answer within 0.2 s"),

@@ -1,0 +1,120 @@
+"""What an evaluation finds out: a record for each case, one for each ADS in each scenario, plain values throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sumo_eval.settings import EvaluationSettings
+
+Zone = Literal["safe", "hazardous"]
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
+
+    severity U, loss L, ideal_severity Ug, weight r and avoided_share (Ug/U or its class form) belong to collisions,
+    Eqs. 14-17; index D_i and its factors to safe-zone cases, Eqs. 11-12.
+    """
+
+    case: str
+    scenario: str
+    ads: str
+    values: Mapping[str, float]
+    zone: Zone
+    exposure: float
+    status: str
+    end_reason: str | None
+    error: str | None
+    wall_time: float | None
+    simulated_time: float | None
+    latency_mean: float | None
+    latency_max: float | None
+    collided: bool
+    impact_speed: float | None
+    overlap: float | None
+    side: str | None
+    severity: float | None
+    loss: float | None
+    ideal_severity: float | None
+    weight: float | None
+    beats_ideal: bool
+    index: float | None
+    length_factor: float | None
+    operation_factor: float | None
+    similarity: float | None
+    index_note: str
+    clips: str
+
+    @property
+    def evaluated(self) -> bool:
+        """Whether the case has an outcome that counts."""
+        return self.status in {"ok", "collision", "off_road"}
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioResult:
+    """One ADS in one logical scenario: C, D, S and what stands beside them. d None: not computed, see `d_reason`."""
+
+    ads: str
+    scenario: str
+    c: float
+    d: float | None
+    d_reason: str
+    s: float
+    c_points: float
+    d_points: float
+    cases: int
+    safe_cases: int
+    hazardous_cases: int
+    collisions: int
+    safe_collisions: int
+    avoidable_collisions: int
+    collision_probability: float
+    off_road: int
+    not_evaluated: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneResult:
+    """The partition of one logical scenario.
+
+    boundary_error: share of the possible points on the wrong side of the exact zone; boundary_error_box: the same over
+    the whole box of parameters, impossible points included.
+    """
+
+    scenario: str
+    zones: int
+    hazardous_share: float
+    most_dangerous: tuple[Mapping[str, float], ...]
+    boundary_error: float
+    boundary_error_box: float
+    sampled: int
+    refused: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """A scored run."""
+
+    name: str
+    folder: Path
+    settings: EvaluationSettings
+    manifest: Mapping[str, Any]
+    zones: tuple[ZoneResult, ...]
+    scores: tuple[ScenarioResult, ...]
+    cases: tuple[CaseResult, ...]
+
+    @property
+    def not_evaluated(self) -> int:
+        """Number of cases without an outcome that counts."""
+        return sum(score.not_evaluated for score in self.scores)
+
+    def score(self, ads: str, scenario: str) -> ScenarioResult:
+        """The result of one ADS in one scenario."""
+        return next(score for score in self.scores if (score.ads, score.scenario) == (ads, scenario))

@@ -1,0 +1,218 @@
+"""From recorded facts to the quantities of the paper: D_i, U, L, Ug and r of every case, then C, D and S."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.batch.cases import EVALUATED
+from sumo_eval.batch.indexes import IndexJob, compute_indexes
+from sumo_eval.batch.recording import Progress
+from sumo_eval.batch.store import Fact, Store
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
+from sumo_eval.method.collision_avoidance import (
+    collision_avoidance_index,
+    collision_loss,
+    collision_weight,
+    impact_severity,
+)
+from sumo_eval.method.score import combined_score
+from sumo_eval.method.zone_partition import ZonePartition, boundary_error
+from sumo_eval.results import CaseResult, ScenarioResult, ZoneResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling import Sample
+from sumo_eval.settings import EvaluationSettings, MethodSettings
+from sumo_eval.trajectory import BoolArray
+
+FEWEST_DRIVERS = 2  # a deviation needs two
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionTerms:
+    """One collision in Eqs. 14-17. `ideal_severity` None: the ideal vehicle's case could not be evaluated."""
+
+    severity: float
+    loss: float
+    ideal_severity: float | None
+    weight: float
+
+
+def human_likeness(
+    logical: LogicalScenario, safe: Sequence[Fact], store: Store, settings: EvaluationSettings, progress: Progress
+) -> dict[str, AnthropomorphicIndex]:
+    """D_i of every evaluated safe-zone case that has enough drivers to compare with, by case."""
+    drivers: dict[int, list[str]] = {}
+    for fact in store.facts("human", logical.name):
+        if fact.status == "ok":
+            drivers.setdefault(fact.point, []).append(fact.case)
+    jobs = [
+        IndexJob(fact.case, tuple(drivers[fact.point]), logical.road)
+        for fact in safe
+        if fact.status in EVALUATED and len(drivers.get(fact.point, ())) >= FEWEST_DRIVERS
+    ]
+    stage = f"{logical.name}: human-likeness of {safe[0].driver}" if safe else ""
+    indexes = compute_indexes(
+        store.path,
+        jobs,
+        settings.method.anthropomorphic,
+        settings.run.workers,
+        lambda done: progress(stage, done, len(jobs)),
+    )
+    return {job.case: index for job, index in zip(jobs, indexes, strict=True)}
+
+
+def collision_terms(
+    logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact], store: Store
+) -> dict[str, CollisionTerms]:
+    """U, L, Ug and r of every collision, by case."""
+    ideal = {fact.point: fact for fact in store.facts("ideal", logical.name)}
+    terms = {}
+    for fact in facts:
+        severity = _severity(fact)
+        if severity is not None:
+            weight = float(collision_weight(logical.row(fact.values), zones))
+            terms[fact.case] = CollisionTerms(
+                severity, float(collision_loss(severity)), _ideal_severity(ideal.get(fact.point)), weight
+            )
+    return terms
+
+
+def _severity(fact: Fact) -> float | None:
+    """U of a case's collision, None without one."""
+    hit = fact.collision
+    return None if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+
+
+def _ideal_severity(fact: Fact | None) -> float | None:
+    """Ug: the ideal vehicle's U, 0 where it avoids, None where its case could not be evaluated."""
+    if fact is None or fact.status not in EVALUATED:
+        return None
+    return _severity(fact) or 0.0
+
+
+def tabulate(
+    facts: Sequence[Fact],
+    hazardous: BoolArray,
+    indexes: Mapping[str, AnthropomorphicIndex],
+    collisions: Mapping[str, CollisionTerms],
+) -> list[CaseResult]:
+    """One row a case."""
+    rows = []
+    for fact, dangerous in zip(facts, hazardous, strict=True):
+        index, hit, terms = indexes.get(fact.case), fact.collision, collisions.get(fact.case)
+        rows.append(
+            CaseResult(
+                case=fact.case,
+                scenario=fact.scenario,
+                ads=fact.driver,
+                values=fact.values,
+                zone="hazardous" if dangerous else "safe",
+                exposure=fact.exposure,
+                status=fact.status,
+                end_reason=fact.end_reason,
+                error=fact.error,
+                wall_time=fact.wall_time,
+                simulated_time=fact.simulated_time,
+                latency_mean=fact.latency_mean,
+                latency_max=fact.latency_max,
+                collided=hit is not None,
+                impact_speed=hit.relative_speed if hit else None,
+                overlap=hit.overlap if hit else None,
+                side=hit.side if hit else None,
+                severity=terms.severity if terms else None,
+                loss=terms.loss if terms else None,
+                ideal_severity=terms.ideal_severity if terms else None,
+                weight=terms.weight if terms else None,
+                beats_ideal=bool(terms and terms.ideal_severity is not None and terms.severity < terms.ideal_severity),
+                index=index.value if index else None,
+                length_factor=index.length_factor if index else None,
+                operation_factor=index.operation_factor if index else None,
+                similarity=index.similarity if index else None,
+                index_note=" ".join(index.notes) if index else "",
+                clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
+            )
+        )
+    return rows
+
+
+def combine(ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings) -> ScenarioResult:
+    """C, D and S of one ADS in one scenario, Eqs. 13, 17 and 18, and the counts that stand beside them."""
+    notes: list[str] = []
+    hits = [case for case in cases if case.collided]
+    compared = [
+        (case.severity, case.ideal_severity, case.weight)
+        for case in hits
+        if case.severity is not None and case.ideal_severity is not None and case.weight is not None
+    ]
+    u, ideal_u, weights = np.array(compared).reshape(-1, 3).T
+    c = collision_avoidance_index(u, ideal_u, weights, loss=method.collision.loss)
+    safe = [case for case in cases if case.zone == "safe"]
+    safe_hits = sum(case.collided for case in safe)
+    indexed = [(case.index, case.exposure) for case in safe if case.index is not None]
+    d: float | None = None
+    reason = ""
+    if safe_hits:
+        reason = f"not computed: {_count(safe_hits, 'collision')} in the safe zone"
+    elif not safe:
+        reason = "not computed: no case lies in the safe zone"
+    elif not indexed:
+        reason = "not computed: no safe case could be evaluated and compared with drivers"
+    else:
+        d = exposure_weighted_index(*np.array(indexed).T)
+    missing = {case.case for case in cases if not case.evaluated}
+    missing |= {case.case for case in hits if case.ideal_severity is None}
+    if not safe_hits:
+        missing |= {case.case for case in safe if case.index is None}
+    if missing:
+        notes.append(f"{_count(len(missing), 'case')} could not be evaluated; C and D are means over the others.")
+    beaten = sum(case.beats_ideal for case in hits)
+    if beaten:
+        notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
+    total = combined_score(c, d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6)
+    judged = [case for case in cases if case.evaluated]
+    exposure = sum(case.exposure for case in judged)
+    statuses = Counter(case.status for case in cases)
+    return ScenarioResult(
+        ads=ads,
+        scenario=scenario,
+        c=c,
+        d=d,
+        d_reason=reason,
+        s=total.total,
+        c_points=total.c_points,
+        d_points=total.d_points,
+        cases=len(cases),
+        safe_cases=len(safe),
+        hazardous_cases=len(cases) - len(safe),
+        collisions=len(hits),
+        safe_collisions=safe_hits,
+        avoidable_collisions=sum(case.ideal_severity == 0.0 for case in hits),
+        collision_probability=sum(case.exposure for case in hits) / exposure if exposure else float("nan"),
+        off_road=statuses["off_road"],
+        not_evaluated=len(missing),
+        notes=tuple(notes),
+    )
+
+
+def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
+    """What the report says of a partition."""
+    inside = zones.hazardous(points.points)
+    error = boundary_error(zones)
+    return ZoneResult(
+        scenario=logical.name,
+        zones=len(zones.most_dangerous),
+        hazardous_share=float(np.mean(inside)),
+        most_dangerous=zones.most_dangerous,
+        boundary_error=error.feasible,
+        boundary_error_box=error.box,
+        sampled=len(points.points),
+        refused=len(points.refused),
+        notes=(*zones.notes, *points.notes),
+    )
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

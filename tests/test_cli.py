@@ -1,0 +1,146 @@
+"""The command line as a person meets it: quick help, sentences instead of tracebacks, statuses that mean something."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EVALUATION = """
+name = "cli"
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+levels = 2
+[[ads]]
+name = "idm"
+controller = "idm"
+[drivers]
+count = 2
+"""
+
+
+def sumo_eval(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "sumo_eval", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("cli")
+    (folder / "evaluation.toml").write_text(EVALUATION)
+    return sumo_eval("run", "evaluation.toml", "--out", "out", cwd=folder), folder / "out"
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom sumo_eval.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit as stop:\n    assert stop.code == 0\n"
+        "heavy = {'numpy', 'scipy', 'pandas', 'sklearn', 'pydantic', 'libsumo', 'numba', 'rich', 'plotly', 'jinja2'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "partition" in done.stdout
+
+
+def test_a_run_ends_with_a_table_a_report_and_status_0(
+    finished: tuple[subprocess.CompletedProcess[str], Path],
+) -> None:
+    done, out = finished
+    assert done.returncode == 0, done.stderr
+    assert "front_vehicle_low_speed" in done.stdout
+    assert "idm" in done.stdout
+    assert "Traceback" not in done.stderr
+    for name in ("evaluation.toml", "manifest.json", "facts.sqlite", "scores.json", "cases.csv", "report.html"):
+        assert (out / name).is_file()
+    json.loads((out / "scores.json").read_text())
+
+
+def test_score_prints_the_same_table_again(finished: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    done, out = finished
+    before = (out / "scores.json").read_text()
+    again = sumo_eval("score", str(out))
+    assert again.returncode == 0, again.stderr
+    assert (
+        again.stdout == done.stdout.replace("out/", f"{out}/")
+        or again.stdout.split("\n")[:3] == done.stdout.split("\n")[:3]
+    )
+    assert (out / "scores.json").read_text() == before
+
+
+def test_report_writes_the_report_again(finished: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, out = finished
+    (out / "report.html").unlink()
+    assert sumo_eval("report", str(out)).returncode == 0
+    assert (out / "report.html").stat().st_size > 100_000
+
+
+def test_scenarios_lists_names_units_and_ranges() -> None:
+    done = sumo_eval("scenarios")
+    assert done.returncode == 0
+    assert "front_vehicle_cut_out" in done.stdout
+    assert "20..120 m, step 10" in done.stdout
+
+
+def test_partition_says_where_the_danger_is_greatest() -> None:
+    done = sumo_eval("partition", "front_vehicle_cut_out")
+    assert done.returncode == 0, done.stderr
+    assert "1 hazardous zone" in done.stdout
+    assert "ego_speed=30, obstacle_speed=0" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("runn",), "Did you mean `run`?"),
+        (("run", "missing.toml", "--out", "x"), "There is no evaluation file"),
+        (("score", "nowhere"), "is no run folder"),
+        (("report", "nowhere"), "is no run folder"),
+        (("partition", "front_vehicle_cutout"), "Did you mean `front_vehicle_cut_out`?"),
+        (("run",), "Missing option '--out'"),
+        (("run", "--out", "x", "--workers", "0"), "--workers"),
+    ],
+)
+def test_bad_input_gets_a_sentence_and_status_2(arguments: tuple[str, ...], sentence: str, tmp_path: Path) -> None:
+    done = sumo_eval(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sentence(tmp_path: Path) -> None:
+    for before, after, sentence in (
+        ("levels = 2", "level = 2", "Did you mean `levels`?"),
+        ('controller = "idm"', 'controller = "idn"', "Did you mean `idm`?"),
+        ('controller = "idm"', 'controller = "gone.py:Ads"', "there is no file"),
+        ('controller = "idm"', 'controller = "sumo:IMD"', "Unknown SUMO car-following model"),
+        ('use = "front_vehicle_low_speed"', 'use = "front_vehicle_slow"', "Unknown logical scenario"),
+        ("levels = 2", "levels = 1", "levels"),
+        ("levels = 2", "steps = { lead_sped = 1.0 }", "Did you mean `lead_speed`?"),
+    ):
+        (tmp_path / "evaluation.toml").write_text(EVALUATION.replace(before, after))
+        done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
+        assert done.returncode == 2, done.stderr
+        assert sentence in done.stderr
+        assert "Traceback" not in done.stderr
+        assert not (tmp_path / "out").exists()
+
+
+def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
+    (tmp_path / "evaluation.toml").write_text(EVALUATION.replace('"idm"\n[drivers]', '"broken.py:broken"\n[drivers]'))
+    done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert "no plan" in done.stdout
+    assert "Traceback" not in done.stdout + done.stderr

@@ -1,0 +1,223 @@
+"""The six steps on real SUMO runs: scores follow from facts, facts from the configuration, nothing is lost between."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import sumo_eval
+from sumo_eval.batch.store import open_store
+from sumo_eval.config import PAPER_EVALUATION, read_evaluation
+from sumo_eval.errors import InputError
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+
+
+def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_speed", "front_vehicle_cut_out")):
+    """An evaluation over three levels an axis with four drivers."""
+    return EvaluationSettings(
+        name="small",
+        scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in scenarios),
+        ads=tuple(AdsSettings(controller, controller) for controller in controllers),
+        drivers=DriverSettings(count=4),
+    )
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    out = tmp_path_factory.mktemp("runs") / "small"
+    return sumo_eval.evaluate(small("ideal_braking", "idm", "lane_changer", "no_reaction"), out)
+
+
+def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done: Evaluation) -> None:
+    for scenario in ("front_vehicle_low_speed", "front_vehicle_cut_out"):
+        assert done.score("ideal_braking", scenario).c == 1.0
+
+
+def test_an_ads_that_does_nothing_collides_in_the_safe_zone_and_has_no_d(done: Evaluation) -> None:
+    result = done.score("no_reaction", "front_vehicle_low_speed")
+    assert result.d is None
+    assert result.d_points == 0.0
+    assert "in the safe zone" in result.d_reason
+    assert result.safe_collisions == result.collisions > 0
+    assert result.c == 0.0, "the ideal vehicle avoids every one of these collisions"
+
+
+def test_the_score_is_eq_18_of_what_is_printed(done: Evaluation) -> None:
+    for result in done.scores:
+        assert result.s == pytest.approx(50 * result.c + 50 * (result.d or 0.0), abs=1e-12)
+
+
+def test_c_is_eq_17_of_the_case_table(done: Evaluation) -> None:
+    for result in done.scores:
+        hits = [
+            case for case in done.cases if (case.ads, case.scenario) == (result.ads, result.scenario) and case.collided
+        ]
+        if not hits:
+            assert result.c == 1.0
+            continue
+        weights = np.array([case.weight for case in hits])
+        ratios = np.array([min(1.0, case.ideal_severity / case.severity) for case in hits])
+        expected = (weights * ratios).sum() / weights.sum() if weights.sum() > 0 else ratios.mean()
+        assert result.c == pytest.approx(expected, abs=1e-12)
+
+
+def test_d_is_eq_13_of_the_case_table(done: Evaluation) -> None:
+    computed = [result for result in done.scores if result.d is not None]
+    assert len(computed) >= 4
+    for result in computed:
+        safe = [
+            case for case in done.cases
+            if (case.ads, case.scenario, case.zone) == (result.ads, result.scenario, "safe")
+        ]  # fmt: skip
+        assert all(case.index is not None for case in safe)
+        expected = sum(case.exposure * case.index for case in safe) / sum(case.exposure for case in safe)
+        assert result.d == pytest.approx(expected, abs=1e-12)
+        for case in safe:
+            product = case.length_factor * case.operation_factor * case.similarity
+            assert case.index == pytest.approx(product, abs=1e-12)
+
+
+def test_no_case_is_lost(done: Evaluation) -> None:
+    for entry in done.settings.scenario:
+        (zone,) = [zone for zone in done.zones if zone.scenario == entry.use]
+        for ads in done.settings.ads:
+            rows = [case for case in done.cases if (case.scenario, case.ads) == (entry.use, ads.name)]
+            assert len(rows) == zone.sampled
+            assert len({case.case for case in rows}) == len(rows)
+
+
+def test_low_speed_has_no_hazardous_zone_and_cut_out_has_one(done: Evaluation) -> None:
+    zones = {zone.scenario: zone.zones for zone in done.zones}
+    assert zones == {"front_vehicle_low_speed": 0, "front_vehicle_cut_out": 1}
+
+
+def test_scoring_again_gives_the_same_numbers_without_a_simulation(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import libsumo
+
+    def refuse(*_: object) -> None:
+        raise AssertionError("a simulation was started")
+
+    monkeypatch.setattr(libsumo, "start", refuse)
+    again = sumo_eval.score(done.folder)
+    assert again.scores == done.scores
+    assert again.cases == done.cases
+
+
+def test_scoring_with_another_a_moves_points_between_the_terms(done: Evaluation) -> None:
+    again = sumo_eval.score(done.folder, ["method.score.a=80"])
+    for before, after in zip(done.scores, again.scores, strict=True):
+        assert (after.c, after.d) == (before.c, before.d)
+        assert after.s == pytest.approx(80 * before.c + 20 * (before.d or 0.0), abs=1e-12)
+
+
+def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
+    for name in ("evaluation.toml", "manifest.json", "facts.sqlite"):
+        assert (done.folder / name).is_file()
+    assert read_evaluation(done.folder / "evaluation.toml") == done.settings
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    assert manifest["format_version"] == 1
+    assert {"sumo_eval", "libsumo", "numpy"} <= set(manifest["versions"])
+    assert len(list((done.folder / "networks").glob("*.net.xml"))) == 1
+    assert len(list((done.folder / "routes").glob("*.rou.xml"))) == 2
+
+
+def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path: Path) -> None:
+    settings = small("lane_changer", scenarios=("front_vehicle_low_speed",))
+    again = sumo_eval.evaluate(replace(settings, run=replace(settings.run, workers=1)), tmp_path / "again")
+    with open_store(done.folder / "facts.sqlite") as first, open_store(again.folder / "facts.sqlite") as second:
+        for fact in second.facts("ads") + second.facts("human"):
+            before, after = first.trajectories(fact.case), second.trajectories(fact.case)
+            assert before.keys() == after.keys()
+            for name in before:
+                assert np.array_equal(before[name].x, after[name].x)
+                assert np.array_equal(before[name].y, after[name].y)
+
+
+def test_a_run_folder_is_never_written_over(done: Evaluation) -> None:
+    with pytest.raises(InputError, match="already exists and is not empty"):
+        sumo_eval.evaluate(small("idm"), done.folder)
+
+
+def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"Unknown ADS `idn`.*Did you mean `idm`"):
+        sumo_eval.evaluate(small("idn"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_paper_evaluation_covers_both_scenarios_with_two_ads() -> None:
+    settings = read_evaluation(PAPER_EVALUATION)
+    assert [entry.use for entry in settings.scenario] == ["front_vehicle_low_speed", "front_vehicle_cut_out"]
+    assert len(settings.ads) == 2
+
+
+HALF_BROKEN = """
+from sumo_eval import Command
+
+class Flaky:
+    def reset(self, scenario, traci, ego):
+        self.fast = traci.vehicle.getSpeed(ego) > 25
+    def step(self, traci, ego, time):
+        if self.fast:
+            raise RuntimeError("lost the lane")
+        return Command(-1.0)
+"""
+
+
+def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_path: Path) -> None:
+    (tmp_path / "flaky.py").write_text(HALF_BROKEN)
+    (tmp_path / "evaluation.toml").write_text(
+        'name = "flaky"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 3\n'
+        '[[ads]]\nname = "flaky"\ncontroller = "flaky.py:Flaky"\n[drivers]\ncount = 3\n'
+    )
+    evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
+    (result,) = evaluation.scores
+    broken = [case for case in evaluation.cases if case.status == "ads_error"]
+    assert {case.values["ego_speed"] for case in broken} == {30.0}
+    assert all("lost the lane" in (case.error or "") for case in broken)
+    assert result.not_evaluated == evaluation.not_evaluated == len(broken) == 3
+    assert result.cases == len(broken) + sum(case.evaluated for case in evaluation.cases)
+    assert any("3 cases could not be evaluated" in note for note in result.notes)
+
+
+RECORDED = """
+import numpy as np
+from sumo_eval import Trajectory
+
+def drivers(concrete):
+    time = np.arange(0, 40, 0.1)
+    return [
+        Trajectory(time, concrete.ego.x + speed * time, np.full(time.size, offset))
+        for speed, offset in ((9.0, 0.1), (10.0, 0.0), (11.0, -0.1))
+    ]
+"""
+
+
+def test_the_human_reference_is_a_door(tmp_path: Path) -> None:
+    (tmp_path / "recorded.py").write_text(RECORDED)
+    (tmp_path / "evaluation.toml").write_text(
+        'name = "own drivers"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\nsource = "recorded.py:drivers"\n'
+    )
+    evaluation = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
+    with open_store(evaluation.folder / "facts.sqlite") as store:
+        humans = store.facts("human")
+    assert {human.controller for human in humans} == {"recorded.py:drivers"}
+    assert len(humans) == 3 * len(evaluation.cases)
+    assert evaluation.scores[0].d is not None
+
+
+def test_case_rows_are_a_table_that_pandas_reads(done: Evaluation) -> None:
+    from sumo_eval.report.tables import cases_csv
+
+    cases_csv(done, done.folder / "cases.csv")
+    table = pd.read_csv(done.folder / "cases.csv")
+    assert len(table) == len(done.cases)
+    assert {"case", "scenario", "ads", "zone", "exposure", "status", "ego_speed", "gap"} <= set(table.columns)
