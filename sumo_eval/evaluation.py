@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,15 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample, sample
-from sumo_eval.scoring import collision_terms, combine, describe_zones, human_likeness, tabulate
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+from sumo_eval.scoring import (
+    collision_terms,
+    combine,
+    describe_zones,
+    drivers_left_out,
+    human_likeness,
+    tabulate,
+)
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
 
 
 def evaluate(
@@ -47,7 +55,7 @@ def evaluate(
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     with open_store(folder / run_folder.FACTS, create=True) as store:
         for logical, points in spaces:
-            hazardous = partition(logical, settings.method.zones).hazardous(points.points)
+            hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
             record(logical, points.points, hazardous, settings, source, store, progress)
     return score(folder, progress=progress)
 
@@ -55,6 +63,12 @@ def evaluate(
 def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet) -> Evaluation:
     """Score a run from its recorded facts. `changes`: settings to use instead, e.g. `method.score.a=60`."""
     folder = Path(run)
+    for change in changes:
+        if not change.strip().startswith(("method.", "run.")):
+            raise InputError(
+                f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts depend on it. "
+                "Only `method` and `run` can; run the evaluation again for the rest."
+            )
     settings = with_changes(run_folder.read_settings(folder), changes)
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
@@ -64,7 +78,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     with open_store(folder / run_folder.FACTS) as store:
         for entry in settings.scenario:
             logical, points = choose_points(entry, source)
-            zones = partition(logical, method.zones)  # step 1: safe and hazardous zones
+            zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
             for ads in settings.ads:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
@@ -72,13 +86,13 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     raise InputError(f"Run {folder} holds no case of ADS `{ads.name}` in scenario `{logical.name}`.")
                 hazardous = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
                 safe = [fact for fact, dangerous in zip(facts, hazardous, strict=True) if not dangerous]
-                indexes = {}
+                indexes, notes = {}, drivers_left_out(logical, store)
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
                     indexes = human_likeness(logical, safe, store, settings, progress)  # step 4: D_i
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
                 rows = tabulate(facts, hazardous, indexes, collisions)
                 cases += rows
-                scores.append(combine(ads.name, logical.name, rows, method))  # step 6: C, D, S
+                scores.append(combine(ads.name, logical.name, rows, method, notes))  # step 6: C, D, S
     return Evaluation(settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases))
 
 
@@ -86,7 +100,13 @@ def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     """The partition of every scenario of an evaluation, by scenario name."""
     settings, source = evaluation.settings, Path(evaluation.manifest["source_folder"])
     spaces = [catalogue.find(entry.use, source) for entry in settings.scenario]
-    return {logical.name: partition(logical, settings.method.zones) for logical in spaces}
+    return {logical.name: zones_of(logical, settings.method.zones) for logical in spaces}
+
+
+@lru_cache(maxsize=16)
+def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
+    """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
+    return partition(logical, settings)
 
 
 def choose_points(entry: ScenarioSettings, source: Path) -> tuple[LogicalScenario, Sample]:

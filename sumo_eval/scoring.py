@@ -64,6 +64,16 @@ def human_likeness(
     return {job.case: index for job, index in zip(jobs, indexes, strict=True)}
 
 
+def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:
+    """A sentence about drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
+    drives = store.facts("human", logical.name)
+    left_out = [fact for fact in drives if fact.status != "ok"]
+    if not left_out:
+        return ()
+    how = ", ".join(f"{number} {status}" for status, number in sorted(Counter(f.status for f in left_out).items()))
+    return (f"{len(left_out)} of {len(drives)} drives of the drivers are left out of the reference ({how}).",)
+
+
 def collision_terms(
     logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact], store: Store
 ) -> dict[str, CollisionTerms]:
@@ -138,9 +148,11 @@ def tabulate(
     return rows
 
 
-def combine(ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings) -> ScenarioResult:
+def combine(
+    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[str] = ()
+) -> ScenarioResult:
     """C, D and S of one ADS in one scenario, Eqs. 13, 17 and 18, and the counts that stand beside them."""
-    notes: list[str] = []
+    notes = list(notes)
     hits = [case for case in cases if case.collided]
     compared = [
         (case.severity, case.ideal_severity, case.weight)

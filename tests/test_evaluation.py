@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,6 +118,27 @@ def test_scoring_with_another_a_moves_points_between_the_terms(done: Evaluation)
     for before, after in zip(done.scores, again.scores, strict=True):
         assert (after.c, after.d) == (before.c, before.d)
         assert after.s == pytest.approx(80 * before.c + 20 * (before.d or 0.0), abs=1e-12)
+
+
+def test_scoring_refuses_changes_that_the_facts_depend_on(done: Evaluation) -> None:
+    with pytest.raises(InputError, match=r"`simulation\.step` cannot be changed by scoring"):
+        sumo_eval.score(done.folder, ["simulation.step=0.1"])
+
+
+def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(done.folder, folder)
+    connection = sqlite3.connect(folder / "facts.sqlite")
+    (case,) = connection.execute(
+        """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""
+    ).fetchone()
+    connection.execute("""UPDATE facts SET status = 'collision' WHERE "case" = ?""", (case,))
+    connection.commit()
+    connection.close()
+    again = sumo_eval.score(folder)
+    note = again.score("idm", "front_vehicle_low_speed").notes[0]
+    assert "drives of the drivers are left out of the reference (1 collision)" in note
+    assert done.score("idm", "front_vehicle_low_speed").notes == ()
 
 
 def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:

@@ -68,6 +68,7 @@ class Store:
         if not create and not path.is_file():
             raise InputError(f"{path.parent} is no run folder: there is no {path.name} in it.")
         self.path = path
+        self._writing = create
         self._connection = sqlite3.connect(path)
         try:
             self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
@@ -86,7 +87,9 @@ class Store:
             )
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; a finished one is a single file that needs no write access to be read."""
+        if self._writing:
+            self._connection.execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
 
     def add(self, outcome: Outcome) -> None:

@@ -114,6 +114,17 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
         pass
 
 
+def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(tmp_path: Path) -> None:
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    with open_store(folder / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+    assert [path.name for path in folder.iterdir()] == ["facts.sqlite"]
+    connection = sqlite3.connect(f"file:{folder / 'facts.sqlite'}?immutable=1", uri=True)
+    assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
+    connection.close()
+
+
 def test_reading_a_store_cannot_change_it(tmp_path: Path) -> None:
     path = tmp_path / "facts.sqlite"
     with open_store(path, create=True):
