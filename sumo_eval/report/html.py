@@ -1,0 +1,224 @@
+"""The report: one HTML file that holds everything it shows and asks nobody for more."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import jinja2
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report.page_data import choose_view, page_data
+from sumo_eval.report.readings import readings, setting_rows
+from sumo_eval.report.words import (
+    FACTORS,
+    OUTCOMES,
+    CollisionShare,
+    cases_of,
+    collision_shares,
+    drivers_are_synthetic,
+    drivers_sentence,
+    explain_c,
+    explain_d,
+    explain_s,
+    factor_means,
+    index_notes,
+    number,
+    percent,
+    point,
+    reason_without_d,
+    unevaluated,
+)
+from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.settings import SamplingSettings
+
+REPORT = "report.html"
+_TEMPLATES = "sumo_eval.report"
+
+
+def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Path:
+    """Write `report.html` into the evaluation's folder and return its path.
+
+    partitions: the zones of every logical scenario of the evaluation, by its name.
+    """
+    path = evaluation.folder / REPORT
+    page = _template().render(_context(evaluation, partitions))
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The report {path} cannot be written: {error}.") from error
+    return path
+
+
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2")
+
+
+def _asset(name: str) -> Markup:
+    """A file of this package that goes into the page as it is."""
+    return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
+
+
+def _embedded(value: Any) -> Markup:
+    """JSON that no browser can read as markup, whatever names and error texts are in it."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    for letter, code in (("<", "\\u003c"), (">", "\\u003e"), ("&", "\\u0026")):
+        text = text.replace(letter, code)
+    return Markup(text)  # noqa: S704
+
+
+def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> dict[str, Any]:
+    settings = evaluation.settings
+    missing = unevaluated(evaluation)
+    data = page_data(evaluation, partitions)
+    return {
+        "name": evaluation.name,
+        "ads_count": len({score.ads for score in evaluation.scores}),
+        "cases": len(evaluation.cases),
+        "collisions": sum(case.collided for case in evaluation.cases),
+        "groups": [
+            _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario])
+            for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
+        ],
+        "outcomes": OUTCOMES,
+        "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
+        "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
+        "embedded": {"points": data["embedded"], "of": sum(zone.sampled for zone in evaluation.zones)},
+        "missing": [
+            {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
+            for case, sentence in missing
+        ],
+        "index_notes": index_notes(evaluation),
+        "synthetic": drivers_are_synthetic(settings),
+        "drivers_sentence": drivers_sentence(settings),
+        "score_settings": settings.method.score,
+        "field": settings.method.anthropomorphic.field,
+        "settings": settings,
+        "readings": readings(settings),
+        "setting_groups": setting_rows(settings),
+        "origin": _origin(evaluation),
+        "folder": evaluation.folder,
+        "css": _asset("report.css"),
+        "plotly": Markup(get_plotlyjs()),  # noqa: S704
+        "field_js": _asset("field.js"),
+        "report_js": _asset("report.js"),
+        "data": _embedded(data),
+    }
+
+
+def _group(
+    index: int, zone: ZoneResult, sampling: SamplingSettings, evaluation: Evaluation, zones: ZonePartition
+) -> dict[str, Any]:
+    """Everything the page says of one logical scenario."""
+    logical = zones.logical
+    cases = [case for case in evaluation.cases if case.scenario == logical.name]
+    view = choose_view(logical, cases)
+    units = {item.name: item.unit for item in logical.parameters}
+    return {
+        "index": index,
+        "name": logical.name,
+        "about": logical.about,
+        "exposure": logical.exposure_about,
+        "rows": [_row(score, evaluation) for score in evaluation.scores if score.scenario == logical.name],
+        "zone": zone,
+        "map_words": view.words,
+        "map_note": view.note,
+        "constraints": [constraint.about for constraint in logical.constraints],
+        "has_index": any(case.index is not None for case in cases),
+        "share_of_space": percent(sum(zones.zone_shares)),
+        "share_of_cases": percent(zone.hazardous_share),
+        "dangerous": [
+            ", ".join(f"{name} = {value:g} {units[name]}" for name, value in values.items())
+            for values in zone.most_dangerous
+        ],
+        "boundary_error": percent(zone.boundary_error),
+        "boundary_error_box": percent(zone.boundary_error_box),
+        "parameters": [
+            f"{item.name}: {item.low:g} to {item.high:g} {item.unit}, {item.about}" for item in logical.parameters
+        ],
+        "sampling": _sampling(sampling, units),
+    }
+
+
+def _sampling(sampling: SamplingSettings, units: Mapping[str, str]) -> str:
+    if isinstance(sampling.levels, int):
+        how = f"{sampling.levels} points on each axis"
+    else:
+        parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
+        parts += [f"{name}: steps of {step:g} {units.get(name, '')}" for name, step in (sampling.steps or {}).items()]
+        how = ", ".join([*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"])
+    return f"{sampling.method}, {how}"
+
+
+def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
+    """One ADS in one logical scenario, in the words and digits of the page."""
+    settings = evaluation.settings
+    cases = cases_of(evaluation, score)
+    means = factor_means(cases)
+    return {
+        "score": score,
+        "c": number(score.c, 3),
+        "d": number(score.d, 3),
+        "no_d": reason_without_d(score),
+        "s": number(score.s, 1),
+        "c_points": number(score.c_points, 1),
+        "d_points": number(score.d_points, 1),
+        "c_width": f"{min(score.c_points, 100.0):.2f}",
+        "d_width": f"{min(score.d_points, 100.0 - min(score.c_points, 100.0)):.2f}",
+        "probability": percent(score.collision_probability),
+        "explained": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
+        "factor_means": [number(means.get(name), 3) for name in FACTORS],
+        "indexed": sum(case.index is not None and case.zone == "safe" for case in cases),
+        "collisions": [_collision(share) for share in collision_shares(cases, settings)],
+    }
+
+
+def _collision(share: CollisionShare) -> dict[str, Any]:
+    case = share.case
+    return {
+        "key": quote(case.case, safe=""),
+        "point": point(case.values),
+        "zone": case.zone,
+        "impact_speed": number(case.impact_speed, 1),
+        "overlap": number(None if case.overlap is None else 100.0 * case.overlap, 0),
+        "side": case.side or "–",
+        "severity": number(case.severity, 1),
+        "loss": number(case.loss, 1),
+        "ideal": "not known" if case.ideal_severity is None else number(case.ideal_severity, 1),
+        "avoided": number(share.avoided, 2),
+        "beats": case.beats_ideal,
+        "weight": number(case.weight, 3),
+        "lost": number(share.lost, 4),
+    }
+
+
+def _origin(evaluation: Evaluation) -> list[tuple[str, str]]:
+    """Where the numbers come from: versions, machine, time, seed."""
+    manifest = evaluation.manifest
+    rows = [("seed", str(evaluation.settings.seed))]
+    rows += [
+        (label, str(manifest[key]))
+        for label, key in (
+            ("recorded", "created"),
+            ("format version", "format_version"),
+            ("paths start in", "source_folder"),
+        )
+        if key in manifest
+    ]
+    rows += [(name, str(value)) for name, value in manifest.get("versions", {}).items()]
+    rows += [(name, str(value)) for name, value in manifest.get("machine", {}).items()]
+    return rows

@@ -1,0 +1,359 @@
+"""What the page's JavaScript draws from: cases, zone maps and trajectories, small enough to travel in one file.
+
+Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`, written as
+differences of whole numbers, and deflated; `decodeTrajectories` in templates/field.js is the other half.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections import Counter
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import EGO, Store, open_store
+from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
+from sumo_eval.method.zone_partition import ZonePartition, squared_time_target
+from sumo_eval.report.words import CollisionShare, collision_shares, end_reason, outcome, unevaluated
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+
+CHANNEL_STEPS = {"time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2}
+"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s."""
+
+Point = tuple[str, int]
+"""A concrete scenario: the logical scenario's name and the point's number."""
+
+MOST_RUNS = 7_000  # whose trajectories are embedded, about 700 bytes each; the paper's evaluation has 2,100
+MAP_CELLS = 72  # cells on each axis of a zone map's background
+FINE_CELLS = 720  # along y, to find where a constraint begins to hold
+MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
+GATHERED_PANELS = 6
+SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases projected onto it
+
+
+def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> dict[str, Any]:
+    """Everything the page draws, as plain JSON values."""
+    anthropomorphic = evaluation.settings.method.anthropomorphic
+    reasons = {case.case: sentence for case, sentence in unevaluated(evaluation)}
+    shares = {
+        share.case.case: share
+        for score in evaluation.scores
+        for share in collision_shares(
+            [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)],
+            evaluation.settings,
+        )
+    }
+    with open_store(evaluation.folder / FACTS) as store:
+        embedded = worth_embedding(evaluation, store)
+        scenarios = [
+            _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares)
+            for zone in evaluation.zones
+        ]
+    return {
+        "field": {
+            "k1": anthropomorphic.field.k1,
+            "k2": anthropomorphic.field.k2,
+            "sampleInterval": anthropomorphic.field.sample_interval,
+            "superposition": anthropomorphic.field.superposition,
+        },
+        "channels": CHANNEL_STEPS,
+        "embedded": len(embedded),
+        "scenarios": scenarios,
+    }
+
+
+def _scenario(
+    evaluation: Evaluation,
+    zones: ZonePartition,
+    store: Store,
+    embedded: Container[Point],
+    reasons: Mapping[str, str],
+    shares: Mapping[str, CollisionShare],
+) -> dict[str, Any]:
+    logical = zones.logical
+    cases = [case for case in evaluation.cases if case.scenario == logical.name]
+    view = choose_view(logical, cases)
+    trajectories: list[Trajectory] = []
+    points = {fact.case: fact.point for fact in store.facts("ads", logical.name)}
+    rows = []
+    for case in cases:
+        here = (logical.name, points[case.case]) in embedded
+        recorded = store.trajectories(case.case) if here else {}
+        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
+        trajectories += recorded.values()
+        row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
+        rows.append(row | {"point": points[case.case], "embedded": here, "vehicles": vehicles})
+    drivers: dict[int, list[int]] = {}
+    for fact in store.facts("human", logical.name):
+        if fact.status == "ok" and (logical.name, fact.point) in embedded:  # the ones that D_i is computed from
+            drivers.setdefault(fact.point, []).append(len(trajectories))
+            trajectories.append(store.trajectory(fact.case, EGO))
+    return {
+        "name": logical.name,
+        "parameters": [
+            {"name": item.name, "unit": item.unit, "low": item.low, "high": item.high, "about": item.about}
+            for item in logical.parameters
+        ],
+        "ads": list(dict.fromkeys(case.ads for case in cases)),
+        "road": {
+            "end": logical.road.length,
+            "right": logical.road.right_edge,
+            "left": logical.road.left_edge,
+            "lanes": logical.road.lanes,
+            "laneWidth": logical.road.lane_width,
+        },
+        "view": {"x": view.x, "y": view.y, "panel": view.panel, "panels": list(view.panels)},
+        "maps": [zone_map(zones, view, panel) for panel in range(len(view.panels))],
+        "mostDangerous": [
+            {
+                "values": logical.row(values).tolist(),
+                "panel": view.panel_of(logical.row(values)),
+                "inPlace": view.holds(values),
+            }
+            for values in zones.most_dangerous
+        ],
+        "cases": rows,
+        "drivers": drivers,
+        "trajectories": encode_trajectories(trajectories),
+    }
+
+
+def _case(
+    case: CaseResult, row: FloatArray, view: View, reason: str | None, share: CollisionShare | None
+) -> dict[str, Any]:
+    """One case; the page computes nothing of this anew."""
+    return {
+        "key": case.case,
+        "ads": case.ads,
+        "values": row.tolist(),
+        "panel": view.panel_of(row) if view.shows(case) else None,
+        "zone": case.zone,
+        "exposure": case.exposure,
+        "status": case.status,
+        "outcome": outcome(case),
+        "end": end_reason(case),
+        "error": case.error,
+        "missing": reason,
+        "time": case.simulated_time,
+        "latency": case.latency_max,
+        "impactSpeed": case.impact_speed,
+        "overlap": case.overlap,
+        "side": case.side,
+        "severity": case.severity,
+        "loss": case.loss,
+        "idealSeverity": case.ideal_severity,
+        "weight": case.weight,
+        "avoided": share.avoided if share else None,
+        "lost": share.lost if share else None,
+        "index": case.index,
+        "lengthFactor": case.length_factor,
+        "operationFactor": case.operation_factor,
+        "similarity": case.similarity,
+        "indexNote": case.index_note,
+        "clips": case.clips,
+    }
+
+
+# --- which parameters a map shows -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """How a space is drawn on paper: columns of x and y (None: a strip), panels along a third, the rest held fixed.
+
+    panels: values of the `panel` parameter, one panel each; a single None where there is no such parameter.
+    fixed: column -> value of the slice. projected: cases off the slice are drawn on it too.
+    note: what a reader must know of the choice.
+    """
+
+    names: tuple[str, ...]
+    x: int
+    y: int | None
+    panel: int | None
+    panels: tuple[float | None, ...]
+    fixed: Mapping[int, float]
+    projected: bool
+    note: str
+
+    @property
+    def words(self) -> str:
+        """`gap against obstacle_speed, one panel for each ego_speed`."""
+        axes = self.names[self.x] if self.y is None else f"{self.names[self.y]} against {self.names[self.x]}"
+        return axes if self.panel is None else f"{axes}, one panel for each {self.names[self.panel]}"
+
+    def panel_of(self, row: FloatArray) -> int:
+        """The panel nearest to a point of the space."""
+        if self.panel is None:
+            return 0
+        return int(np.argmin([abs(float(row[self.panel]) - (value or 0.0)) for value in self.panels]))
+
+    def holds(self, values: Mapping[str, float]) -> bool:
+        """Whether a point lies on one of the slices that are drawn."""
+        on_panel = self.panel is None or values[self.names[self.panel]] in self.panels
+        return on_panel and all(values[self.names[column]] == value for column, value in self.fixed.items())
+
+    def shows(self, case: CaseResult) -> bool:
+        """Whether a case is drawn."""
+        return self.projected or all(case.values[self.names[column]] == value for column, value in self.fixed.items())
+
+
+def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult]) -> View:
+    """One map for two parameters, a panel for each value of the first for three, a slice through more."""
+    columns = range(len(logical.parameters))
+    values = [[case.values[name] for case in cases] for name in logical.names]
+    if len(columns) == 1:
+        return View(logical.names, 0, None, None, (None,), {}, True, "")
+    if len(columns) == 2:
+        return View(logical.names, 0, 1, None, (None,), {}, True, "")
+    if len(columns) == 3:
+        distinct = sorted(set(values[0]))
+        note = ""
+        if len(distinct) > MOST_PANELS:
+            first = logical.parameters[0]
+            distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
+            note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
+        return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
+    by_variety = sorted(columns, key=lambda column: len(set(values[column])) < 2)
+    x, y = sorted(by_variety[:2])
+    fixed = {column: Counter(sorted(values[column])).most_common(1)[0][0] for column in columns if column not in (x, y)}
+    on_slice = sum(all(values[column][row] == fixed[column] for column in fixed) for row in range(len(cases)))
+    projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
+    where = ", ".join(
+        f"{logical.parameters[column].name} = {value:g} {logical.parameters[column].unit}"
+        for column, value in fixed.items()
+    )
+    note = f"The map is the slice at {where}, the most common values. " + (
+        "Nearly every case lies off it, so all cases are drawn where they would fall on it."
+        if projected
+        else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of them."
+    )
+    return View(logical.names, x, y, None, (None,), fixed, projected, note)
+
+
+def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS) -> dict[str, Any]:
+    """The zones at the corners of cells over x and y (y slowest), and the polygons that constraints rule out.
+
+    gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it is safe.
+    """
+    logical = zones.logical
+    ticks = np.linspace(0.0, 1.0, cells + 1)
+    points = _slice(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
+    rows = points.reshape(-1, points.shape[-1])
+    return {
+        "x": _axis(logical, view.x, ticks),
+        "y": [0.0] if view.y is None else _axis(logical, view.y, ticks),
+        "gp": _levels(zones.predicted(rows)),
+        "exact": _levels(_exact_target(zones, rows)),
+        "impossible": [] if view.y is None else _impossible(logical, view, panel, ticks),
+    }
+
+
+def _slice(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
+    unit = np.zeros((len(y), len(x), len(logical.parameters)))
+    unit[..., view.x] = x
+    if view.y is not None:
+        unit[..., view.y] = y[:, None]
+    points = logical.from_unit(unit)
+    for column, value in view.fixed.items():
+        points[..., column] = value
+    if view.panel is not None:
+        points[..., view.panel] = view.panels[panel]
+    return np.clip(points, logical.low, logical.high)
+
+
+def _axis(logical: LogicalScenario, column: int, unit: FloatArray) -> list[float]:
+    parameter = logical.parameters[column]
+    return [round(value, 6) for value in (parameter.low + unit * (parameter.high - parameter.low)).tolist()]
+
+
+def _impossible(logical: LogicalScenario, view: View, panel: int, x: FloatArray) -> list[list[list[float]]]:
+    """Polygons [[x, y], ...] of points that a constraint rules out: a strip between each two neighbouring x."""
+    assert view.y is not None
+    y = np.linspace(0.0, 1.0, FINE_CELLS + 1)
+    holds = logical.feasible(_slice(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
+    columns = [_runs(~column, y) for column in holds.reshape(len(y), len(x)).T]
+    low, span = logical.low, logical.high - logical.low
+    polygons = []
+    for left, right, x0, x1 in zip(columns[:-1], columns[1:], x[:-1], x[1:], strict=True):
+        # Where a run begins or ends between two columns there is nothing to slope to: the strip keeps the left run.
+        for (a, b), (c, d) in zip(left, right if len(right) == len(left) else left, strict=True):
+            corners = np.array([(x0, a), (x1, c), (x1, d), (x0, b), (x0, a)])
+            corners = low[[view.x, view.y]] + corners * span[[view.x, view.y]]
+            polygons.append(np.round(corners, 3).tolist())
+    return polygons
+
+
+def _runs(flags: BoolArray, ticks: FloatArray) -> list[tuple[float, float]]:
+    """Where flags are set without a break: first and last tick of each run."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(float(ticks[begin]), float(ticks[end - 1])) for begin, end in edges.reshape(-1, 2)]
+
+
+def _exact_target(zones: ZonePartition, points: FloatArray) -> FloatArray:
+    """The closed form on the scale that the GP learns: 0 where max ITTC is critical."""
+    approach = zones.logical.approach(zones.logical.columns(points))
+    braking = {"deceleration": zones.settings.deceleration, "delay": approach.delay}
+    inverse = max_inverse_ttc(approach.ego_speed, approach.obstacle_speed, approach.gap, **braking)
+    impact = ideal_impact_speed(approach.ego_speed, approach.obstacle_speed, approach.gap, **braking)
+    target = squared_time_target(inverse, impact, zones.settings)
+    return np.broadcast_to(target, len(points))
+
+
+def _levels(y: FloatArray) -> str:
+    levels = np.clip(np.round(y * 32000.0), -32000, 32000)
+    levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)  # rounding must move no point into the zone
+    return _base64(levels.astype("<i2").tobytes())
+
+
+# --- trajectories -----------------------------------------------------------------------------------------------------
+
+
+def worth_embedding(evaluation: Evaluation, store: Store) -> frozenset[Point]:
+    """The points whose trajectories travel in the page: all, or as many as MOST_RUNS allows, the most telling first.
+
+    Collisions and cases that could not be evaluated come first, then the least human-like.
+    """
+    points = {fact.case: (fact.scenario, fact.point) for fact in store.facts("ads")}
+    runs = Counter((fact.scenario, fact.point) for fact in (*store.facts("ads"), *store.facts("human")))
+    tells: dict[Point, float] = {}
+    for case in evaluation.cases:
+        matters = case.collided or not case.evaluated
+        tell = 2.0 if matters else 0.0 if case.index is None else 1.0 - case.index
+        tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)
+    chosen, left = [], MOST_RUNS
+    for here in sorted(tells, key=lambda known: (-tells[known], known)):
+        left -= runs[here]
+        if left < 0:
+            break
+        chosen.append(here)
+    return frozenset(chosen)
+
+
+def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
+    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did."""
+    counts = [len(trajectory) for trajectory in trajectories]
+    planes = []
+    for name, step in CHANNEL_STEPS.items():
+        channels = [getattr(trajectory, name) for trajectory in trajectories]
+        whole = np.round(np.concatenate([[0.0], *channels]) / step).astype(np.int64)
+        change = np.diff(whole)
+        folded = np.where(change < 0, -2 * change - 1, 2 * change).astype("<u4")  # small numbers of either sign
+        planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())
+    return {
+        "counts": counts,
+        "lengths": [trajectory.length for trajectory in trajectories],
+        "widths": [trajectory.width for trajectory in trajectories],
+        "data": _base64(zlib.compress(b"".join(planes), 9)),
+    }
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")

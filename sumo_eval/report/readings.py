@@ -1,0 +1,117 @@
+"""Where the paper leaves something open, what was done in this run, and every setting with its unit and equation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+from sumo_eval.settings import About, EvaluationSettings, about
+
+
+@dataclass(frozen=True, slots=True)
+class SettingRow:
+    """One setting as the report lists it. path: `method.zones.deceleration`; changed: not the default."""
+
+    path: str
+    value: str
+    default: str
+    changed: bool
+    about: About
+
+
+def setting_rows(settings: EvaluationSettings) -> dict[str, list[SettingRow]]:
+    """Every setting that has one value, by the group of settings it belongs to."""
+    groups: dict[str, list[SettingRow]] = {}
+    for row in _rows(settings, type(settings), ""):
+        group = row.path.rpartition(".")[0] or "evaluation"
+        groups.setdefault(group, []).append(row)
+    return groups
+
+
+def _rows(settings: Any, kind: type, prefix: str) -> Iterator[SettingRow]:
+    # `kind()` has the defaults; the outermost settings have none, because a name is nobody's default.
+    defaults = None if kind is EvaluationSettings else kind()
+    for item in fields(settings):
+        value = getattr(settings, item.name)
+        if is_dataclass(value):
+            yield from _rows(value, type(value), f"{prefix}{item.name}.")
+        elif not isinstance(value, tuple):  # the scenarios and the ADSs have tables of their own
+            default = value if defaults is None else getattr(defaults, item.name)
+            yield SettingRow(
+                f"{prefix}{item.name}", _word(value), _word(default), value != default, about(kind, item.name)
+            )
+
+
+def _word(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
+    """(equation, sentence): how the method was read in this run."""
+    method, simulation = settings.method, settings.simulation
+    zones, field, index = method.zones, method.anthropomorphic.field, method.anthropomorphic
+    target = (
+        f"The GP learns tanh((T² − T*²) / {zones.target_scale:g} s²), T = 1/max ITTC, smoothly through contact."
+        if zones.target == "squared_time"
+        else "The GP learns plain labels, +1 safe and −1 hazardous."
+    )
+    superposition = (
+        "The field sums magnitudes, so its peak lies on the driven path; the printed unit vector would cancel there."
+        if field.superposition == "magnitude"
+        else "The field sums vectors, as printed; it vanishes on the driven path itself."
+    )
+    loss = (
+        "C compares the severity U, as the equation prints, not the loss class L of the text."
+        if method.collision.loss == "severity"
+        else "C compares the loss class L, as the text says, not the severity U that the equation prints."
+    )
+    return [
+        (
+            "1–6",
+            f"A point is hazardous where ideal braking with {zones.deceleration:g} m/s² meets an inverse TTC of "
+            f"{zones.critical_inverse_ttc:g} 1/s or more.",
+        ),
+        (
+            "7–8",
+            f"{target} Its kernel works in the unit box, because metres and metres per second have no common length.",
+        ),
+        ("9", superposition),
+        ("10", f"k1 = {field.k1:g} and k2 = {field.k2:g} s/m; nearer than 1 m the distance counts as 1 m."),
+        (
+            "11",
+            f"Slices lie every {index.slice_spacing:g} m; each has {2 * index.points_per_side + 1} points within "
+            f"±{index.side_width:g} m of the ADS's own path, fewer metres where the road ends sooner.",
+        ),
+        (
+            "12",
+            "p/p_2σ = min(1, exp(2 − z²/2)): full marks within two deviations of the drivers. Deviations are at "
+            f"least {index.centre_deviation_floor:g} m (path) and {100 * index.field_deviation_floor:g} % (field).",
+        ),
+        (
+            "12",
+            "f_n = min(1, operations of the drivers / operations of the ADS). The printed fraction is upside down: it "
+            "would reward more operations.",
+        ),
+        (
+            "13",
+            "D is the exposure-weighted mean of D_i over the safe zone. After a collision there, D is not computed.",
+        ),
+        ("14–15", "U is the relative speed at first contact over the overlap w, and w is at least 0.5."),
+        (
+            "16",
+            "r is the distance to the most dangerous point over the distance to the zone's boundary, in the unit box; "
+            "above 1 in the safe zone, 1 where there is no hazardous zone.",
+        ),
+        (
+            "17",
+            f"{loss} The ideal vehicle brakes at once with {simulation.ideal_deceleration:g} m/s², built up in "
+            f"{simulation.ideal_build_up:g} s. An ADS that hits more gently than it counts 1.",
+        ),
+        (
+            "17",
+            "C averages over collisions only, as the paper has it, so avoiding one can lower it. Read it beside the "
+            "number of collisions. Without a collision C = 1.",
+        ),
+        ("18", f"S = {method.score.a:g} k5 C + {method.score.b:g} k6 D. Where D is not computed its term counts 0."),
+    ]

@@ -1,0 +1,68 @@
+"""Tables for machines: one CSV row a case, and the scores as JSON."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.results import CaseResult, Evaluation
+
+_FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
+_REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
+
+
+def cases_csv(evaluation: Evaluation, path: Path) -> None:
+    """Write one row a case, empty where a value does not apply. SI units, as in `sumo_eval.results.CaseResult`.
+
+    Parameters have a column each under their own name; one that is called like another column is `parameter_<name>`.
+    """
+    parameters = list(dict.fromkeys(name for case in evaluation.cases for name in case.values))
+    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST) else name for name in parameters]
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow((*_FIRST, *headings, *_REST))
+            for case in evaluation.cases:
+                writer.writerow(
+                    (
+                        *(getattr(case, name) for name in _FIRST),
+                        *(case.values.get(name) for name in parameters),
+                        *(getattr(case, name) for name in _REST),
+                    )
+                )
+    except OSError as error:
+        raise InputError(f"The table {path} cannot be written: {error}.") from error
+
+
+def scores_json(evaluation: Evaluation) -> dict[str, Any]:
+    """The scores as plain values that are valid JSON: None where a number is not known or was not computed."""
+    settings = evaluation.settings
+    content = {
+        "name": evaluation.name,
+        "format_version": evaluation.manifest.get("format_version"),
+        "versions": evaluation.manifest.get("versions", {}),
+        "seed": settings.seed,
+        "points": {"a": settings.method.score.a, "b": settings.method.score.b},
+        "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
+        "not_evaluated": evaluation.not_evaluated,
+        "scores": [asdict(score) for score in evaluation.scores],
+        "zones": [asdict(zone) for zone in evaluation.zones],
+    }
+    plain: dict[str, Any] = _plain(content)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """The same with dicts, lists and finite numbers only."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

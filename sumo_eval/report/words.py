@@ -1,0 +1,278 @@
+"""The sentences that the HTML report and the terminal share: what happened in a run, and why a score is so."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.settings import EvaluationSettings
+
+OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
+"""What became of a case, in the order in which the report shows it."""
+
+FACTORS = {
+    "length": ("length_factor", "f_L, min(1, L / mean L of the drivers)"),
+    "operations": ("operation_factor", "f_n, min(1, operations of the drivers / operations of the ADS)"),
+    "similarity": ("similarity", "mean over the slices of min(1, pt/pt_2s) min(1, pv/pv_2s)"),
+}
+"""The factors of D_i: name -> (field of CaseResult, meaning)."""
+
+_STATUS = {
+    "timeout": "The case took longer than it may.",
+    "ads_error": "The controller failed.",
+    "ads_timeout": "One step of the controller took longer than it may.",
+    "sim_error": "SUMO refused or lost something.",
+    "crashed": "The process that ran the case died.",
+    "rejected": "The case was refused before it began.",
+}
+_END = {
+    "contact": "contact with another vehicle",
+    "standstill": "the ego came to a standstill",
+    "road_end": "the ego reached the end of the road",
+    "off_road": "the ego left the road",
+    "time_limit": "the simulated time limit was reached",
+    "ads_error": "the controller failed",
+    "ads_timeout": "the controller took too long over one step",
+    "sim_error": "SUMO failed",
+}
+BIMODAL = "Bimodal:"  # begins the note of `method.anthropomorphic` on drivers who did two different things
+NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
+SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
+
+
+# --- words for values -------------------------------------------------------------------------------------------------
+
+
+def number(value: float | None, digits: int) -> str:
+    """A fixed number of decimals; a dash for what does not apply."""
+    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share with about three significant digits, e.g. `7.69 %`."""
+    if share is None or not math.isfinite(share):
+        return "not known"
+    value = 100.0 * share
+    if value == 0.0:
+        return "0 %"
+    digits = min(6, max(0, 2 - math.floor(math.log10(abs(value)))))
+    text = f"{value:.{digits}f}"
+    return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
+
+
+def count(n: int, noun: str, nouns: str | None = None) -> str:
+    """`1 case`, `3 cases`."""
+    return f"{n} {noun if n == 1 else nouns or noun + 's'}"
+
+
+def point(values: Mapping[str, float]) -> str:
+    """`ego_speed=30, gap=40`: a point in words."""
+    return ", ".join(f"{name}={value:g}" for name, value in values.items())
+
+
+def outcome(case: CaseResult) -> str:
+    """Which of OUTCOMES a case had."""
+    if case.collided:
+        return "collision"
+    if not case.evaluated:
+        return "not evaluated"
+    return "off road" if case.status == "off_road" else "no contact"
+
+
+def end_reason(case: CaseResult) -> str:
+    """Why a case ended, in words."""
+    return "not known" if case.end_reason is None else _END.get(case.end_reason, case.end_reason)
+
+
+def drivers_are_synthetic(settings: EvaluationSettings) -> bool:
+    """Whether the human drivers are this package's own population."""
+    return settings.drivers.source == "synthetic"
+
+
+def drivers_sentence(settings: EvaluationSettings) -> str:
+    """Who the human drivers are: nobody may take synthetic ones for recorded people."""
+    if drivers_are_synthetic(settings):
+        return (
+            f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: drawn from "
+            "distributions fitted to recorded traffic. They are not recorded people."
+        )
+    return f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as its reference."
+
+
+# --- what could not be evaluated --------------------------------------------------------------------------------------
+
+
+def cases_of(evaluation: Evaluation, score: ScenarioResult) -> list[CaseResult]:
+    """The cases of one ADS in one logical scenario."""
+    return [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+
+
+def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
+    """Every case that is missing from a mean, with a sentence that says why."""
+    missing = []
+    for score in evaluation.scores:
+        for case in cases_of(evaluation, score):
+            if not case.evaluated:
+                missing.append((case, case.error or _STATUS.get(case.status, f"Its status is {case.status}.")))
+            elif case.collided and case.ideal_severity is None:
+                missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
+            elif case.zone == "safe" and score.safe_collisions == 0 and case.index is None:
+                why = case.index_note or "Fewer than two human drivers could be compared with here."
+                missing.append((case, f"There is no D_i: {why}"))
+    return missing
+
+
+# --- why C, D and S are what they are ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionShare:
+    """One collision in C. avoided: its ratio Ug/U (or of the loss classes). lost: its part of 1 - C; parts add up."""
+
+    case: CaseResult
+    avoided: float | None
+    lost: float | None
+
+
+def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[CollisionShare]:
+    """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
+    hits = [case for case in cases if case.collided]
+    ratios = [_avoided(case, settings.method.collision.loss) for case in hits]
+    known = [(case, ratio) for case, ratio in zip(hits, ratios, strict=True) if ratio is not None]
+    weights = np.array([case.weight or 0.0 for case, _ in known])
+    if not weights.any():
+        weights = np.ones(len(known))
+    lost = {
+        case.case: float(weight * (1.0 - ratio) / weights.sum())
+        for (case, ratio), weight in zip(known, weights, strict=True)
+    }
+    shares = [CollisionShare(case, ratio, lost.get(case.case)) for case, ratio in zip(hits, ratios, strict=True)]
+    return sorted(shares, key=lambda share: (share.lost is None, -(share.lost or 0.0), share.case.case))
+
+
+def _avoided(case: CaseResult, loss: str) -> float | None:
+    """What the ideal vehicle would have suffered, over what the ADS did, at most 1."""
+    if case.severity is None or case.ideal_severity is None:
+        return None
+    hit, best = case.severity, case.ideal_severity
+    if loss == "class":
+        hit, best = float(collision_loss(hit)), float(collision_loss(best))
+    return best / hit if hit > best else 1.0
+
+
+def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
+    """Why C is what it is."""
+    judged = sum(case.evaluated for case in cases)
+    if score.collisions == 0:
+        return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]
+    risky = score.collisions - score.safe_collisions
+    zones = ((risky, score.hazardous_cases, "hazardous case"), (score.safe_collisions, score.safe_cases, "safe case"))
+    where = " and in ".join(f"{hits} of {count(of, noun)}" for hits, of, noun in zones if hits)
+    ratio = "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L"
+    sentences = [
+        f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} of these.",
+        f"C = {score.c:.3f}: the mean of {ratio} over the collisions, weighted by r. "
+        + (
+            f"A collision that the ideal vehicle avoids has {ratio} = 0."
+            if settings.method.collision.loss == "severity"
+            else "A collision that the ideal vehicle avoids still has Lg = 0.1."
+        ),
+    ]
+    worst = next(iter(collision_shares(cases, settings)), None)
+    if worst is not None and worst.lost and worst.lost >= SHARE_WORTH_NAMING * (1.0 - score.c):
+        sentences.append(f"{point(worst.case.values)} took the most from C: {worst.lost:.3f} of {1.0 - score.c:.3f}.")
+    return sentences
+
+
+def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
+    """Why D is what it is."""
+    if score.d is None:
+        return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
+    means = factor_means(cases)
+    indexed = sum(case.index is not None and case.zone == "safe" for case in cases)
+    name = min(means, key=lambda factor: means[factor])
+    if means[name] >= NEGLIGIBLE_LIMIT:
+        limit = "no factor limits it"
+    else:
+        others = ", ".join(f"{factor} {mean:.2f}" for factor, mean in means.items() if factor != name)
+        limit = f"limited most by the {name} factor (mean {means[name]:.2f}; {others})"
+    sentences = [f"D = {score.d:.3f}: mean over {count(indexed, 'safe case')}, {limit}."]
+    low = [case for case in cases if case.zone == "safe" and case.index is not None and case.index < 0.1]
+    if low and len(low) < indexed:
+        sentences.append(f"{len(low)} of them {'scores' if len(low) == 1 else 'score'} below 0.1.")
+    split = sum(case.zone == "safe" and BIMODAL in case.index_note for case in cases)
+    if split:
+        sentences.append(
+            f"In {split} of them the drivers fall into two groups, such as overtaking and following, and one Gaussian "
+            "spans both, so it tells little of the ADS's path there."
+        )
+    return sentences
+
+
+def reason_without_d(score: ScenarioResult) -> str:
+    """Why there is no D, without the words `not computed`."""
+    return score.d_reason.removeprefix("not computed").lstrip(": ").rstrip(".") or "no reason was recorded"
+
+
+def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
+    """Exposure-weighted mean of every factor of D_i over the safe cases that have one; empty without any."""
+    indexed = [case for case in cases if case.zone == "safe" and case.index is not None]
+    exposure = np.array([case.exposure for case in indexed])
+    if not exposure.sum() > 0.0:
+        return {}
+    return {
+        name: float(np.sum(exposure * np.array([getattr(case, field) for case in indexed])) / exposure.sum())
+        for name, (field, _) in FACTORS.items()
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class IndexNote:
+    """A note that D_i left in several cases of one ADS and scenario; numbers that differ stand as a range."""
+
+    ads: str
+    scenario: str
+    cases: int
+    text: str
+
+
+def index_notes(evaluation: Evaluation) -> list[IndexNote]:
+    """The notes on D_i, gathered: the same sentence with other numbers is the same note, the most frequent first."""
+    notes = []
+    for score in evaluation.scores:
+        found: dict[str, list[list[str]]] = {}
+        for case in cases_of(evaluation, score):
+            for sentence in _SENTENCE_END.split(case.index_note) if case.index_note else ():
+                found.setdefault(_NUMBER.sub("{}", sentence), []).append(_NUMBER.findall(sentence))
+        for shape, numbers in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
+            ranges = [_range(column) for column in zip(*numbers, strict=True)]
+            text = "".join(
+                f"{part}{value}" for part, value in itertools.zip_longest(shape.split("{}"), ranges, fillvalue="")
+            )
+            notes.append(IndexNote(score.ads, score.scenario, len(numbers), text))
+    return notes
+
+
+_SENTENCE_END = re.compile(r"(?<=\.) +(?=[A-Z])")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+def _range(texts: Sequence[str]) -> str:
+    low, high = min(texts, key=float), max(texts, key=float)
+    return low if float(low) == float(high) else f"{low} to {high}"
+
+
+def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
+    """How S adds up."""
+    terms = settings.method.score
+    d_term = f"D gives {score.d_points:.1f}" if score.d is not None else "D, not computed, gives 0"
+    scales = "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
+    c_term = f"C gives {score.c_points:.1f} of {terms.a:g} points"
+    return f"S = {score.s:.1f}: {c_term}, {d_term} of {terms.b:g} points{scales}."

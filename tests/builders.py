@@ -1,0 +1,182 @@
+"""Evaluations made by hand, with a real facts file: what the report is tested on, without SUMO."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.batch.cases import Case, Outcome, Status
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import Store, open_store
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.trajectory import Clip, Collision, Recording, Trajectory
+
+CALM = "calm"
+HOSTILE = '</script><img src=x onerror="alert(1)"> [red]"&\u2028'
+SCENARIOS = ("front_vehicle_low_speed", "front_vehicle_cut_out")
+DRIVERS = 3
+ERROR = "RuntimeError: </script><b>lost the lane</b>"
+
+
+def drive(x: float, y: float, speed: float, seconds: float, *, offset: float = 0.0, braking: float = 0.0) -> Trajectory:
+    """From (x, y), slowing down by `braking` m/s2 and moving `offset` m to the left; the end is off the 0.1 s grid."""
+    time = np.append(np.arange(0.0, seconds, 0.1), seconds + 0.037)
+    speeds = np.maximum(speed - braking * time, 0.0)
+    along = x + np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(time))])
+    return Trajectory(time, along, y + offset / (1.0 + np.exp(4.0 - time)), speed=speeds)
+
+
+def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation:
+    """Two scenarios of three levels an axis, two ADSs.
+
+    calm: 0.5 m to the left; hits in the hazardous zone only; one case crashed and has no recording.
+    HOSTILE: hits in the safe zone of the cut-out, so it has no D there; one case of the other scenario has an error.
+    """
+    settings = EvaluationSettings(
+        name="made <by> hand",
+        scenario=tuple(ScenarioSettings(name, SamplingSettings(levels=3)) for name in SCENARIOS),
+        ads=(AdsSettings(CALM, "idm"), AdsSettings(HOSTILE, "no_reaction")),
+        drivers=DriverSettings(count=DRIVERS),
+    )
+    zones, scores, cases = [], [], []
+    folder.mkdir(parents=True, exist_ok=True)
+    with open_store(folder / FACTS, create=True) as store:
+        for name in SCENARIOS:
+            logical = catalogue.load(name)
+            points = sample(logical, levels=3)
+            hazardous = partitions[name].hazardous(points.points)
+            concretes = logical.concretes(points.points)
+            for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True)):
+                if not dangerous:
+                    _record_drivers(store, number, concrete)
+            for ads in (CALM, HOSTILE):
+                rows = [
+                    _case(store, number, concrete, ads, "hazardous" if dangerous else "safe")
+                    for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True))
+                ]
+                cases += rows
+                scores.append(_score(ads, name, rows))
+            zones.append(
+                ZoneResult(
+                    scenario=name,
+                    zones=partitions[name].zones,
+                    hazardous_share=float(np.mean(hazardous)),
+                    most_dangerous=partitions[name].most_dangerous,
+                    boundary_error=0.0123 if name == SCENARIOS[1] else 0.0,
+                    boundary_error_box=0.0234 if name == SCENARIOS[1] else 0.0,
+                    sampled=len(points.points),
+                    refused=len(points.refused),
+                    notes=partitions[name].notes,
+                )
+            )
+    manifest = {
+        "format_version": 1,
+        "created": "2026-01-01T00:00:00+00:00",
+        "source_folder": "/nowhere",
+        "versions": {"python": "3.11", "sumo_eval": "0.0", "libsumo": "1.28"},
+        "machine": {"system": "a machine"},
+    }
+    return Evaluation(settings.name, folder, settings, manifest, tuple(zones), tuple(scores), tuple(cases))
+
+
+def _record_drivers(store: Store, number: int, concrete: ConcreteScenario) -> None:
+    for index in range(DRIVERS):
+        start = concrete.ego
+        driven = drive(start.x, 0.1 * index, start.speed - 0.5 * index, 12.0, offset=3.5 if index else 0.0)
+        case = Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, DRIVERS)
+        store.add(Outcome(case, "ok", Recording(driven, {}, None, "road_end")))
+
+
+def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone: str) -> CaseResult:
+    """Record a case and say what came of it."""
+    cut_out = concrete.scenario == SCENARIOS[1]
+    hits = (zone == "hazardous" and number % 2 == 0) or (
+        ads == HOSTILE and cut_out and zone == "safe" and number % 5 == 0
+    )
+    status: Status = "collision" if hits else "ok"
+    if not cut_out and number == 1:
+        status = "crashed" if ads == CALM else "ads_error"
+    elif not cut_out and number == 2 and ads == HOSTILE:
+        status = "off_road"
+    case = Case(number, concrete, "ads", ads, "idm")
+    row = _empty(case, zone, status)
+    if status == "crashed":
+        error = "The process that ran the case died with exit code -11."
+        store.add(Outcome(case, status, None, error))
+        return replace(row, error=error)
+    start, other = concrete.ego, concrete.actors[-1]
+    ego = drive(start.x, 0.0, start.speed, 3.0 if hits else 12.0, offset=0.5, braking=0.2)
+    collision = None
+    if hits:
+        pose = (float(ego.x[-1]), float(ego.y[-1]), 0.0)
+        collision = Collision(3.037, other.name, (12.5, 0.0), (5.0, 0.0), 0.75, "front", pose, pose)
+    ends = {"ads_error": "ads_error", "off_road": "off_road", "collision": "contact"}
+    recording = Recording(
+        ego,
+        {
+            actor.name: drive(actor.start.x, actor.start.y, actor.start.speed, float(ego.time[-1]))
+            for actor in concrete.actors
+        },
+        collision,
+        ends.get(status, "road_end"),  # type: ignore[arg-type]
+        (Clip("acceleration_rate", 3, 0.5, -12.0, -9.0),),
+        wall_time=0.01,
+        controller_latency=(1e-5, 4e-4),
+    )
+    error = ERROR if status == "ads_error" else None
+    store.add(Outcome(case, status, recording, error))
+    row = replace(
+        row, error=error, end_reason=recording.end_reason, wall_time=0.01, simulated_time=recording.simulated_time,
+        latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3",
+    )  # fmt: skip
+    if collision is not None:
+        return replace(
+            row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0, loss=0.7,
+            ideal_severity=0.0 if number % 4 else 4.0, weight=0.25 + 0.01 * number,
+        )  # fmt: skip
+    if zone == "safe" and row.evaluated and not (ads == HOSTILE and cut_out):
+        factors = 1.0, 0.5, 0.05 * (number % 10) + 0.5
+        return replace(
+            row, index=factors[1] * factors[2], length_factor=factors[0], operation_factor=factors[1],
+            similarity=factors[2],
+            index_note=f"Bimodal: at {number + 3} of 1101 slices one Gaussian spans two groups of drivers.",
+        )  # fmt: skip
+    return row
+
+
+def _empty(case: Case, zone: str, status: str) -> CaseResult:
+    return CaseResult(
+        case=case.key, scenario=case.concrete.scenario, ads=case.driver, values=case.concrete.values,
+        zone=zone,  # type: ignore[arg-type]
+        exposure=case.concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
+        simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None, overlap=None,
+        side=None, severity=None,
+        loss=None, ideal_severity=None, weight=None, beats_ideal=False, index=None, length_factor=None,
+        operation_factor=None, similarity=None, index_note="", clips="",
+    )  # fmt: skip
+
+
+def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
+    hits = [row for row in rows if row.collided]
+    safe_hits = sum(row.zone == "safe" for row in hits)
+    weights = np.array([row.weight for row in hits])
+    ratios = np.array([(row.ideal_severity or 0.0) / (row.severity or 1.0) for row in hits])
+    c = float((weights * ratios).sum() / weights.sum()) if hits else 1.0
+    indexes = [row.index for row in rows if row.index is not None]
+    d = None if safe_hits else float(np.mean(indexes))
+    return ScenarioResult(
+        ads=ads, scenario=scenario, c=c, d=d,
+        d_reason=f"not computed: {safe_hits} collisions in the safe zone" if safe_hits else "",
+        s=50.0 * c + 50.0 * (d or 0.0), c_points=50.0 * c, d_points=50.0 * (d or 0.0),
+        cases=len(rows), safe_cases=sum(row.zone == "safe" for row in rows),
+        hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits), safe_collisions=safe_hits,
+        avoidable_collisions=sum(row.ideal_severity == 0.0 for row in hits),
+        collision_probability=len(hits) / len(rows), off_road=sum(row.status == "off_road" for row in rows),
+        not_evaluated=sum(not row.evaluated for row in rows), notes=("A note on <this> score.",),
+    )  # fmt: skip

@@ -1,0 +1,172 @@
+"""The report in a browser: it draws without an error, asks nobody for anything, and computes the method's own field."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import builders
+import numpy as np
+import pytest
+from browser import CHROMIUM, Page
+
+from sumo_eval.method.trajectory_field import trajectory_field
+from sumo_eval.report.page_data import CHANNEL_STEPS, encode_trajectories
+from sumo_eval.results import Evaluation
+from sumo_eval.trajectory import Trajectory
+
+FIELD_JS = str(files("sumo_eval.report") / "templates" / "field.js")
+NODE = shutil.which("node")
+needs_node = pytest.mark.skipif(NODE is None, reason="node is not installed")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+def node(program: str, given: object) -> Any:
+    """What a program that reads `given` and knows `sumoEval` prints as JSON."""
+    assert NODE is not None
+    script = f"""
+        const sumoEval = require({json.dumps(FIELD_JS)});
+        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
+        (async () => {{ {program} }})().then((result) => console.log(JSON.stringify(result)));
+    """
+    done = subprocess.run([NODE, "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def plain(trajectory: Trajectory) -> dict[str, list[float]]:
+    return {name: getattr(trajectory, name).tolist() for name in CHANNEL_STEPS}
+
+
+def turning() -> Trajectory:
+    """Turns once around, so that headings jump by 2 pi, and ends off the 0.1 s grid."""
+    time = np.append(np.arange(0.0, 8.0, 0.1), 8.04)
+    angle = 0.9 * time
+    return Trajectory(time, 60.0 + 20.0 * np.sin(angle), 20.0 * (1.0 - np.cos(angle)))
+
+
+def standing() -> Trajectory:
+    return Trajectory(np.arange(0.0, 5.0, 0.1), np.full(50, 60.0), np.full(50, 1.0), speed=np.zeros(50))
+
+
+def coarse() -> Trajectory:
+    return Trajectory([0.0, 0.25, 0.9, 2.0], [50.0, 56.0, 71.0, 96.0], [0.0, 0.1, 0.3, 0.2])
+
+
+@needs_node
+@pytest.mark.parametrize("make", [turning, standing, coarse, lambda: builders.drive(50.0, 0.0, 30.0, 6.0, offset=3.5)])
+@pytest.mark.parametrize(("k1", "k2"), [(0.5, 0.005), (1.0, 0.05), (2.0, 0.0), (0.73, 0.01)])
+@pytest.mark.parametrize("superposition", ["magnitude", "vector"])
+def test_the_page_computes_the_field_of_the_method(make: Any, k1: float, k2: float, superposition: str) -> None:
+    trajectory = make()
+    rng = np.random.default_rng(7)
+    points = np.column_stack([rng.uniform(40.0, 110.0, 60), rng.uniform(-3.0, 6.0, 60)])
+    points[0] = trajectory.x[0], trajectory.y[0]  # on the path itself
+    given = {
+        "points": {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()},
+        "trajectory": plain(trajectory),
+        "options": {"k1": k1, "k2": k2, "sampleInterval": 0.1, "superposition": superposition},
+    }
+    there = node("return Array.from(sumoEval.trajectoryField(given.points, given.trajectory, given.options));", given)
+    here = trajectory_field(points, trajectory, k1=k1, k2=k2, superposition=superposition)  # type: ignore[arg-type]
+    np.testing.assert_allclose(there, here, rtol=1e-6, atol=1e-9)
+
+
+@needs_node
+def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
+    sent = [turning(), standing(), coarse(), Trajectory([0.0], [-12.345], [0.0015], speed=[3.0])]
+    program = """
+        const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
+        const plain = (value) => value.length === undefined ? value : Array.from(value);
+        return all.map((t) => Object.fromEntries(Object.entries(t).map(([name, value]) => [name, plain(value)])));
+    """
+    received = node(program, {"packed": encode_trajectories(sent), "steps": CHANNEL_STEPS})
+    assert len(received) == len(sent)
+    for there, here in zip(received, sent, strict=True):
+        assert (there["length"], there["width"]) == (here.length, here.width)
+        for name, step in CHANNEL_STEPS.items():
+            np.testing.assert_allclose(there[name], getattr(here, name), rtol=0, atol=0.5 * step + 1e-9)
+
+
+@pytest.fixture(scope="module")
+def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with Page(tmp_path_factory.mktemp("profile")) as page:
+        page.open(report.as_uri(), "document.documentElement.dataset.fields === 'drawn'")
+        yield page
+
+
+@needs_chromium
+def test_the_report_opens_without_an_error_and_without_a_request(opened: Page, report: Path) -> None:
+    assert opened.problems == []
+    outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
+    assert outside == [report.as_uri()]
+    assert opened.run("document.getElementById('failure').hidden")
+    assert opened.run("document.querySelectorAll('script, img, iframe, link').length") == 5  # 4 scripts and the icon
+    assert opened.run("document.querySelectorAll('.js-plotly-plot').length") >= 10
+
+
+@needs_chromium
+def test_hostile_names_stay_text_in_the_charts(opened: Page) -> None:
+    assert opened.run("document.querySelectorAll('img').length") == 0
+    names = opened.run("[...document.getElementById('pick-ads').options].map((option) => option.textContent)")
+    assert names[1].startswith("</script><img src=x")
+
+
+@needs_chromium
+def test_a_case_of_every_kind_can_be_shown(opened: Page, evaluation: Evaluation) -> None:
+    kinds = {(case.scenario, case.ads, case.status, case.zone): case.case for case in evaluation.cases}
+    for key in kinds.values():
+        opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(key)}), null)")
+        opened.run("new Promise((resolve) => setTimeout(resolve, 0))")
+    crashed = next(case for case in evaluation.cases if case.status == "crashed")
+    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(crashed.case)}), null)")
+    opened.wait("document.getElementById('case-error').textContent.includes('exit code -11')")
+    assert opened.run("document.getElementById('case-charts').hidden")
+    assert opened.problems == []
+
+
+@needs_chromium
+def test_choosing_another_ads_keeps_the_point(opened: Page, evaluation: Evaluation) -> None:
+    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
+    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    words = ", ".join(f"{name} {value:g}" for name, value in case.values.items())
+    opened.wait(f"document.getElementById('case-name').textContent === {json.dumps(f'calm: {words}')}")
+    opened.run(
+        "const pick = document.getElementById('pick-ads'); pick.value = '1'; pick.dispatchEvent(new Event('change'))"
+    )
+    opened.wait(f"document.getElementById('case-name').textContent.endsWith({json.dumps(f': {words}')})")
+    assert opened.run("document.getElementById('case-name').textContent").startswith("</script>")
+    assert opened.problems == []
+
+
+@needs_chromium
+def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
+    place = opened.run("""(() => {
+        const plot = document.querySelector('[data-map="0"] .plot');
+        plot.scrollIntoView({ block: 'center' });
+        const trace = plot.data.find((one) => one.name === 'no contact');
+        const box = plot.getBoundingClientRect(), layout = plot._fullLayout;
+        return { x: box.x + layout.xaxis._offset + layout.xaxis.d2p(trace.x.at(-1)),
+                 y: box.y + layout.yaxis._offset + layout.yaxis.d2p(trace.y.at(-1)), index: trace.customdata.at(-1) };
+    })()""")
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        button = "none" if kind == "mouseMoved" else "left"
+        opened.call("Input.dispatchMouseEvent", type=kind, x=place["x"], y=place["y"], button=button, clickCount=1)
+        opened.run("new Promise((resolve) => setTimeout(resolve, 120))")
+    opened.wait(f"document.getElementById('pick-case').value === '{place['index']}'")
+    assert opened.run("document.getElementById('pick-scenario').value") == "0"
+
+
+@needs_chromium
+def test_the_replay_plays_and_printing_redraws(opened: Page) -> None:
+    opened.run("document.getElementById('replay-play').click()")
+    opened.run("new Promise((resolve) => setTimeout(resolve, 300))")
+    opened.run("window.dispatchEvent(new Event('beforeprint'))")
+    widths = opened.run("[...document.querySelectorAll('.js-plotly-plot')].map((plot) => plot._fullLayout.width)")
+    assert max(widths) <= 690
+    opened.run("window.dispatchEvent(new Event('afterprint'))")
+    assert opened.problems == []

@@ -1,0 +1,233 @@
+"""The report as a file: complete, closed, and deaf to what people write into names and error texts."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html import escape, unescape
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import builders
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report import page_data
+from sumo_eval.report.html import write_report
+from sumo_eval.report.page_data import choose_view
+from sumo_eval.results import Evaluation
+from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
+from sumo_eval.settings import DriverSettings
+
+
+class Tags(HTMLParser):
+    """Every tag with its attributes, in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+
+@pytest.fixture(scope="module")
+def tags(page: str) -> list[tuple[str, dict[str, str | None]]]:
+    parser = Tags()
+    parser.feed(page)
+    return parser.tags
+
+
+def embedded_text(page: str) -> str:
+    (text,) = re.findall(r'<script type="application/json" id="report-data">(.*?)</script>', page, flags=re.S)
+    return text
+
+
+def embedded(page: str) -> dict[str, Any]:
+    """The data that the page draws from."""
+    return json.loads(embedded_text(page))
+
+
+@pytest.fixture(scope="module")
+def data(page: str) -> dict[str, Any]:
+    return embedded(page)
+
+
+def visible(page: str) -> str:
+    """The page's words, without scripts, styles and tags."""
+    bare = re.sub(r"<(script|style)\b.*?</\1>", "", page, flags=re.S)
+    return " ".join(unescape(re.sub(r"<[^>]+>", " ", bare)).split())
+
+
+def test_the_scores_stand_in_the_verdict(evaluation: Evaluation, page: str) -> None:
+    text = visible(page)
+    for score in evaluation.scores:
+        assert f"{score.c:.3f}" in text
+        assert f"{score.s:.1f}" in text
+        if score.d is not None:
+            assert f"{score.d:.3f}" in text
+
+
+def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation, page: str) -> None:
+    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
+    assert score.d is None
+    assert f"not computed {score.safe_collisions} collisions in the safe zone" in visible(page)
+
+
+def test_the_drivers_are_called_synthetic_and_only_when_they_are(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
+) -> None:
+    assert visible(page).count("synthetic: drawn from distributions fitted to recorded traffic. They are not") == 2
+    recorded = replace(
+        evaluation, settings=replace(evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers"))
+    )
+    other = visible(write_report(recorded, partitions).read_text(encoding="utf-8"))
+    write_report(evaluation, partitions)
+    assert "not recorded people" not in other
+    assert "mine:drivers" in other
+
+
+def test_every_collision_and_every_missing_case_is_listed(evaluation: Evaluation, tags: list[Any]) -> None:
+    linked = sum(tag == "a" and (attributes.get("href") or "").startswith("#case:") for tag, attributes in tags)
+    assert linked == sum(case.collided for case in evaluation.cases) + evaluation.not_evaluated
+
+
+def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> None:
+    assert builders.HOSTILE not in page
+    assert escape(builders.HOSTILE, quote=False).split("&quot;")[0][:20] in page
+    assert builders.ERROR not in page
+    assert "lost the lane" in visible(page)
+    assert not [tag for tag, attributes in tags if tag == "img" or "onerror" in attributes]
+    assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 4
+
+
+def test_the_data_cannot_be_read_as_markup(page: str) -> None:
+    assert not set("<>&\u2028") & set(embedded_text(page))
+
+
+def test_the_data_holds_every_name_as_it_is(evaluation: Evaluation, data: dict[str, Any]) -> None:
+    assert [scenario["ads"] for scenario in data["scenarios"]] == [[builders.CALM, builders.HOSTILE]] * 2
+    keys = [case["key"] for scenario in data["scenarios"] for case in scenario["cases"]]
+    assert sorted(keys) == sorted(case.case for case in evaluation.cases)
+
+
+def test_nothing_is_fetched_from_anywhere(page: str, tags: list[Any]) -> None:
+    for tag, attributes in tags:
+        for name in ("src", "href", "data", "poster", "srcset", "action"):
+            address = attributes.get(name) or ""
+            assert address.startswith("#") or address in ("", "data:,"), (tag, address)
+    style = re.findall(r"<style>(.*?)</style>", page, flags=re.S)
+    assert "url(" not in "".join(style)
+    assert "@import" not in "".join(style)
+    policy = next(attributes["content"] for tag, attributes in tags if attributes.get("http-equiv"))
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+
+
+def test_every_label_and_picture_has_words(tags: list[Any]) -> None:
+    for tag, attributes in tags:
+        if attributes.get("role") == "img":
+            assert attributes.get("aria-label"), (tag, attributes)
+    ids = [attributes["id"] for _, attributes in tags if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    targets = {attributes["aria-labelledby"] for _, attributes in tags if "aria-labelledby" in attributes}
+    targets |= {
+        attributes["href"][1:]
+        for tag, attributes in tags
+        if tag == "a" and (attributes.get("href") or "").startswith("#") and ":" not in attributes["href"]
+    }
+    assert targets <= set(ids)
+
+
+def test_zones_stand_with_their_boundary_errors(page: str) -> None:
+    assert "1.23 % 2.34 % over the whole box" in visible(page)
+
+
+def test_settings_stand_with_unit_and_meaning(page: str) -> None:
+    text = visible(page)
+    assert "critical_inverse_ttc 0.7 1/s ITTC* 6 inverse TTC from which a point is hazardous" in text
+    assert re.search(r"drivers \d+ settings ?, 1 not at the default", text)
+    assert "count 3 default 10" in text
+
+
+def test_the_same_evaluation_gives_the_same_bytes(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
+) -> None:
+    assert write_report(evaluation, partitions).read_text(encoding="utf-8") == page
+
+
+def test_a_run_without_facts_is_one_sentence(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="is no run folder"):
+        write_report(replace(evaluation, folder=tmp_path), partitions)
+
+
+# --- how a space is put on paper --------------------------------------------------------------------------------------
+
+
+def space(k: int) -> LogicalScenario:
+    logical = catalogue.load(builders.SCENARIOS[0])
+    parameters = tuple(Parameter(f"p{index}", 0.0, 10.0, 5.0, "m", "a length") for index in range(k))
+    return replace(logical, name="made_up", parameters=parameters, constraints=())
+
+
+def points(evaluation: Evaluation, rows: list[list[float]]) -> list[Any]:
+    first = evaluation.cases[0]
+    return [replace(first, values={f"p{index}": value for index, value in enumerate(row)}) for row in rows]
+
+
+@pytest.mark.parametrize(("k", "x", "y", "panel"), [(1, 0, None, None), (2, 0, 1, None), (3, 1, 2, 0)])
+def test_up_to_three_parameters_are_all_shown(
+    evaluation: Evaluation, k: int, x: int, y: int | None, panel: int | None
+) -> None:
+    cases = points(evaluation, [[0.0] * k, [5.0] * k])
+    view = choose_view(space(k), cases)
+    assert (view.x, view.y, view.panel) == (x, y, panel)
+    assert view.panels == ((0.0, 5.0) if k == 3 else (None,))
+    assert all(view.shows(case) for case in cases)
+    assert view.note == ""
+
+
+def test_many_values_of_the_first_parameter_share_panels(evaluation: Evaluation) -> None:
+    cases = points(evaluation, [[0.1 * index, 1.0, 2.0] for index in range(50)])
+    view = choose_view(space(3), cases)
+    assert len(view.panels) == 6
+    assert "nearest" in view.note
+
+
+def test_four_parameters_are_a_slice_and_the_report_says_so(evaluation: Evaluation) -> None:
+    rows = [[7.0, x, 3.0, y, z] for x in (0.0, 5.0) for y in (0.0, 5.0) for z in (0.0, 0.0, 5.0)]
+    view = choose_view(space(5), points(evaluation, rows))
+    assert (view.x, view.y, view.panel) == (1, 3, None)
+    assert view.fixed == {0: 7.0, 2: 3.0, 4: 0.0}
+    assert "p0 = 7 m, p2 = 3 m, p4 = 0 m" in view.note
+    assert "8 of 12 cases" in view.note
+
+
+def test_when_hardly_a_case_is_on_the_slice_all_are_projected(evaluation: Evaluation) -> None:
+    rows = [[float(index % 11), float(index), 0.1 * index, 0.2 * index] for index in range(11)]
+    view = choose_view(space(4), points(evaluation, rows))
+    assert view.projected
+    assert "all cases are drawn" in view.note
+
+
+def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "points are in this file" not in page
+    monkeypatch.setattr(page_data, "MOST_RUNS", 20)
+    small = write_report(evaluation, partitions).read_text(encoding="utf-8")
+    monkeypatch.undo()
+    write_report(evaluation, partitions)
+    cases = [case for scenario in embedded(small)["scenarios"] for case in scenario["cases"]]
+    here = {case["key"] for case in cases if case["embedded"]}
+    assert 0 < len(here) < len(cases)
+    matters = {case.case for case in evaluation.cases if case.collided or not case.evaluated}
+    assert here & matters
+    points = len({tuple(key.split("-")[:2]) for key in here})
+    assert f"Trajectories of {points} of {sum(zone.sampled for zone in evaluation.zones)} points" in visible(small)

@@ -1,0 +1,75 @@
+"""cases.csv and scores.json: what machines read is complete, valid and equal to the results."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import builders
+import pandas as pd
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.tables import cases_csv, scores_json
+from sumo_eval.results import Evaluation
+
+
+@pytest.fixture(scope="module")
+def table(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    path = tmp_path_factory.mktemp("csv") / "cases.csv"
+    cases_csv(evaluation, path)
+    return pd.read_csv(path, keep_default_na=False, na_values=[""])
+
+
+def test_every_case_is_a_row_and_every_field_comes_back(evaluation: Evaluation, table: pd.DataFrame) -> None:
+    assert len(table) == len(evaluation.cases)
+    for (_, row), case in zip(table.iterrows(), evaluation.cases, strict=True):
+        plain = asdict(case)
+        values = plain.pop("values")
+        for name, value in {**plain, **values}.items():
+            if value is None or value == "":
+                assert pd.isna(row[name]), name
+            else:
+                assert row[name] == value, name
+
+
+def test_parameters_of_another_scenario_are_empty(table: pd.DataFrame) -> None:
+    low_speed = table[table["scenario"] == "front_vehicle_low_speed"]
+    assert low_speed["gap"].isna().all()
+    assert low_speed["lead_speed"].notna().all()
+
+
+def test_a_parameter_that_is_called_like_a_column_keeps_its_values(evaluation: Evaluation, tmp_path: Path) -> None:
+    odd = replace(evaluation, cases=(replace(evaluation.cases[0], values={"zone": 3.5}),))
+    cases_csv(odd, tmp_path / "odd.csv")
+    row = pd.read_csv(tmp_path / "odd.csv").iloc[0]
+    assert (row["parameter_zone"], row["zone"]) == (3.5, evaluation.cases[0].zone)
+
+
+def test_a_folder_that_is_not_there_is_one_sentence(evaluation: Evaluation, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        cases_csv(evaluation, tmp_path / "missing" / "cases.csv")
+
+
+def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation: Evaluation) -> None:
+    plain = scores_json(evaluation)
+    again = json.loads(json.dumps(plain, allow_nan=False))
+    assert again == plain
+    assert [row["c"] for row in again["scores"]] == [score.c for score in evaluation.scores]
+    without = [row for row in again["scores"] if row["d"] is None]
+    assert [(row["ads"], row["d_reason"]) for row in without] == [
+        (score.ads, score.d_reason) for score in evaluation.scores if score.d is None
+    ]
+    assert without
+    assert again["drivers"] == {"source": "synthetic", "count": builders.DRIVERS}
+    assert again["not_evaluated"] == evaluation.not_evaluated == 2
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_numbers_that_json_does_not_know_become_null(evaluation: Evaluation, value: float) -> None:
+    odd = replace(evaluation, scores=(replace(evaluation.scores[0], collision_probability=value),))
+    plain = scores_json(odd)
+    json.dumps(plain, allow_nan=False)
+    assert plain["scores"][0]["collision_probability"] is None

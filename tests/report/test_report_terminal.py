@@ -1,0 +1,75 @@
+"""What a run says at its end: the table's numbers, and every thing that a person must know."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import builders
+from rich.console import Console
+
+from sumo_eval.report.terminal import closing_lines, plain_table, score_table
+from sumo_eval.report.words import unevaluated
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import DriverSettings
+
+
+def rendered(evaluation: Evaluation) -> str:
+    console = Console(file=io.StringIO(), width=200, force_terminal=True, color_system=None)
+    console.print(score_table(evaluation))
+    return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_both_tables_show_the_same_numbers(evaluation: Evaluation) -> None:
+    for text in (rendered(evaluation), plain_table(evaluation)):
+        for score in evaluation.scores:
+            assert f"{score.c:.3f}" in text
+            assert f"{score.s:.1f}" in text
+            assert score.scenario in text
+        assert "not computed" in text
+
+
+def test_an_ads_name_is_never_read_as_a_colour(evaluation: Evaluation) -> None:
+    assert "[red]" in rendered(evaluation)
+
+
+def test_control_characters_of_an_ads_do_not_reach_the_terminal(evaluation: Evaluation) -> None:
+    odd = replace(evaluation, scores=(replace(evaluation.scores[0], ads="a\x1b[2Jb\nc"),))
+    assert "\x1b" not in plain_table(odd)
+    assert len(plain_table(odd).splitlines()) == 2
+
+
+def test_the_plain_table_is_aligned(evaluation: Evaluation) -> None:
+    lines = plain_table(evaluation).splitlines()
+    assert len(lines) == 1 + len(evaluation.scores)
+    assert len({line.index("front_vehicle") for line in lines[1:]}) == 1
+    assert not any(line != line.rstrip() for line in lines)
+
+
+def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None:
+    lines = closing_lines(evaluation)
+    text = "\n".join(lines)
+    assert "collisions in the safe zone. Its term counts 0 points." in text
+    assert "2 cases could not be evaluated" in text
+    assert "exit code -11" in text
+    assert "lost the lane" in text
+    assert "synthetic" in text
+    assert str(evaluation.folder / "report.html") in lines[-1]
+
+
+def test_at_most_five_cases_are_listed_and_the_rest_is_counted(evaluation: Evaluation) -> None:
+    broken = tuple(
+        replace(case, status="timeout", collided=False, error=None)
+        for case in evaluation.cases
+        if (case.ads, case.scenario) == (builders.CALM, builders.SCENARIOS[1])
+    )
+    odd = replace(evaluation, cases=broken)
+    assert len(unevaluated(odd)) == len(broken) > 5
+    lines = closing_lines(odd)
+    assert sum(line.startswith("  front_vehicle") for line in lines) == 5
+    assert f"  and {len(broken) - 5} more, all in the report." in lines
+
+
+def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Evaluation) -> None:
+    recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
+    assert not any("synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded)))

@@ -1,0 +1,139 @@
+"""The sentences: they must say what the numbers say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import builders
+import numpy as np
+import pytest
+
+from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.collision_avoidance import collision_avoidance_index
+from sumo_eval.report.words import (
+    BIMODAL,
+    cases_of,
+    collision_shares,
+    explain_c,
+    explain_d,
+    explain_s,
+    factor_means,
+    index_notes,
+    percent,
+    unevaluated,
+)
+from sumo_eval.results import Evaluation
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import CollisionSettings, MethodSettings
+
+CUT_OUT = builders.SCENARIOS[1]
+
+
+def with_loss(evaluation: Evaluation, loss: str) -> Evaluation:
+    method = MethodSettings(collision=CollisionSettings(loss=loss))  # type: ignore[arg-type]
+    return replace(evaluation, settings=replace(evaluation.settings, method=method))
+
+
+@pytest.mark.parametrize("loss", ["severity", "class"])
+def test_the_parts_of_the_collisions_add_up_to_what_c_lost(evaluation: Evaluation, loss: str) -> None:
+    odd = with_loss(evaluation, loss)
+    rows = cases_of(odd, odd.score(builders.HOSTILE, CUT_OUT))
+    hits = [row for row in rows if row.collided]
+    c = collision_avoidance_index(
+        [row.severity for row in hits], [row.ideal_severity for row in hits], [row.weight for row in hits], loss
+    )
+    shares = collision_shares(rows, odd.settings)
+    assert sum(share.lost or 0.0 for share in shares) == pytest.approx(1.0 - c, abs=1e-12)
+    assert [share.lost for share in shares] == sorted((share.lost for share in shares), reverse=True)
+
+
+def test_without_any_weight_every_collision_counts_the_same(evaluation: Evaluation) -> None:
+    rows = [replace(row, weight=0.0, ideal_severity=0.0) for row in evaluation.cases if row.collided][:4]
+    assert [share.lost for share in collision_shares(rows, evaluation.settings)] == [0.25] * 4
+
+
+def test_a_collision_without_a_known_ideal_is_listed_and_takes_nothing(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, CUT_OUT)
+    rows = cases_of(evaluation, score)
+    first = next(row for row in rows if row.collided)
+    odd = replace(
+        evaluation,
+        cases=tuple(replace(row, ideal_severity=None) if row is first else row for row in evaluation.cases),
+    )
+    shares = collision_shares(cases_of(odd, score), odd.settings)
+    assert shares[-1].case.case == first.case
+    assert shares[-1].lost is None
+    assert first.case in {case.case for case, _ in unevaluated(odd)}
+
+
+def test_c_is_explained_by_counts_of_each_zone(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.HOSTILE, CUT_OUT)
+    text = " ".join(explain_c(score, cases_of(evaluation, score), evaluation.settings))
+    assert f"{score.collisions - score.safe_collisions} of {score.hazardous_cases} hazardous cases" in text
+    assert f"in {score.safe_collisions} of {score.safe_cases} safe cases" in text
+    assert f"avoids {score.avoidable_collisions} of these" in text
+    assert f"C = {score.c:.3f}" in text
+
+
+def test_no_collision_is_said_as_such(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
+    rows = cases_of(evaluation, score)
+    (sentence,) = explain_c(score, rows, evaluation.settings)
+    assert sentence == f"calm did not collide in any of {sum(row.evaluated for row in rows)} evaluated cases, so C = 1."
+
+
+def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, CUT_OUT)
+    rows = cases_of(evaluation, score)
+    means = factor_means(rows)
+    assert means["operations"] == pytest.approx(0.5)
+    text = " ".join(explain_d(score, rows))
+    assert "limited most by the operations factor (mean 0.50; length 1.00" in text
+    assert f"mean over {score.safe_cases} safe cases" in text
+
+
+def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, CUT_OUT)
+    rows = [
+        replace(row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note="")
+        for row in cases_of(evaluation, score)
+        if row.index is not None
+    ]
+    assert explain_d(replace(score, d=1.0), rows) == [
+        f"D = 1.000: mean over {len(rows)} safe cases, no factor limits it."
+    ]
+
+
+def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.HOSTILE, CUT_OUT)
+    (sentence,) = explain_d(score, cases_of(evaluation, score))
+    assert (
+        sentence == f"D is not computed: {score.safe_collisions} collisions in the safe zone. Its term counts 0 points."
+    )
+    assert "D, not computed, gives 0" in explain_s(score, evaluation.settings)
+
+
+def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) -> None:
+    notes = [note for note in index_notes(evaluation) if (note.ads, note.scenario) == (builders.CALM, CUT_OUT)]
+    assert len(notes) == 1
+    numbers = [int(row.index_note.split()[2]) for row in evaluation.cases if row.ads == builders.CALM
+               and row.scenario == CUT_OUT and row.index_note]  # fmt: skip
+    assert notes[0].cases == len(numbers)
+    assert notes[0].text == (
+        f"Bimodal: at {min(numbers)} to {max(numbers)} of 1101 slices one Gaussian spans two groups of drivers."
+    )
+
+
+def test_the_method_still_begins_its_note_on_two_groups_with_the_word_we_look_for() -> None:
+    road = catalogue.load(CUT_OUT).road
+    drivers = [builders.drive(50.0, y, 25.0, 25.0) for y in (0.0, 0.1, 3.4, 3.5)]
+    ads = builders.drive(50.0, 0.0, 25.0, 25.0)
+    assert any(note.startswith(BIMODAL) for note in anthropomorphic_index(ads, drivers, road).notes)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0 %"), (0.0365, "3.65 %"), (0.5, "50 %"), (1.0, "100 %"), (0.00012345, "0.0123 %"), (np.nan, "not known")],
+)
+def test_shares_have_three_digits(share: float, text: str) -> None:
+    assert percent(share) == text
