@@ -52,6 +52,10 @@ def _check(settings: EvaluationSettings, where: str) -> None:
     ):
         if not names:
             raise InputError(f"{where} must have at least one [[{what.strip('`').split('.')[0]}]].")
+        if any(name.startswith("~") for name in names):
+            raise InputError(
+                f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and the drivers."
+            )
         double = {name for name in names if names.count(name) > 1}
         if double:
             raise InputError(f"{what} in {where} must differ from each other, got {sorted(double)[0]!r} twice.")

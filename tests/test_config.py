@@ -102,6 +102,10 @@ def test_two_ads_of_one_name_are_refused(tmp_path: Path) -> None:
     assert "must differ from each other, got 'mine' twice" in refusal(tmp_path, twice)
 
 
+def test_a_name_that_is_kept_for_the_ideal_vehicle_and_the_drivers_is_refused(tmp_path: Path) -> None:
+    assert "must not begin with `~`" in refusal(tmp_path, SMALLEST.replace('name = "mine"', 'name = "~ideal"'))
+
+
 def test_an_empty_name_is_refused(tmp_path: Path) -> None:
     assert "`ads[0].name` in" in refusal(tmp_path, SMALLEST.replace('name = "mine"', 'name = ""'))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import sqlite3
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,6 +169,36 @@ def test_the_same_configuration_gives_the_same_facts(done: Evaluation, tmp_path:
 def test_a_run_folder_is_never_written_over(done: Evaluation) -> None:
     with pytest.raises(InputError, match="already exists and is not empty"):
         sumo_eval.evaluate(small("idm"), done.folder)
+
+
+def test_an_ads_may_be_called_like_the_ideal_vehicle_or_a_driver(tmp_path: Path) -> None:
+    settings = replace(
+        small("idm", scenarios=("front_vehicle_low_speed",)),
+        ads=(AdsSettings("ideal", "no_reaction"), AdsSettings("driver_00", "idm")),
+    )
+    evaluation = sumo_eval.evaluate(settings, tmp_path / "run")
+    assert [result.ads for result in evaluation.scores] == ["ideal", "driver_00"]
+
+
+UNGUARDED = """
+import sumo_eval
+print("the script runs")
+evaluation = sumo_eval.evaluate("evaluation.toml", out="run")
+print("D is there" if evaluation.scores[0].d is not None else "no D")
+"""
+
+
+def test_a_plain_script_without_a_main_guard_runs_once(tmp_path: Path) -> None:
+    (tmp_path / "evaluation.toml").write_text(
+        'name = "plain"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[scenario.sampling]\nlevels = 2\n'
+        '[[ads]]\nname = "idm"\ncontroller = "idm"\n[drivers]\ncount = 2\n'
+    )
+    (tmp_path / "plain.py").write_text(UNGUARDED)
+    done = subprocess.run(
+        [sys.executable, "plain.py"], capture_output=True, text=True, cwd=tmp_path, timeout=300, check=False
+    )
+    assert done.stdout.split("\n")[:2] == ["the script runs", "D is there"], done.stderr
+    assert done.returncode == 0
 
 
 def test_a_misspelt_ads_is_found_before_the_first_case(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
     python tools/generate_sumo_inputs.py [--check] [--out FOLDER]
 
-One network per road, and per scenario the routes at its central point (the possible point of its own sampling grid
-nearest to the centre of the unit box; of equals, the first in grid order) with a .sumocfg that opens in sumo-gui.
+One network and one view of it per road; per scenario the routes at its central point (the possible point of its own
+sampling grid nearest to the centre of the unit box; of equals, the first in grid order) with a .sumocfg for sumo-gui.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml
+from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.scenario.sampling import central_point
 from sumo_eval.settings import SimulationSettings
@@ -28,7 +28,9 @@ def sumo_inputs() -> dict[str, str]:
     for logical in SCENARIOS.values():
         concrete = logical.concretes(central_point(logical)[None])[0]
         network, routes = f"{logical.road.name}.net.xml", f"{logical.name}.rou.xml"
-        configuration = configuration_xml(f"../networks/{network}", routes, settings.step)
+        view = f"{logical.road.name}.view.xml"
+        configuration = configuration_xml(f"../networks/{network}", routes, settings.step, view=f"../networks/{view}")
+        files[f"networks/{view}"] = view_xml(logical.road)
         files[f"networks/{network}"] = network_xml(logical.road)
         files[f"routes/{routes}"] = routes_xml(concrete, settings.vehicle, origin=ORIGIN)
         files[f"routes/{logical.name}.sumocfg"] = configuration

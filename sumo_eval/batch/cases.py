@@ -34,8 +34,12 @@ class Case:
 
     @property
     def key(self) -> str:
-        """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver."""
-        return f"{self.concrete.scenario}-{self.point:04d}-{self.driver}"
+        """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver.
+
+        The ideal vehicle and the drivers carry a `~` before their name, so that no ADS can be called like one of them.
+        """
+        mark = "" if self.role == "ads" else "~"
+        return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"
 
 
 @dataclass(frozen=True, slots=True)

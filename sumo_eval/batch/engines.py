@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -11,13 +9,15 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from pebble import ProcessExpired, ProcessPool
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
+from sumo_eval.batch.children import child_context
+from sumo_eval.batch.worker import run_case
 
 _IN_FLIGHT_PER_WORKER = 8  # enough that a slow case does not starve the other workers, few enough to bound memory
 
 
 def run_cases(cases: Iterable[Case], setup: Setup) -> Iterator[Outcome]:
     """Outcomes of the cases, in their order, worked off by `setup.run.workers` processes with a deadline for each."""
-    with _pool(setup.run.workers) as pool:
+    with ProcessPool(max_workers=setup.run.workers, context=child_context()) as pool:
         try:
             yield from _outcomes(cases, setup, pool)
         except BaseException:
@@ -25,19 +25,7 @@ def run_cases(cases: Iterable[Case], setup: Setup) -> Iterator[Outcome]:
             raise
 
 
-def _pool(workers: int) -> ProcessPool:
-    """Warm children that have numpy and libsumo loaded. Never forked from this process: it has threads and state."""
-    if sys.platform == "linux":
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["sumo_eval.batch.worker"])
-    else:
-        context = multiprocessing.get_context("spawn")
-    return ProcessPool(max_workers=workers, context=context)
-
-
 def _outcomes(cases: Iterable[Case], setup: Setup, pool: ProcessPool) -> Iterator[Outcome]:
-    from sumo_eval.batch.worker import run_case
-
     waiting: deque[tuple[Case, Callable[[], Outcome]]] = deque()
     for case in cases:
         waiting.append((case, pool.schedule(run_case, args=(case, setup), timeout=setup.run.case_timeout).result))

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from sumo_eval.batch.children import child_context
 from sumo_eval.batch.store import open_store
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.scenario.concrete import Road
@@ -42,8 +41,7 @@ def compute_indexes(
             results += _compute_chunk(chunk)
             progress(len(results))
         return results
-    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(workers, mp_context=child_context()) as pool:
         for part in pool.map(_compute_chunk, chunks):
             results += part
             progress(len(results))

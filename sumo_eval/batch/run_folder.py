@@ -14,7 +14,7 @@ from typing import Any
 
 from sumo_eval.batch.store import FORMAT_VERSION
 from sumo_eval.config import read_evaluation, to_toml
-from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml
+from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import EvaluationSettings
@@ -33,11 +33,23 @@ def create(folder: Path, settings: EvaluationSettings, source: Path, examples: S
             (folder / name).mkdir(parents=True, exist_ok=True)
         (folder / EVALUATION).write_text(to_toml(settings), encoding="utf-8")
         for concrete in examples:
-            network, routes = f"{concrete.road.name}.net.xml", f"{concrete.scenario}.rou.xml"
-            (folder / "networks" / network).write_text(network_xml(concrete.road), encoding="utf-8")
-            (folder / "routes" / routes).write_text(routes_xml(concrete, settings.simulation.vehicle), encoding="utf-8")
-            configuration = configuration_xml(f"../networks/{network}", routes, settings.simulation.step)
-            (folder / "routes" / f"{concrete.scenario}.sumocfg").write_text(configuration, encoding="utf-8")
+            network, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
+            routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
+            simulation = settings.simulation
+            texts = {
+                f"networks/{network}": network_xml(concrete.road),
+                f"networks/{view}": view_xml(concrete.road),
+                f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
+                f"routes/{configuration}": configuration_xml(
+                    f"../networks/{network}",
+                    routes,
+                    simulation.step,
+                    lane_change_duration=simulation.lane_change_duration,
+                    view=f"../networks/{view}",
+                ),
+            }
+            for name, text in texts.items():
+                (folder / name).write_text(text, encoding="utf-8")
         manifest = _manifest(folder, settings, source)
         (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
     except OSError as error:

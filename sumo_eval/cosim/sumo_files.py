@@ -160,10 +160,24 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
     return f" {text} ".replace("--", "- -")  # which ends an XML comment
 
 
-def configuration_xml(network: str, routes: str, step: float, *, lane_change_duration: float | None = None) -> str:
+@functools.lru_cache(maxsize=64)
+def view_xml(road: Road) -> str:
+    """Where sumo-gui looks when it opens a case: the beginning of the road, slowed down enough to be watched."""
+    root = etree.Element("viewsettings")
+    zoom = 100 * (road.length + road.run_out) / VIEW_LENGTH  # per cent of a view of the whole network
+    middle = (road.left_edge + road.right_edge) / 2
+    etree.SubElement(root, "viewport", zoom=f"{zoom:g}", x=f"{VIEW_LENGTH / 2:g}", y=f"{middle:g}")
+    etree.SubElement(root, "delay", value="50")
+    return _text(root)
+
+
+def configuration_xml(
+    network: str, routes: str, step: float, *, lane_change_duration: float | None = None, view: str | None = None
+) -> str:
     """A .sumocfg that opens the case in sumo-gui with the options that the harness uses.
 
     step: s. lane_change_duration: s, of a lane change that SUMO itself performs; the settings' default if not given.
+    network, routes, view: the files, relative to this one; without a view sumo-gui shows the whole network.
     """
     duration = SimulationSettings().lane_change_duration if lane_change_duration is None else lane_change_duration
     root = etree.Element("configuration")
@@ -176,7 +190,12 @@ def configuration_xml(network: str, routes: str, step: float, *, lane_change_dur
     processing = etree.SubElement(root, "processing")
     for name, value in {**SIMULATION_OPTIONS, "lanechange.duration": f"{duration:g}"}.items():
         etree.SubElement(processing, name, value=value)
+    if view is not None:
+        etree.SubElement(etree.SubElement(root, "gui_only"), "gui-settings-file", value=view)
     return _text(root)
+
+
+VIEW_LENGTH = 250.0  # m of road that sumo-gui shows at first
 
 
 SIMULATION_OPTIONS = {
