@@ -1,0 +1,166 @@
+"""Following a vehicle: the Intelligent Driver Model (IDM), its enhanced form for dense traffic, and the ADS `idm`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+from sumo_eval.ads.lane_change import LanePath, Steering
+from sumo_eval.ads.perception import Sensor, bumper_gap, lead_in_path
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import must_be
+
+EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
+COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
+HEADWAY_RECOVERY = 25.0  # s, time constant in which an accepted short headway grows back (Schakel et al. 2012, LMRS)
+MIN_GAP = 0.1  # m; the models divide by the gap, and at this one they ask for more than any brake can give
+MIN_SPEED = 0.1  # m/s; they divide by the desired speed too
+
+
+@dataclass(frozen=True, slots=True)
+class IdmParameters:
+    """headway: T, s. standstill_gap: s0, m. acceleration: a, m/s2. deceleration: b, the comfortable one, m/s2, > 0."""
+
+    headway: float = 1.2
+    standstill_gap: float = 2.0
+    acceleration: float = 1.5
+    deceleration: float = 2.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise must_be(f"`{item.name}`", "the IDM", "a finite number greater than 0", value)
+
+
+def desired_gap(speed: float, closing_speed: float, idm: IdmParameters, headway: float | None = None) -> float:
+    """s* = s0 + max(0, v T + v dv / (2 sqrt(a b))), m.
+
+    speed: v, m/s. closing_speed: dv = v - v_lead, m/s. headway: T, s, in place of the parameters' own.
+    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
+    """
+    time = idm.headway if headway is None else headway
+    braking = speed * closing_speed / (2.0 * math.sqrt(idm.acceleration * idm.deceleration))
+    return idm.standstill_gap + max(0.0, speed * time + braking)
+
+
+def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters) -> float:
+    """IDM: dv/dt = a (1 - (v / v0)^4 - (s* / s)^2), m/s2.
+
+    speed: v, m/s. desired_speed: v0, m/s. gap: s, bumper to bumper, m; inf on a free road. lead_speed: m/s.
+    Source: Treiber, Hennecke, Helbing, Phys. Rev. E 62, 1805 (2000).
+    """
+    free: float = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
+    crowding = desired_gap(speed, speed - lead_speed, idm) / max(gap, MIN_GAP)
+    return idm.acceleration * (1.0 - free - crowding * crowding)
+
+
+def free_acceleration(speed: float, desired_speed: float, idm: IdmParameters) -> float:
+    """Free road of the improved IDM: a (1 - (v / v0)^4) up to the desired speed, above it -b (1 - (v0 / v)^(4 a / b)).
+
+    Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
+    """
+    wanted = max(desired_speed, MIN_SPEED)
+    if speed <= wanted:
+        return float(idm.acceleration * (1.0 - (speed / wanted) ** EXPONENT))
+    power = EXPONENT * idm.acceleration / idm.deceleration
+    return float(-idm.deceleration * (1.0 - (wanted / speed) ** power))
+
+
+def improved_idm_acceleration(
+    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters, headway: float | None = None
+) -> float:
+    """Improved IDM: like the IDM, but at v = v0 the gap it settles at is s* itself, not infinity. m/s2.
+
+    With z = s* / s and f the free-road acceleration: v <= v0: f (1 - z^(2 a / f)) for z < 1, a (1 - z^2) otherwise;
+    v > v0: f for z < 1, f + a (1 - z^2) otherwise. Arguments as in `idm_acceleration`; headway: T in place of the own.
+    Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
+    """
+    free = free_acceleration(speed, desired_speed, idm)
+    z = desired_gap(speed, speed - lead_speed, idm, headway) / max(gap, MIN_GAP)
+    if speed <= max(desired_speed, MIN_SPEED):
+        if z >= 1.0:
+            return idm.acceleration * (1.0 - z * z)
+        return float(free * (1.0 - z ** (2.0 * idm.acceleration / free))) if free > 0.0 else 0.0
+    return free + (idm.acceleration * (1.0 - z * z) if z >= 1.0 else 0.0)
+
+
+def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> float:
+    """Acceleration that just avoids a lead which keeps its speed: -dv^2 / (2 s) while closing, else 0. m/s2.
+
+    Source: the constant-acceleration heuristic of Kesting, Treiber, Helbing (2010) with lead acceleration 0.
+    """
+    closing = speed - lead_speed
+    return -closing * closing / (2.0 * max(gap, MIN_GAP)) if closing > 0.0 else 0.0
+
+
+def enhanced_idm_acceleration(
+    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters, headway: float | None = None
+) -> float:
+    """Enhanced IDM ("ACC model"): brakes no harder than a gap needs by more than b. m/s2.
+
+    i = improved IDM, h = constant-speed heuristic. i if i >= h, else (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99.
+    The IDM brakes at its limit when it finds itself close behind a lead of its own speed; people do not.
+    Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
+    """
+    plain = improved_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, headway)
+    needed = constant_speed_heuristic(speed, gap, lead_speed)
+    if plain >= needed:
+        return plain
+    b = idm.deceleration
+    return (1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b))
+
+
+class Follower:
+    """The enhanced IDM with a memory of the headway accepted behind each lead.
+
+    Whoever finds a lead closer than his own headway T accepts that headway at first, and lets it grow back to T:
+    dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res. Rec. 2316 (2012), LMRS.
+    """
+
+    def __init__(self, idm: IdmParameters, step: float) -> None:
+        self.idm = idm
+        self._recovery = step / HEADWAY_RECOVERY
+        self._accepted: dict[str, float] = {}
+
+    def acceleration(self, lead: str, speed: float, desired_speed: float, gap: float, lead_speed: float) -> float:
+        """Acceleration behind a lead, m/s2; call once a step and lead."""
+        own = self.idm.headway
+        accepted = self._accepted.get(lead)
+        if accepted is None:
+            accepted = min(own, max(gap - self.idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
+        self._accepted[lead] = accepted + (own - accepted) * self._recovery
+        return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, self.idm, accepted)
+
+
+class Idm:
+    """ADS `idm`: keeps its lane and follows by the IDM alone. Its desired speed is the one it starts with.
+
+    The default parameters lie between the motorway values of Treiber, Hennecke, Helbing (2000: T 1.6 s, a 0.73, b 1.67)
+    and of Treiber, Kesting (2013: T 1.0 s, a 1.0, b 1.5) and those of Kesting, Treiber, Helbing (2010: T 1.5 s, a 1.4,
+    b 2.0). It brakes as hard as the formula asks, up to the vehicle's brakes.
+    """
+
+    def __init__(self, parameters: IdmParameters | None = None) -> None:
+        self.parameters = parameters or IdmParameters()
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Take the lane and the speed of the start as the wanted ones."""
+        self._sensor = Sensor()
+        me = self._sensor.look(traci, ego).me
+        self._desired_speed = me.speed
+        self._strongest = scenario.vehicle.max_deceleration
+        lane = min(max(round(me.y / scenario.road.lane_width), 0), scenario.road.lanes - 1)
+        self._path = LanePath(scenario.road.lane_centre(lane))
+        self._steering = Steering(scenario.vehicle, scenario.step)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """IDM behind the lead in the path, steering along the lane's centre."""
+        me, others = self._sensor.look(traci, ego)
+        lead = lead_in_path(me, others)
+        gap, lead_speed = (bumper_gap(me, lead), lead.along) if lead is not None else (math.inf, 0.0)
+        wanted = idm_acceleration(me.speed, self._desired_speed, gap, lead_speed, self.parameters)
+        steering = self._steering.angle(me, self._path.at(self._steering.rear_axle_next(me)))
+        return Command(max(wanted, -self._strongest), steering)

@@ -1,0 +1,64 @@
+"""Random but smooth: named random streams, and a stationary noise that a vehicle can follow exactly."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_eval.errors import must_be
+
+
+def random_stream(seed: int, *labels: str | int) -> np.random.Generator:
+    """The random stream of that name: the same on every machine, in every process and in whatever order it is asked.
+
+    seed: 0 or more. labels: what the stream is for, e.g. ("population", 3); different names, independent streams.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise must_be("`seed`", "a random stream", "a whole number of at least 0", seed)
+    digest = hashlib.blake2b(repr(labels).encode(), digest_size=16).digest()
+    return np.random.default_rng(np.random.SeedSequence([seed, int.from_bytes(digest, "little")]))
+
+
+class NoisePoint(NamedTuple):
+    """The noise at an instant, its rate (per s) and the rate of that (per s2)."""
+
+    value: float
+    rate: float
+    bend: float
+
+
+class SmoothNoise:
+    """A stationary random function with mean 0, deviation s and correlation exp(-t^2 / (2 l^2)), as a sum of sines:
+
+        n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l),   p_k ~ U(0, 2 pi),   K = 8
+
+    (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an Ornstein-Uhlenbeck process
+    cannot: that one would ask for unlimited lateral speed. deviation: s. correlation_time: l, s.
+    """
+
+    COMPONENTS = 8
+
+    def __init__(self, stream: np.random.Generator, deviation: float, correlation_time: float) -> None:
+        frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
+        phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
+        self._waves = tuple(zip(frequencies.tolist(), phases.tolist(), strict=True))
+        self._amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
+
+    def value(self, time: float) -> float:
+        """n(time)."""
+        return self._amplitude * sum([math.sin(frequency * time + phase) for frequency, phase in self._waves])
+
+    def at(self, time: float) -> NoisePoint:
+        """n, dn/dt and d2n/dt2 at `time` (s)."""
+        value = rate = bend = 0.0
+        for frequency, phase in self._waves:
+            angle = frequency * time + phase
+            sine = math.sin(angle)
+            value += sine
+            rate += frequency * math.cos(angle)
+            bend -= frequency * frequency * sine
+        amplitude = self._amplitude
+        return NoisePoint(amplitude * value, amplitude * rate, amplitude * bend)

@@ -1,0 +1,76 @@
+"""The ADS `lane_changer` in SUMO."""
+
+import numpy as np
+import pytest
+from road_scenes import ROAD, actor, case, cut_outs_at_the_edge, low_speed, safe_cut_outs
+
+from sumo_eval.cosim import simulate
+from sumo_eval.scenario import Actor, Start
+
+
+def onset(recording) -> float:
+    """Time at which the lane change shows, s."""
+    ego = recording.ego
+    return float(ego.time[np.argmax(ego.y > 0.05)])
+
+
+@pytest.mark.parametrize("concrete", low_speed(), ids=lambda c: c.label)
+def test_it_overtakes_a_slower_vehicle_smoothly_and_stays_left(concrete):
+    recording = simulate(concrete, "lane_changer")
+    ego, lead = recording.ego, recording.actors["lead"]
+    assert (recording.collision, recording.error, recording.end_reason) == (None, None, "road_end")
+    assert ego.speed == pytest.approx(concrete.ego.speed, abs=0.05)
+    assert abs(ego.y[-1] - 3.5) < 0.02
+    assert np.diff(ego.y).min() > -1e-3
+    assert ego.y.max() < 3.52
+    across = np.gradient(ego.y, ego.time)
+    assert np.abs(np.gradient(across, ego.time)).max() < 2.1
+    assert np.all(ego.y[np.abs(ego.x - lead.x) < 4.5] > 1.9)
+
+
+def test_it_begins_at_ten_seconds_to_collision():
+    recording = simulate(case(actor("lead", 150.0, 20.0), speed=30.0), "lane_changer")
+    assert 5.0 < onset(recording) < 6.5
+    assert recording.ego.speed == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize("concrete", safe_cut_outs(8) + cut_outs_at_the_edge(12, seed=2), ids=lambda c: c.label)
+def test_it_never_collides_in_the_safe_zone_of_the_cut_out(concrete):
+    recording = simulate(concrete, "lane_changer")
+    assert (recording.collision, recording.error) == (None, None)
+    assert recording.end_reason in ("road_end", "standstill")
+
+
+def test_it_does_not_react_to_the_lead_that_leaves_its_lane():
+    (concrete,) = [c for c in safe_cut_outs(1) if c.label == "ego_speed=25, obstacle_speed=20, gap=60"]
+    recording = simulate(concrete, "lane_changer")
+    assert recording.ego.acceleration.min() > -0.2
+    assert onset(recording) > 1.0
+
+
+@pytest.mark.parametrize(
+    "blocker",
+    [
+        Actor("beside", Start(48.0, 3.5, 25.0)),
+        actor("just_ahead", 8.0, 25.0, y=3.5),
+        Actor("just_behind", Start(30.0, 3.5, 25.0)),
+    ],
+    ids=lambda a: a.name,
+)
+def test_behind_a_blocked_left_lane_it_follows(blocker):
+    recording = simulate(case(actor("lead", 60.0, 15.0), blocker, speed=25.0), "lane_changer")
+    behind_lead = recording.ego.time < 2.0
+    assert (recording.collision, recording.error) == (None, None)
+    assert np.abs(recording.ego.y[behind_lead]).max() < 0.01
+    assert recording.ego.acceleration[behind_lead].min() < -1.0
+
+
+def test_once_the_left_lane_is_free_it_overtakes_after_all():
+    blocker = Actor("passing", Start(40.0, 3.5, 28.0))
+    recording = simulate(case(actor("lead", 60.0, 15.0), blocker, speed=25.0), "lane_changer")
+    ego = recording.ego
+    assert recording.end_reason == "road_end"
+    assert abs(ego.y[-1] - 3.5) < 0.02
+    assert ego.speed.min() < 24.0
+    assert ego.speed[-1] > ego.speed.min() + 1.0
+    assert ego.x[-1] >= ROAD.length

@@ -1,0 +1,118 @@
+"""The drawn drivers have the recorded statistics, as far as the cuts at the bounds leave them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sumo_eval.drivers.population import (
+    IDM_CORRELATION,
+    IDM_FIT,
+    LANE_CHANGE_10_90,
+    ONSET_HEADWAY,
+    ONSET_TTC,
+    REACTION,
+    draw_driver,
+    draw_population,
+)
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import smooth_step, smooth_step_rate
+
+
+@pytest.fixture(scope="module")
+def drivers():
+    return draw_population(2000, seed=1)
+
+
+OWN = {
+    "reaction_time": REACTION,
+    "onset_headway": ONSET_HEADWAY,
+    "onset_ttc": ONSET_TTC,
+    "lane_change_10_90": LANE_CHANGE_10_90,
+}
+
+
+def values_of(drivers, name: str) -> np.ndarray:
+    return np.array([getattr(driver.idm if name in IDM_FIT else driver, name) for driver in drivers])
+
+
+@pytest.mark.parametrize(("name", "fit"), (IDM_FIT | OWN).items())
+def test_log_normal_parameters_have_the_fitted_median_and_spread(drivers, name, fit):
+    values = values_of(drivers, name)
+    assert fit.low <= values.min() < values.max() <= fit.high
+    assert np.median(values) == pytest.approx(math.exp(fit.mu), rel=0.08)
+    assert 0.7 * fit.sigma < np.log(values).std() < fit.sigma
+
+
+def test_the_numbers_are_those_of_the_recordings():
+    medians = {name: round(math.exp(fit.mu), 2) for name, fit in (IDM_FIT | OWN).items()}
+    assert medians == {
+        "headway": 0.87, "standstill_gap": 1.9, "acceleration": 1.19, "deceleration": 2.25,
+        "reaction_time": 1.2, "onset_headway": 2.38, "onset_ttc": 10.43, "lane_change_10_90": 5.09,
+    }  # fmt: skip
+
+
+def test_idm_parameters_are_correlated_as_fitted(drivers):
+    logs = [np.log(values_of(drivers, name)) for name in IDM_FIT]
+    assert np.corrcoef(logs) == pytest.approx(np.array(IDM_CORRELATION), abs=0.12)
+
+
+def test_shares_offsets_and_free_speeds_are_those_recorded(drivers):
+    assert np.mean([driver.overtakes for driver in drivers]) == pytest.approx(0.771, abs=0.002)
+    offsets = values_of(drivers, "lane_offset")
+    assert (offsets.mean(), offsets.std()) == pytest.approx((0.0, 0.18), abs=0.015)
+    free = values_of(drivers, "free_speed")
+    assert (free.mean(), free.std()) == pytest.approx((33.79, 5.9), abs=0.4)
+
+
+def test_a_driver_is_inclined_to_overtake_with_the_recorded_share_whatever_the_seed():
+    assert np.mean([draw_driver(3, seed).overtakes for seed in range(600)]) == pytest.approx(0.771, abs=0.04)
+
+
+def test_any_ten_drivers_hold_two_or_three_followers():
+    inclined = np.array([driver.overtakes for driver in draw_population(200, seed=7)])
+    followers = {int(10 - inclined[first : first + 10].sum()) for first in range(190)}
+    assert followers == {2, 3}
+
+
+def test_lane_changes_last_as_long_and_are_as_quick_as_recorded(drivers):
+    duration = np.median([driver.lane_change_duration for driver in drivers])
+    time = np.linspace(0.0, duration, 20_001)
+    done = smooth_step(time / duration)
+    ten_to_ninety = time[np.argmax(done > 0.9)] - time[np.argmax(done > 0.1)]
+    assert ten_to_ninety == pytest.approx(math.exp(1.628), rel=0.03)
+    across = 3.65 / duration * smooth_step_rate(time / duration)  # the recorded motorway has lanes of 3.62 and 3.79 m
+    assert across.max() == pytest.approx(math.exp(-0.373), rel=0.03)
+    assert np.mean(across > 0.12) * duration == pytest.approx(math.exp(2.125), rel=0.1)
+
+
+def test_the_speed_at_which_drivers_settle_spreads_as_recorded(drivers):
+    ratio = np.array([driver.desired_speed(30.0) for driver in drivers]) / 30.0
+    assert ratio.mean() == pytest.approx(1.0, abs=0.01)
+    assert ratio.std() == pytest.approx(0.087, rel=0.15)
+
+
+def test_an_alerted_driver_reacts_sooner():
+    driver = draw_driver(0, seed=1)
+    assert driver.alerted_reaction_time == pytest.approx(0.56 * driver.reaction_time)
+
+
+def test_a_larger_population_begins_with_the_same_drivers():
+    assert draw_population(10, seed=4)[:5] == draw_population(5, seed=4)
+    assert draw_driver(7, seed=4) == draw_population(10, seed=4)[7]
+
+
+def test_another_seed_is_another_population():
+    assert not set(draw_population(10, seed=1)) & set(draw_population(10, seed=2))
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.0, True])
+def test_a_population_has_drivers(count):
+    with pytest.raises(InputError, match="`count` of a population of drivers must be a whole number of at least 1"):
+        draw_population(count, seed=1)
+
+
+@pytest.mark.parametrize("index", [-1, 1.0, False])
+def test_a_driver_has_a_number(index):
+    with pytest.raises(InputError, match="`index` of a driver must be a whole number of at least 0"):
+        draw_driver(index, seed=1)

@@ -1,0 +1,231 @@
+"""Synthetic drivers at the wheel: what they know and when, what they do, and that they do it again."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from road_scenes import actor, case, cut_outs_at_the_edge, low_speed, mover, safe_cut_outs
+
+from sumo_eval.ads.perception import Scene
+from sumo_eval.cosim import simulate
+from sumo_eval.drivers.population import draw_driver, draw_population
+from sumo_eval.drivers.synthetic import Attention, SyntheticDriver, human_controller, synthetic_reference
+from sumo_eval.errors import InputError
+from sumo_eval.method.anthropomorphic import count_operations
+from sumo_eval.scenario import catalogue
+from sumo_eval.trajectory import CHANNELS
+
+DRIVERS = draw_population(10, seed=1)
+DRIVER = replace(DRIVERS[0], reaction_time=1.0)  # alerted: 0.56 s
+CUT_OUT = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=10.0, gap=80.0)
+STEP = 0.05
+
+
+def known_since(scenes, name: str) -> float | None:
+    """Time at which the driver first acts upon a vehicle. scenes: time -> the others, with the ego at 20 m/s."""
+    attention = Attention(DRIVER)
+    for count in range(80):
+        time = count * STEP
+        me = mover("ego", 20.0 * time)
+        if any(other.name == name for other in attention.known(Scene(me, scenes(time)), time)):
+            return time
+    return None
+
+
+def same_speed(time):
+    return mover("lead", 30.0 + 20.0 * time)
+
+
+def test_a_steady_scene_is_taken_in_within_the_reaction_time():
+    assert known_since(lambda time: (same_speed(time),), "lead") == pytest.approx(1.0)
+
+
+def test_a_vehicle_that_is_closed_upon_is_taken_in_within_the_alerted_reaction_time():
+    assert known_since(lambda time: (mover("slow", 80.0 + 10.0 * time, along=10.0),), "slow") == pytest.approx(0.6)
+
+
+def test_a_vehicle_that_crosses_is_taken_in_within_the_alerted_reaction_time():
+    def scenes(time):
+        return (same_speed(time)._replace(y=0.4 * time, across=0.4),)
+
+    assert known_since(scenes, "lead") == pytest.approx(0.6)
+
+
+def test_a_vehicle_that_appears_is_known_one_alerted_reaction_time_later():
+    def scenes(time):
+        return (same_speed(time), mover("new", 90.0 + 20.0 * time, y=3.5)) if time > 1.99 else (same_speed(time),)
+
+    assert known_since(scenes, "new") == pytest.approx(2.0 + 0.6)
+
+
+def test_a_hidden_vehicle_is_unknown_until_a_lamp_of_it_shows():
+    def scenes(time):
+        lead = same_speed(time)._replace(y=0.5 * time, across=0.5)
+        return lead, mover("hidden", 90.0 + 20.0 * time)
+
+    shows = 2.0 * 0.9 * 0.3 / 0.5  # s, when the lead has moved by 30 % of the width
+    assert known_since(scenes, "hidden") == pytest.approx(shows + 0.56, abs=2 * STEP)
+
+
+def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_late():
+    attention = Attention(DRIVER)
+    x, speed, speeds = 30.0, 20.0, []
+    for count in range(71):
+        time = count * STEP
+        speeds.append(speed)
+        lead = mover("lead", x, along=speed)
+        known = attention.known(Scene(mover("ego", 20.0 * time), (lead,)), time)
+        if count >= 20:  # 1 s
+            assert known[0].along == speeds[count - 20]
+        if 20 <= count <= 30:
+            assert known[0].x == pytest.approx(lead.x)
+        if count >= 30:  # brakes gently from 1.5 s on: never closed upon by 2 m/s, so nothing alerts
+            speed -= 0.9 * STEP
+        x += speed * STEP
+    assert speeds[-1] < 18.3
+
+
+@pytest.mark.parametrize("concrete", low_speed()[::4] + safe_cut_outs(25), ids=lambda c: c.label)
+def test_skilled_drivers_do_not_crash_in_the_safe_zone(concrete):
+    for recording in synthetic_reference(concrete, DRIVERS, seed=1):
+        assert (recording.collision, recording.error) == (None, None)
+        assert recording.end_reason in ("road_end", "standstill")
+
+
+@pytest.mark.parametrize("concrete", cut_outs_at_the_edge(6, seed=3), ids=lambda c: c.label)
+def test_skilled_drivers_do_not_crash_at_the_very_edge_of_the_safe_zone(concrete):
+    slowest = sorted(draw_population(40, seed=2), key=lambda driver: driver.reaction_time)[-4:]
+    for recording in synthetic_reference(concrete, slowest, seed=2):
+        assert (recording.collision, recording.error) == (None, None)
+
+
+@pytest.mark.campaign
+def test_skilled_drivers_do_not_crash_anywhere_in_the_safe_zone(request):
+    if "campaign" not in request.config.option.markexpr:
+        pytest.skip("2,300 drives; run with pytest -m campaign")
+    for concrete in low_speed() + safe_cut_outs(1) + cut_outs_at_the_edge(60, seed=4):
+        for recording in synthetic_reference(concrete, DRIVERS, seed=1):
+            assert (recording.collision, recording.error) == (None, None), concrete.label
+
+
+def test_those_inclined_to_overtake_do_and_the_others_follow():
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=25.0, lead_speed=15.0)
+    recordings = synthetic_reference(concrete, DRIVERS, seed=1)
+    for driver, recording in zip(DRIVERS, recordings, strict=True):
+        ends_left = recording.ego.y[-1] > 1.75
+        assert ends_left == driver.overtakes
+        assert recording.ego.y[0] == 0.0
+        if not driver.overtakes:
+            assert recording.ego.speed[-1] == pytest.approx(15.0, abs=1.5)
+    assert sum(driver.overtakes for driver in DRIVERS) == 8
+
+
+def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
+    logical = catalogue.load("front_vehicle_low_speed")
+    recordings = [
+        recording
+        for speed, lead in ((30.0, 20.0), (25.0, 20.0), (25.0, 15.0))
+        for recording in synthetic_reference(logical.concrete(ego_speed=speed, lead_speed=lead), DRIVERS, seed=1)
+    ]
+    strongest = np.array([recording.ego.acceleration.min() for recording in recordings])
+    assert np.median(strongest) == pytest.approx(-0.37, abs=0.12)
+    left = [recording for recording in recordings if recording.ego.y[-1] > 1.75]
+    assert np.std([recording.ego.speed[-1] / recording.ego.speed[0] for recording in left]) == pytest.approx(
+        0.087, abs=0.03
+    )
+    onsets = [float(recording.ego.time[np.argmax(recording.ego.y > 1.75)]) for recording in left]
+    assert np.std(onsets) > 0.5
+    assert np.mean([count_operations(recording.ego) for recording in recordings]) < 3.0
+
+
+def test_alone_on_the_road_a_driver_wanders_about_his_own_line_and_uses_the_pedals_little():
+    wander, lines, operations = [], [], []
+    for driver in draw_population(16, seed=5):
+        recording = simulate(case(speed=20.0), SyntheticDriver(driver, case(speed=20.0), seed=5))
+        ego = recording.ego
+        assert recording.end_reason == "road_end"
+        assert (ego.y[0], ego.acceleration[0]) == (0.0, 0.0)
+        settled = ego.time > 5.0
+        wander.append(ego.y[settled].var())
+        lines.append(ego.y[settled].mean() - driver.lane_offset)
+        operations.append(count_operations(ego))
+    within = np.sqrt(np.mean(wander) + np.var(lines))  # the mean of 20 s still holds some of the wander
+    assert within == pytest.approx(0.25, rel=0.15)
+    assert np.mean(operations) < 2.0
+
+
+def test_an_overtaker_does_not_wander_back_towards_what_he_passes():
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=0.0)
+    for driver in (driver for driver in DRIVERS if driver.overtakes):
+        recording = simulate(concrete, SyntheticDriver(driver, concrete, seed=1))
+        beside = np.abs(recording.ego.x - recording.actors["lead"].x) < 4.5
+        assert beside.any()
+        assert recording.ego.y[beside].min() > 1.9
+
+
+def channels(recording) -> bytes:
+    return b"".join(getattr(recording.ego, name).tobytes() for name in CHANNELS)
+
+
+def test_the_same_seed_driver_and_case_drive_the_same_to_the_last_bit_in_any_order():
+    first = [channels(recording) for recording in synthetic_reference(CUT_OUT, DRIVERS[:4], seed=1)]
+    again = [channels(simulate(CUT_OUT, human_controller(index, 10, 1, CUT_OUT))) for index in (3, 1, 2, 0)]
+    assert first == [again[3], again[1], again[2], again[0]]
+    assert len(set(first)) == 4
+
+
+def test_the_size_of_the_population_does_not_change_a_driver():
+    five, ten = (simulate(CUT_OUT, human_controller(4, count, 1, CUT_OUT)) for count in (5, 10))
+    assert channels(five) == channels(ten)
+
+
+def test_another_seed_or_another_case_is_another_drive():
+    driver = DRIVERS[0]
+    base = case(speed=20.0, gap=1.0)
+    runs = [
+        channels(simulate(concrete, SyntheticDriver(driver, concrete, seed)))
+        for concrete, seed in ((base, 1), (base, 2), (case(speed=20.0, gap=1.0 + 1e-12), 1))
+    ]
+    assert len(set(runs)) == 3
+
+
+def test_a_drive_does_not_depend_on_the_order_of_the_values():
+    one, other = case(speed=20.0, a=1.0, b=2.0), case(speed=20.0, b=2.0, a=1.0)
+    assert channels(simulate(one, SyntheticDriver(DRIVER, one, 1))) == channels(
+        simulate(other, SyntheticDriver(DRIVER, other, 1))
+    )
+
+
+@pytest.mark.parametrize("index", [-1, 10])
+def test_a_driver_outside_the_population_is_refused(index):
+    with pytest.raises(InputError, match=r"`index` of a population of 10 drivers must be within 0\.\.9"):
+        human_controller(index, 10, 1, CUT_OUT)
+
+
+def test_a_reference_needs_drivers():
+    with pytest.raises(InputError, match="must have at least one driver"):
+        synthetic_reference(CUT_OUT, (), seed=1)
+
+
+def test_a_follower_in_danger_evades_when_braking_is_not_enough():
+    follower = next(driver for driver in draw_population(40, seed=1) if not driver.overtakes)
+    follower = replace(follower, reaction_time=0.6)
+    concrete = case(actor("wall", 58.0, 0.0), speed=30.0)
+    recording = simulate(concrete, SyntheticDriver(follower, concrete, 1))
+    assert recording.collision is None
+    assert recording.ego.y[-1] > 2.5
+
+
+def test_a_child_process_that_drives_imports_no_heavy_package():
+    script = (
+        "import sys, sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic;"
+        "print(sorted({'scipy', 'pandas', 'sklearn', 'pydantic', 'numba'} & set(sys.modules)))"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
+
+
+def test_driver_numbers_are_stable():
+    assert draw_driver(0, seed=1).reaction_time == pytest.approx(0.8917902667644364, abs=1e-12)

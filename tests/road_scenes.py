@@ -1,0 +1,85 @@
+"""Scenes on a straight road that the tests of the ADSs and the drivers share."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+
+from sumo_eval.ads.perception import Mover
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.method.criticality import max_inverse_ttc
+from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
+from sumo_eval.settings import VehicleSettings
+
+ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=5400.0)
+BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
+
+
+def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: float = 0.0) -> Mover:
+    """A vehicle of 4.5 m x 1.8 m, straight along the road."""
+    return Mover(name, x, y, 0.0, along, across, 2.25, 0.9)
+
+
+def case(*actors: Actor, speed: float = 20.0, road: Road = ROAD, **values: float) -> ConcreteScenario:
+    """The ego at x = 50 m on the right lane at `speed` m/s, and the given others."""
+    return ConcreteScenario("test", values, 1.0, road, Start(50.0, 0.0, speed), actors)
+
+
+def actor(name: str, gap: float, speed: float, y: float = 0.0) -> Actor:
+    """A vehicle `gap` m (bumper to bumper) ahead of the ego's start."""
+    return Actor(name, Start(50.0 + 4.5 + gap, y, speed))
+
+
+def grid(logical: LogicalScenario) -> np.ndarray:
+    """The feasible points of a space at its own steps."""
+    axes = [np.arange(p.low, p.high + 1e-9, p.step) for p in logical.parameters]
+    points = np.array(list(itertools.product(*axes)))
+    return points[logical.feasible(points)]
+
+
+def peak_inverse_ttc(logical: LogicalScenario, points: np.ndarray) -> np.ndarray:
+    """Max ITTC of the points at 5 m/s2, 1/s, in closed form: below 0.7 lies the exact safe zone."""
+    approach = logical.approach(logical.columns(points))
+    return max_inverse_ttc(
+        approach.ego_speed, approach.obstacle_speed, approach.gap, deceleration=5.0, delay=approach.delay
+    )
+
+
+def low_speed() -> list[ConcreteScenario]:
+    """All feasible points of front_vehicle_low_speed."""
+    logical = catalogue.load("front_vehicle_low_speed")
+    return list(logical.concretes(grid(logical)))
+
+
+def safe_cut_outs(every: int) -> list[ConcreteScenario]:
+    """Every so-manyth safe point of front_vehicle_cut_out."""
+    logical = catalogue.load("front_vehicle_cut_out")
+    points = grid(logical)
+    return list(logical.concretes(points[peak_inverse_ttc(logical, points) < 0.7][::every]))
+
+
+def cut_outs_at_the_edge(count: int, seed: int) -> list[ConcreteScenario]:
+    """Safe points of front_vehicle_cut_out that would be hazardous with a gap 5 % smaller."""
+    logical = catalogue.load("front_vehicle_cut_out")
+    rng = np.random.default_rng(seed)
+    points = logical.from_unit(rng.random((40_000, len(logical.parameters))))
+    points = points[logical.feasible(points) & (points[:, 1] > 4.0)]  # slower obstacles take minutes to follow
+    safe = peak_inverse_ttc(logical, points) < 0.7
+    hazardous_if_nearer = peak_inverse_ttc(logical, points * np.array([1.0, 1.0, 0.95])) >= 0.7
+    return list(logical.concretes(points[safe & hazardous_if_nearer][:count]))
+
+
+class FakeTraci:
+    """As much of TraCI as a sensor asks for. vehicles: name -> (x, y of the front bumper, angle, speed)."""
+
+    def __init__(self, vehicles: dict[str, tuple[float, float, float, float]], length: float, width: float) -> None:
+        self.vehicle = SimpleNamespace(
+            getIDList=lambda: tuple(vehicles),
+            getPosition=lambda name: vehicles[name][:2],
+            getAngle=lambda name: vehicles[name][2],
+            getSpeed=lambda name: vehicles[name][3],
+            getLength=lambda name: length,
+            getWidth=lambda name: width,
+        )
