@@ -6,13 +6,16 @@ VENV ?= .venv
 OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
 
-.PHONY: score test check install clean
+.PHONY: score test campaign check install clean
 
 score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
 
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest
+
+campaign: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m campaign
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

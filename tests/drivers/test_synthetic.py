@@ -102,9 +102,7 @@ def test_skilled_drivers_do_not_crash_at_the_very_edge_of_the_safe_zone(concrete
 
 
 @pytest.mark.campaign
-def test_skilled_drivers_do_not_crash_anywhere_in_the_safe_zone(request):
-    if "campaign" not in request.config.option.markexpr:
-        pytest.skip("2,300 drives; run with pytest -m campaign")
+def test_skilled_drivers_do_not_crash_anywhere_in_the_safe_zone():
     for concrete in low_speed() + safe_cut_outs(1) + cut_outs_at_the_edge(60, seed=4):
         for recording in synthetic_reference(concrete, DRIVERS, seed=1):
             assert (recording.collision, recording.error) == (None, None), concrete.label
