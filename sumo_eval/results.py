@@ -57,11 +57,14 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioResult:
-    """One ADS in one logical scenario: C, D, S and what stands beside them. d None: not computed, see `d_reason`."""
+    """One ADS in one logical scenario: C, D, S and what stands beside them.
+
+    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`.
+    """
 
     ads: str
     scenario: str
-    c: float
+    c: float | None
     d: float | None
     d_reason: str
     s: float

@@ -159,8 +159,11 @@ def combine(
         for case in hits
         if case.severity is not None and case.ideal_severity is not None and case.weight is not None
     ]
-    u, ideal_u, weights = np.array(compared).reshape(-1, 3).T
-    c = collision_avoidance_index(u, ideal_u, weights, loss=method.collision.loss)
+    judged = [case for case in cases if case.evaluated]
+    c: float | None = None  # an ADS that never got as far as a collision has not avoided any
+    if compared or (judged and not hits):
+        u, ideal_u, weights = np.array(compared).reshape(-1, 3).T
+        c = collision_avoidance_index(u, ideal_u, weights, loss=method.collision.loss)
     safe = [case for case in cases if case.zone == "safe"]
     safe_hits = sum(case.collided for case in safe)
     indexed = [(case.index, case.exposure) for case in safe if case.index is not None]
@@ -184,7 +187,6 @@ def combine(
     if beaten:
         notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
     total = combined_score(c, d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6)
-    judged = [case for case in cases if case.evaluated]
     exposure = sum(case.exposure for case in judged)
     statuses = Counter(case.status for case in cases)
     return ScenarioResult(

@@ -143,4 +143,5 @@ def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: P
     done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "no plan" in done.stdout
+    assert "C of idm in front_vehicle_low_speed is not computed" in done.stdout
     assert "Traceback" not in done.stdout + done.stderr

@@ -242,6 +242,17 @@ def test_cases_that_cannot_be_evaluated_are_counted_and_named_not_dropped(tmp_pa
     assert any("3 cases could not be evaluated" in note for note in result.notes)
 
 
+def test_an_ads_that_never_drives_has_no_c_and_no_points(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
+    settings = replace(
+        small("idm", scenarios=("front_vehicle_low_speed",)),
+        ads=(AdsSettings("broken", f"{tmp_path}/broken.py:broken"),),
+    )
+    (result,) = sumo_eval.evaluate(settings, tmp_path / "run").scores
+    assert (result.c, result.d, result.s) == (None, None, 0.0)
+    assert result.not_evaluated == result.cases
+
+
 RECORDED = """
 import numpy as np
 from sumo_eval import Trajectory

@@ -18,35 +18,36 @@ ROUNDING = 1e-9  # what a mean of shares may be off by
 class Score:
     """S and what it is made of.
 
-    total: S, points. c: index C. d: index D, None where it was not computed. c_points, d_points: what each adds to S;
-    d_points is 0 where D was not computed.
+    total: S, points. c, d: the indexes C and D, None where not computed. c_points, d_points: what each adds to S, 0
+    where it was not computed.
     """
 
     total: float
-    c: float
+    c: float | None
     d: float | None
     c_points: float
     d_points: float
 
 
 def combined_score(
-    c: float, d: float | None, *, a: float = 50.0, b: float = 50.0, k5: float = 1.0, k6: float = 1.0
+    c: float | None, d: float | None, *, a: float = 50.0, b: float = 50.0, k5: float = 1.0, k6: float = 1.0
 ) -> Score:
     """Eq. 18: S = a k5 C + b k6 D.
 
-    c: C, 0..1. d: D, 0..1, or None: after a collision in the safe zone there is no D, and its term counts 0.
+    c: C, 0..1, or None: no case could be evaluated. d: D, 0..1, or None: after a collision in the safe zone there is
+    no D. The term of what was not computed counts 0.
     a, b: points for either, not negative, together 100. k5, k6: scales, above 0 (1, or see `population_scale`: with
     other scales S can pass 100, and is not cut). Raises InputError for anything else.
     """
-    _index("c", c)
-    if d is not None:
-        _index("d", d)
+    for index, value in (("c", c), ("d", d)):
+        if value is not None:
+            _index(index, value)
     if not (a >= 0.0 and b >= 0.0 and math.isclose(a + b, 100.0, abs_tol=1e-9)):
         raise must_be("`a` and `b`", "the score", "at least 0 and together 100", (a, b))
     for name, scale in (("k5", k5), ("k6", k6)):
         if not (math.isfinite(scale) and scale > 0.0):
             raise must_be(f"`{name}`", "the score", "greater than 0", scale)
-    c_points = a * k5 * c
+    c_points = 0.0 if c is None else a * k5 * c
     d_points = 0.0 if d is None else b * k6 * d
     return Score(c_points + d_points, c, d, c_points, d_points)
 

@@ -6,6 +6,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sumo_eval.report.words import (
+    REASON_WITHOUT_C,
     count,
     drivers_are_synthetic,
     drivers_sentence,
@@ -53,6 +54,11 @@ def plain_table(evaluation: Evaluation) -> str:
 def closing_lines(evaluation: Evaluation) -> list[str]:
     """What a person must know besides the table, one sentence a line."""
     lines = [
+        f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."
+        for score in evaluation.scores
+        if score.c is None
+    ]
+    lines += [
         f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its term counts 0 points."
         for score in evaluation.scores
         if score.d is None
@@ -82,7 +88,7 @@ def _row(score: ScenarioResult) -> list[tuple[str, str]]:
     cells = (
         score.ads,
         score.scenario,
-        number(score.c, 3),
+        NOT_COMPUTED if score.c is None else number(score.c, 3),
         NOT_COMPUTED if score.d is None else number(score.d, 3),
         number(score.s, 1),
         str(score.collisions),

@@ -14,6 +14,8 @@ from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 
+REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
+
 OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
 """What became of a case, in the order in which the report shows it."""
 
@@ -169,6 +171,8 @@ def _avoided(case: CaseResult, loss: str) -> float | None:
 
 def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
     """Why C is what it is."""
+    if score.c is None:
+        return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
     judged = sum(case.evaluated for case in cases)
     if score.collisions == 0:
         return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]

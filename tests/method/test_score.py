@@ -25,6 +25,11 @@ def test_the_defaults_are_halves_and_full_marks_are_100():
     assert combined_score(0.5, 1.0).total == 75.0
 
 
+def test_without_c_its_term_counts_0_and_says_so():
+    score = combined_score(None, 0.5)
+    assert (score.total, score.c, score.c_points, score.d_points) == (25.0, None, 0.0, 25.0)
+
+
 def test_without_d_its_term_counts_0_and_says_so():
     score = combined_score(0.9, None)
     assert (score.total, score.d, score.d_points) == (45.0, None, 0.0)
