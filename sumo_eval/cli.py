@@ -60,7 +60,8 @@ def run(evaluation: Path | None, out: Path, workers: int | None) -> None:
     from sumo_eval.evaluation import evaluate
 
     with _progress() as progress:
-        _finish(evaluate(evaluation, out, workers=workers, progress=progress))
+        result = evaluate(evaluation, out, workers=workers, progress=progress)
+    _finish(result)
 
 
 @main.command()
@@ -71,7 +72,8 @@ def score(run: Path, changes: tuple[str, ...]) -> None:
     from sumo_eval.evaluation import score as score_run
 
     with _progress() as progress:
-        _finish(score_run(run, changes, progress=progress))
+        result = score_run(run, changes, progress=progress)
+    _finish(result)
 
 
 @main.command()
