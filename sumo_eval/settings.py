@@ -244,6 +244,19 @@ class RunSettings(Checked):
     step_timeout: Annotated[float, Positive, About("wall time one controller step may take", "s")] = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class ReportSettings(Checked):
+    """What the report compares with. Scores do not depend on it."""
+
+    reference: Annotated[
+        str,
+        MinLen(1),
+        About(
+            "name or controller of the ADS that decides what was preventable; the ideal vehicle if none is so called"
+        ),
+    ] = "careful_driver"
+
+
 # --- an evaluation ----------------------------------------------------------------------------------------------------
 
 
@@ -251,7 +264,10 @@ class RunSettings(Checked):
 class SamplingSettings(Checked):
     """Which concrete scenarios of a space are simulated."""
 
-    method: Annotated[Literal["grid"], About("how points are chosen")] = "grid"
+    method: Annotated[
+        str | None,
+        About("how points are chosen: grid, or a sample that the scenario names; default: the scenario's own"),
+    ] = None
     levels: Annotated[
         int | dict[str, int] | None,
         About("points on each axis, one number or by parameter; default: the space's steps"),
@@ -287,3 +303,4 @@ class EvaluationSettings(Checked):
     run: RunSettings = field(default_factory=RunSettings)
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     method: MethodSettings = field(default_factory=MethodSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)

@@ -127,6 +127,7 @@ def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sente
         ('controller = "idm"', 'controller = "sumo:IMD"', "Unknown SUMO car-following model"),
         ('use = "front_vehicle_low_speed"', 'use = "front_vehicle_slow"', "Unknown logical scenario"),
         ("levels = 2", "levels = 1", "levels"),
+        ("levels = 2", 'method = "gird"', "Did you mean `grid`?"),
         ("levels = 2", "steps = { lead_sped = 1.0 }", "Did you mean `lead_speed`?"),
     ):
         (tmp_path / "evaluation.toml").write_text(EVALUATION.replace(before, after))

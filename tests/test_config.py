@@ -79,7 +79,7 @@ def test_every_mistake_in_a_file_is_named_at_once(tmp_path: Path) -> None:
         ("case_timeout = 20.0", "case_timeout = nan", "`run.case_timeout`"),
         ("case_timeout = 20.0", "case_timeout = -1.0", "`run.case_timeout`"),
         ("case_timeout = 20.0", 'case_timeout = "20"', "`run.case_timeout`"),
-        ('method = "grid"', 'method = "gird"', "must be 'grid', got 'gird'"),
+        ('method = "grid"', "method = 3", "`scenario[0].sampling.method`"),
         ('name = "nightly"', "", "`name` in"),
         ("count = 10", "count = 1", "`drivers.count`"),
         ('name = "nightly"', "name = ", "is not valid TOML"),

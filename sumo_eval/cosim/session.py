@@ -39,6 +39,7 @@ def session(
     """The running libsumo module with every vehicle of the case standing at its start (time 0), closed at the end."""
     if libsumo.simulation.isLoaded():
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
+    settings = concrete.simulation(settings)
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
         log, console = Path(folder) / "sumo.log", Path(folder) / "stderr.txt"
         try:

@@ -46,7 +46,7 @@ def simulate(
     clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
     fault of SUMO with "sim_error". What was driven until then is kept.
     """
-    settings = settings or SimulationSettings()
+    settings = concrete.simulation(settings or SimulationSettings())
     _check_intervals(settings)
     ads = load_controller(controller, folder)
     began = clock.perf_counter()
@@ -77,7 +77,7 @@ def _check_intervals(settings: SimulationSettings) -> None:
 
 @dataclass(slots=True)
 class _Track:
-    """Samples of one vehicle while it drives: time, x, y, heading, speed, and of the ego acceleration and steering."""
+    """Samples of one vehicle while it drives: time, x, y, heading, speed, acceleration, and of the ego steering."""
 
     length: float
     width: float
@@ -130,7 +130,7 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
-        scripted = [actor for actor in self.concrete.actors if actor.lane_changes]
+        scripted = [actor for actor in self.concrete.actors if actor.lane_changes or actor.brake]
         try:
             self._take_charge(traci)
             self._reset(traci)
@@ -255,14 +255,15 @@ class _Run:
         self.state = state
 
     def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
-        """Scripted lateral motion; straight on, SUMO moves the vehicle by itself."""
-        for move in actor.lane_changes:
-            if move.begin < time < move.begin + move.duration + self.settings.step:
-                across = actor.lateral_speed(time)
-                heading = math.atan2(across, actor.start.speed)
-                traci.vehicle.setSpeed(actor.name, math.hypot(across, actor.start.speed))
-                x = actor.start.x + actor.start.speed * time
-                _place(traci, actor.name, x, actor.y(time), heading, actor.length)
+        """Scripted motion; straight on at constant speed, or standing, SUMO moves the vehicle by itself."""
+        spans = [(move.begin, move.begin + move.duration) for move in actor.lane_changes]
+        if actor.brake is not None:
+            spans.append((actor.brake.begin, actor.brake.end(actor.start.speed)))
+        if actor.name not in self.actors or not any(a < time < b + self.settings.step for a, b in spans):
+            return
+        along, across = actor.speed(time), actor.lateral_speed(time)
+        traci.vehicle.setSpeed(actor.name, math.hypot(along, across))
+        _place(traci, actor.name, actor.x(time), actor.y(time), math.atan2(across, along), actor.length)
 
     # -- observation ---------------------------------------------------------------------------------------------------
 
@@ -383,8 +384,11 @@ class _Run:
             return
         steering = math.nan if self.state is None else self.state.steering_wheel_angle
         rows.append((time, ego.x, ego.y, ego.heading, ego.speed, self.acceleration, steering))
-        for name, body in self.actors.items():
-            self.tracks[name].rows.append((time, body.x, body.y, body.heading, body.speed))
+        for actor in self.concrete.actors:
+            if actor.name in self.actors:
+                body = self.actors[actor.name]
+                motion = (body.x, body.y, body.heading, body.speed, actor.acceleration(time))
+                self.tracks[actor.name].rows.append((time, *motion))
 
     def end(self, reason: EndReason) -> None:
         """The case is over."""

@@ -88,6 +88,7 @@ def routes_xml(
 
     `ego_type` adds to or replaces the ego's vType attributes; `origin`: a sentence on where the file comes from.
     """
+    vehicle = concrete.ego_vehicle(vehicle)
     routes = etree.Element("routes")
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     limits = {
@@ -155,6 +156,11 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
                 f"Not in this file: `{actor.name}` moves {abs(move.offset):g} m to the {side} from {move.begin:g} s to "
                 f"{move.begin + move.duration:g} s. A route file cannot say that: the harness moves the vehicle step "
                 "by step, and here it stays in its lane."
+            )
+        if actor.brake is not None:
+            lines.append(
+                f"Not in this file: `{actor.name}` brakes to a standstill with {actor.brake.deceleration:g} m/s2 from "
+                f"{actor.brake.begin:g} s on. The harness moves it step by step, and here it keeps its speed."
             )
     text = "\n     ".join(lines)
     return f" {text} ".replace("--", "- -")  # which ends an XML comment

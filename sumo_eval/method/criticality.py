@@ -1,10 +1,14 @@
 """Criticality of an approach to a slower vehicle under ideal braking, Eqs. 1-6.
 
 One ego drives at `ego_speed` towards a vehicle `gap` ahead of it (bumper to bumper) that keeps `lead_speed`. It keeps
-its speed for `delay`, then brakes until it is as fast as the lead. Everything has a closed form. Arrays broadcast.
+its speed for `delay`, then brakes until it is as fast as the lead. Everything has a closed form, except where the
+vehicle ahead brakes or comes in from the side: `searched_criticality` looks along the time axis. Arrays broadcast.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -184,6 +188,78 @@ def ideal_impact_speed(
     contact_on_ramp = np.where(after_ramp >= 0.0, left < ramp_length, True)
     braked = np.where(contact_on_ramp, on_ramp, on_plateau)
     return np.where(rel <= 0.0, 0.0, np.where(left <= 0.0, rel, np.maximum(braked, 0.0)))[()]
+
+
+Profile = Callable[[FloatArray], FloatArray]
+"""Times (..., m), s -> speeds, m/s, or distances driven since t = 0, m, of the same shape."""
+
+_SHARES = 161  # moments looked at from the conflict's begin to the ego's standstill
+_ZOOM = 21  # moments looked at between the neighbours of the most critical one
+_BISECTIONS = 40
+
+
+def searched_criticality(
+    ego_speed: ArrayLike,
+    gap: ArrayLike,
+    lead_speed: Profile,
+    lead_distance: Profile,
+    *,
+    deceleration: ArrayLike = 5.0,
+    delay: ArrayLike = 0.0,
+    conflict_begin: ArrayLike = 0.0,
+    passing_length: float = math.inf,
+) -> tuple[FloatArray, FloatArray]:
+    """Max ITTC, 1/s, and impact speed, m/s, of ideal braking behind a vehicle of any motion, by search over time.
+
+    ego_speed: v0 (n,), m/s. gap: d0 (n,), m. lead_speed, lead_distance: the vehicle ahead at times (n, m).
+    deceleration, delay: of the ego, which after the delay brakes to a standstill. conflict_begin: s before which the
+    other is not in the way, so that neither ITTC nor contact counts. passing_length: m, both bodies: with a gap below
+    -passing_length at the conflict's begin the ego has passed, and nothing counts any more; with one between that and 0
+    the other moves into its side. Returns max ITTC (inf where it hits, 0 where it never closes) and the relative speed
+    at contact (0 where avoided), as `max_inverse_ttc` and `ideal_impact_speed` do.
+
+    Agrees with those two to 1e-3 (relative) where both apply. Raises InputError for numbers outside these meanings.
+    """
+    strength = _not_negative("deceleration", deceleration, above_zero=True)
+    v0, d0, strength, wait, begin = np.broadcast_arrays(
+        _not_negative("ego_speed", ego_speed), _finite("gap", gap), strength, _not_negative("delay", delay),
+        _not_negative("conflict_begin", conflict_begin),
+    )  # fmt: skip
+
+    def relative(time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Closing speed and gap at times (n, m)."""
+        braking = np.clip(time - wait[:, None], 0.0, (v0 / strength)[:, None])
+        speed = v0[:, None] - strength[:, None] * braking
+        driven = v0[:, None] * np.minimum(time, wait[:, None]) + braking * (v0[:, None] + speed) / 2.0
+        return speed - lead_speed(time), d0[:, None] + lead_distance(time) - driven
+
+    stands = wait + v0 / strength
+    shares = np.linspace(0.0, 1.0, _SHARES)
+    times = begin[:, None] + shares * np.maximum(stands - begin, 0.0)[:, None]
+    closing, distance = relative(times)
+    passed = distance[:, 0] < -passing_length
+    touching = distance <= 0.0
+    hit = touching.any(axis=1) & ~passed
+
+    # The instant of contact lies between the first touching moment and the one before it.
+    first = np.argmax(touching, axis=1)
+    rows = np.arange(len(v0))
+    after, before = times[rows, first], times[rows, np.maximum(first - 1, 0)]
+    for _ in range(_BISECTIONS if hit.any() else 0):
+        middle = (before + after) / 2.0
+        touches = relative(middle[:, None])[1][:, 0] <= 0.0
+        before, after = np.where(touches, before, middle), np.where(touches, middle, after)
+    impact = np.where(hit, np.abs(relative(after[:, None])[0][:, 0]), 0.0)
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where((closing > 0.0) & ~touching, closing / distance, 0.0)
+        peak = np.argmax(inverse, axis=1)
+        low, high = times[rows, np.maximum(peak - 1, 0)], times[rows, np.minimum(peak + 1, _SHARES - 1)]
+        near = low[:, None] + np.linspace(0.0, 1.0, _ZOOM) * (high - low)[:, None]
+        closing, distance = relative(near)
+        closer = np.where((closing > 0.0) & (distance > 0.0), closing / distance, 0.0).max(axis=1)
+    largest = np.maximum(inverse.max(axis=1), closer)
+    return np.where(passed, 0.0, np.where(hit, np.inf, largest)), impact
 
 
 def _closing_speed(ego_speed: ArrayLike, lead_speed: ArrayLike) -> FloatArray:

@@ -33,8 +33,9 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
-from sumo_eval.scenario import LogicalScenario, Parameter
+from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, searched_criticality
+from sumo_eval.scenario import Approach, LogicalScenario, Parameter
+from sumo_eval.scenario.concrete import braked_distance, braked_speed
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -48,6 +49,7 @@ MOST_POINTS = 5_000  # training points a user may bring
 TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
 LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguishable from "does not matter"
 SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
+SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
 
@@ -214,7 +216,7 @@ def partition(
         raise InputError(
             f"Scenario `{logical.name}` must have points that satisfy its constraints: none of {len(grid)} do."
         )
-    _compare_with_closed_form(logical, grid[feasible], y[feasible] <= 0.0, settings, notes)
+    _compare_with_exact(logical, grid[feasible], y[feasible] <= 0.0, settings, notes)
 
     shape = tuple(len(axis) for axis in refined)
     hazard = ((y <= 0.0) & feasible).reshape(shape)
@@ -274,7 +276,9 @@ class BoundaryError:
 
 
 def boundary_error(zones: ZonePartition, n: int = 50_000) -> BoundaryError:
-    """Compare a partition with the closed form (max ITTC >= ITTC*) at n evenly spread points of the box.
+    """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points of the box.
+
+    Max ITTC is in closed form where the scenario has one, else searched over time.
 
     The points are the additive recurrence x_i = frac(1/2 + i / phi^(1..k)). A regular grid would share its lines with
     the training grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
@@ -286,7 +290,7 @@ def boundary_error(zones: ZonePartition, n: int = 50_000) -> BoundaryError:
     for _ in range(60):
         phi = (1.0 + phi) ** (1.0 / (k + 1))
     points = zones.logical.from_unit((0.5 + np.outer(np.arange(n), phi ** -np.arange(1.0, k + 1))) % 1.0)
-    wrong = zones.hazardous(points) != _closed_form_hazardous(zones.logical, points, zones.settings)
+    wrong = zones.hazardous(points) != _exactly_hazardous(zones.logical, points, zones.settings)
     feasible = zones.logical.feasible(points)
     return BoundaryError(float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan)
 
@@ -297,8 +301,17 @@ def boundary_error(zones: ZonePartition, n: int = 50_000) -> BoundaryError:
 def _criticality(
     logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Max ITTC, impact speed and gap at points (n, k), by the zones' ideal braking after the scenario's delay."""
+    """Max ITTC, impact speed and gap at points (n, k), by the zones' ideal braking after the scenario's delay.
+
+    Where the other comes into the ego's way later, the gap is the one left when it does, of either sign.
+    """
     approach = logical.approach(logical.columns(points))
+    n = len(points)
+    if not approach.has_closed_form:
+        inverse, impact = _searched(approach, n, settings)
+        # Of two equally hard hits the one at the closer meeting counts, and not the one that the ego has nearly passed.
+        left = approach.gap - (approach.ego_speed - approach.obstacle_speed) * approach.conflict_begin
+        return inverse, impact, np.broadcast_to(np.abs(left), n)
     inverse = max_inverse_ttc(
         approach.ego_speed,
         approach.obstacle_speed,
@@ -313,11 +326,51 @@ def _criticality(
         deceleration=settings.deceleration,
         delay=approach.delay,
     )
-    n = len(points)
     return np.broadcast_to(inverse, n), np.broadcast_to(impact, n), np.broadcast_to(approach.gap, n)
 
 
-def _closed_form_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
+def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[FloatArray, FloatArray]:
+    """Max ITTC and impact speed of `n` points without a closed form, in blocks that stay within 50 MB."""
+    inverse, impact = np.empty(n), np.empty(n)
+    ego, other, gap, delay, slowing, begin = (
+        np.broadcast_to(np.asarray(values, dtype=np.float64), n)
+        for values in (
+            approach.ego_speed, approach.obstacle_speed, approach.gap, approach.delay,
+            approach.obstacle_deceleration, approach.conflict_begin,
+        )
+    )  # fmt: skip
+    for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
+        speed, brakes = other[rows, None], slowing[rows, None] > 0.0
+        strength = np.where(brakes, slowing[rows, None], 1.0)
+
+        def lead_speed(time: FloatArray, speed: FloatArray = speed, brakes: BoolArray = brakes,
+                       strength: FloatArray = strength) -> FloatArray:  # fmt: skip
+            return np.where(brakes, braked_speed(speed, strength, time), speed)
+
+        def lead_distance(time: FloatArray, speed: FloatArray = speed, brakes: BoolArray = brakes,
+                          strength: FloatArray = strength) -> FloatArray:  # fmt: skip
+            return np.where(brakes, braked_distance(speed, strength, time), speed * time)
+
+        inverse[rows], impact[rows] = searched_criticality(
+            ego[rows],
+            gap[rows],
+            lead_speed,
+            lead_distance,
+            deceleration=settings.deceleration,
+            delay=delay[rows],
+            conflict_begin=begin[rows],
+            passing_length=approach.passing_length,
+        )
+    return inverse, impact
+
+
+def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
+    """The criticality of points (n, k) itself, on the scale that the GP learns it: hazardous where <= 0, (n,)."""
+    inverse, impact, _ = _criticality(logical, points, settings)
+    return squared_time_target(inverse, impact, settings)
+
+
+def _exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
     return np.asarray(_criticality(logical, points, settings)[0] >= settings.critical_inverse_ttc)
 
 
@@ -408,12 +461,12 @@ def _bound_notes(logical: LogicalScenario, kernel: Any) -> list[str]:
     return notes
 
 
-def _compare_with_closed_form(
+def _compare_with_exact(
     logical: LogicalScenario, points: FloatArray, hazardous: BoolArray, settings: ZoneSettings, notes: list[str]
 ) -> None:
-    wrong = float(np.mean(hazardous != _closed_form_hazardous(logical, points, settings)))
+    wrong = float(np.mean(hazardous != _exactly_hazardous(logical, points, settings)))
     if wrong > ERROR_WORTH_A_NOTE:
-        notes.append(f"The GP puts {100 * wrong:.1f} % of the space in the wrong zone (closed form): add points.")
+        notes.append(f"The GP puts {100 * wrong:.1f} % of the space in the wrong zone: add points.")
 
 
 # --- points -----------------------------------------------------------------------------------------------------------

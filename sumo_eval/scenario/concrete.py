@@ -6,12 +6,15 @@ line.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
 
@@ -62,9 +65,15 @@ def smooth_step_rate(share: FloatArray | float) -> FloatArray:
     return 30.0 * s**2 * (1.0 - s) ** 2
 
 
+def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
+    """Second derivative of `smooth_step` by its argument; peaks at 10/sqrt(3)."""
+    s = np.clip(share, 0.0, 1.0)
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
 @dataclass(frozen=True, slots=True)
 class LaneChange:
-    """A lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right)."""
+    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right)."""
 
     begin: float
     duration: float
@@ -78,29 +87,175 @@ class LaneChange:
         """Lateral speed at a time, m/s."""
         return float(self.offset / self.duration * smooth_step_rate((time - self.begin) / self.duration))
 
+    def lateral_acceleration(self, time: float) -> float:
+        """Lateral acceleration at a time, m/s2."""
+        return float(self.offset / self.duration**2 * smooth_step_curvature((time - self.begin) / self.duration))
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantLateral:
+    """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0, until it has covered
+    `offset` m to the left (negative: right).
+    """
+
+    begin: float
+    speed: float
+    offset: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.speed) and self.speed > 0.0):
+            raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", self.speed)
+
+    @property
+    def duration(self) -> float:
+        """Time until the offset is covered, s."""
+        return abs(self.offset) / self.speed
+
+    def lateral(self, time: float) -> float:
+        """Offset already covered at a time, m."""
+        return math.copysign(min(max(time - self.begin, 0.0) * self.speed, abs(self.offset)), self.offset)
+
+    def lateral_speed(self, time: float) -> float:
+        """Lateral speed at a time, m/s; at the very instants of its two jumps, the speed after them."""
+        moving = 0.0 <= time - self.begin < self.duration
+        return math.copysign(self.speed, self.offset) if moving else 0.0
+
+    def lateral_acceleration(self, time: float) -> float:
+        """0 m/s2: the jumps of the speed at both ends take no time."""
+        return 0.0
+
+
+def braking_time(speed: ArrayLike, deceleration: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
+    """Time from the first touch of the brake to standstill, s; arguments as in `braked_speed`."""
+    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
+    rise = a / np.asarray(jerk, dtype=np.float64)
+    return np.asarray(np.where(v0 >= a * rise / 2.0, v0 / a + rise / 2.0, np.sqrt(2.0 * v0 * rise / a)))
+
+
+def braked_speed(speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
+    """Speed `time` s after a vehicle at `speed` m/s began to brake, m/s. Arrays broadcast; before that, its own speed.
+
+    The deceleration rises linearly at `jerk` m/s3 to `deceleration` m/s2, stays there, and ends in standstill.
+    """
+    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
+    rise = a / np.asarray(jerk, dtype=np.float64)
+    t = np.clip(time, 0.0, braking_time(v0, a, jerk))
+    rising = np.minimum(t, rise)
+    share = np.divide(rising, rise, out=np.zeros(np.broadcast_shapes(np.shape(rising), rise.shape)), where=rise > 0.0)
+    return np.asarray(np.maximum(v0 - a * (rising * share / 2.0 + (t - rising)), 0.0))
+
+
+def braked_distance(
+    speed: ArrayLike, deceleration: ArrayLike, time: ArrayLike, jerk: ArrayLike = math.inf
+) -> FloatArray:
+    """Distance driven `time` s after the brake was touched, m (negative before); arguments as in `braked_speed`."""
+    v0, a = np.asarray(speed, dtype=np.float64), np.asarray(deceleration, dtype=np.float64)
+    rise = a / np.asarray(jerk, dtype=np.float64)
+    t = np.minimum(np.asarray(time, dtype=np.float64), braking_time(v0, a, jerk))
+    rising = np.clip(t, 0.0, rise)
+    share = np.divide(rising, rise, out=np.zeros(np.broadcast_shapes(np.shape(rising), rise.shape)), where=rise > 0.0)
+    plateau = np.maximum(t - rise, 0.0)
+    return np.asarray(v0 * t - a * (rising**2 * share / 6.0 + rise * plateau / 2.0 + plateau**2 / 2.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Brake:
+    """Braking to a standstill: from `begin` s, deceleration rises at `jerk` m/s3 to `deceleration` m/s2 > 0."""
+
+    begin: float
+    deceleration: float
+    jerk: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.deceleration) and self.deceleration > 0.0):
+            raise must_be("`deceleration`", "a brake", "finite and greater than 0 m/s2", self.deceleration)
+        if not self.jerk > 0.0:
+            raise must_be("`jerk`", "a brake", "greater than 0 m/s3", self.jerk)
+
+    def end(self, speed: float) -> float:
+        """When a vehicle that began to brake at `speed` m/s stands, s."""
+        return self.begin + float(braking_time(speed, self.deceleration, self.jerk))
+
+    def speed(self, speed: float, time: float) -> float:
+        """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
+        return float(braked_speed(speed, self.deceleration, time - self.begin, self.jerk))
+
+    def distance(self, speed: float, time: float) -> float:
+        """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
+        return speed * self.begin + float(braked_distance(speed, self.deceleration, time - self.begin, self.jerk))
+
+    def acceleration(self, speed: float, time: float) -> float:
+        """Acceleration at a time, m/s2; where it jumps, the one after the jump."""
+        if not self.begin <= time < self.end(speed):
+            return 0.0
+        if math.isinf(self.jerk):
+            return -self.deceleration
+        return -min(self.jerk * (time - self.begin), self.deceleration)
+
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """Another vehicle: keeps its speed, and performs its lane changes as scripted."""
+    """Another vehicle: keeps its speed along the road until it brakes, and performs its lane changes as scripted."""
 
     name: str
     start: Start
-    lane_changes: tuple[LaneChange, ...] = ()
+    lane_changes: tuple[LaneChange | ConstantLateral, ...] = ()
     length: float = 4.5
     width: float = 1.8
+    brake: Brake | None = None
+
+    def __post_init__(self) -> None:
+        if self.brake is None:
+            return
+        stands = self.brake.end(self.start.speed)
+        late = max((move.begin + move.duration for move in self.lane_changes), default=-math.inf)
+        if late > stands:
+            raise must_be(
+                "The lane changes", f"vehicle `{self.name}`", f"over when it stands, at {stands:.2f} s", round(late, 2)
+            )
+
+    def x(self, time: float) -> float:
+        """Position of the centre along the road at a time, m."""
+        driven = self.start.speed * time if self.brake is None else self.brake.distance(self.start.speed, time)
+        return self.start.x + driven
 
     def y(self, time: float) -> float:
         """Lateral position of the centre at a time, m."""
         return self.start.y + sum(move.lateral(time) for move in self.lane_changes)
 
+    def speed(self, time: float) -> float:
+        """Speed along the road at a time, m/s."""
+        return self.start.speed if self.brake is None else self.brake.speed(self.start.speed, time)
+
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
         return sum(move.lateral_speed(time) for move in self.lane_changes)
 
+    def acceleration(self, time: float) -> float:
+        """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
+        along, across = self.speed(time), self.lateral_speed(time)
+        braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
+        if across == 0.0:
+            return braking
+        sideways = sum(move.lateral_acceleration(time) for move in self.lane_changes)
+        return (along * braking + across * sideways) / math.hypot(along, across)
+
+
+@dataclass(frozen=True, slots=True)
+class EgoBody:
+    """The ego's body where a scenario prescribes it, m."""
+
+    length: float
+    width: float
+
 
 @dataclass(frozen=True, slots=True)
 class ConcreteScenario:
-    """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start."""
+    """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start.
+
+    ego_body: the body that the ego has here; None: the one of the vehicle settings. time_limit: simulated time after
+    which the case is over, s; None: the simulation's own, which holds as well.
+    """
 
     scenario: str
     values: Mapping[str, float]
@@ -108,6 +263,8 @@ class ConcreteScenario:
     road: Road
     ego: Start
     actors: tuple[Actor, ...]
+    ego_body: EgoBody | None = None
+    time_limit: float | None = None
 
     def __post_init__(self) -> None:
         names = ["ego", *(actor.name for actor in self.actors)]
@@ -118,3 +275,14 @@ class ConcreteScenario:
     def label(self) -> str:
         """`ego_speed=30, gap=40`: the point in words."""
         return ", ".join(f"{name}={value:g}" for name, value in self.values.items())
+
+    def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
+        """The ego of these settings, with the body that the scenario prescribes."""
+        if self.ego_body is None:
+            return vehicle
+        return replace(vehicle, length=self.ego_body.length, width=self.ego_body.width)
+
+    def simulation(self, settings: SimulationSettings) -> SimulationSettings:
+        """The settings with which this case is simulated: the given ones, with the scenario's ego and time limit."""
+        limit = settings.time_limit if self.time_limit is None else min(settings.time_limit, self.time_limit)
+        return replace(settings, vehicle=self.ego_vehicle(settings.vehicle), time_limit=limit)

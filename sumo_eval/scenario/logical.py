@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -45,12 +45,35 @@ class Constraint:
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """What the criticality of a point depends on: arrays of one shape; delay before ideal braking, s (Eqs. 1-6)."""
+    """What the criticality of a point depends on: arrays that broadcast to one shape (Eqs. 1-6).
+
+    ego_speed, obstacle_speed: at t = 0, m/s. gap: bumper to bumper at t = 0, m. delay: s before ideal braking.
+    obstacle_deceleration: m/s2 with which the obstacle brakes to a standstill from t = 0 on; 0: it keeps its speed.
+    conflict_begin: s before which the obstacle is not in the ego's way. passing_length: m, both bodies; an ego that is
+    further ahead than that when the conflict begins has passed. With the last two criticality is searched numerically.
+    """
 
     ego_speed: FloatArray
     obstacle_speed: FloatArray
     gap: FloatArray
-    delay: float
+    delay: FloatArray | float
+    obstacle_deceleration: FloatArray | float = 0.0
+    conflict_begin: FloatArray | float = 0.0
+    passing_length: float = math.inf
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether the obstacle keeps its speed in the ego's way from the start."""
+        return not (np.any(self.obstacle_deceleration) or np.any(self.conflict_begin))
+
+
+@dataclass(frozen=True, slots=True)
+class NamedSample:
+    """A list of points that somebody prescribes, rows in the order of `LogicalScenario.parameters`."""
+
+    name: str
+    about: str
+    points: tuple[tuple[float, ...], ...]
 
 
 def uniform_exposure(values: Values) -> FloatArray:
@@ -65,6 +88,8 @@ class LogicalScenario:
     place: values of one point -> (ego's start, the other vehicles).
     approach: values by name (arrays) -> `Approach`, what the zones are computed from.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
+    ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
+    where nobody says: `grid`, or the name of one of `samples`.
     """
 
     name: str
@@ -77,6 +102,10 @@ class LogicalScenario:
     approach: Callable[[Values], Approach]
     exposure: Callable[[Values], FloatArray] = uniform_exposure
     exposure_about: str = "uniform: every concrete scenario counts the same"
+    ego_body: EgoBody | None = None
+    time_limit: float | None = None
+    samples: tuple[NamedSample, ...] = ()
+    default_sample: str = "grid"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -156,7 +185,9 @@ class LogicalScenario:
                 raise must_be("The point", owner, constraint.about, at)
         ego, actors = self.place(point)
         exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
-        return ConcreteScenario(self.name, point, exposure, self.road, ego, actors)
+        return ConcreteScenario(
+            self.name, point, exposure, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
+        )
 
     def concretes(self, points: ArrayLike) -> Sequence[ConcreteScenario]:
         """The concrete scenarios at the rows of `points` (n, k)."""

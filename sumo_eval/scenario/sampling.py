@@ -38,17 +38,29 @@ class Sample:
     notes: tuple[str, ...] = ()
 
 
-def sample(logical: LogicalScenario, method: str = "grid", levels: Levels = None, steps: Steps = None) -> Sample:
+def sample(logical: LogicalScenario, method: str | None = None, levels: Levels = None, steps: Steps = None) -> Sample:
     """Choose points of a space.
 
-    method: `grid`, all combinations of the values of each axis.
+    method: `grid`, all combinations of the values of each axis; or the name of one of the scenario's own samples. None:
+    the grid where levels or steps are given, else what the scenario has as its default.
     levels: points on each axis, evenly spaced with both ends; one number for all axes, or by parameter name.
     steps: distance between the points of an axis, by parameter name. An axis in neither keeps the space's own step.
-    Raises InputError for an unknown method or parameter and for levels and steps that make no grid.
+    Raises InputError for an unknown method or parameter, for levels and steps that make no grid, and for levels and
+    steps of a prescribed sample, which has none.
     """
-    if method not in METHODS:
-        raise unknown("sampling method", method, METHODS)
-    points, notes = METHODS[method](logical, levels, steps)
+    given = levels is not None or bool(steps)
+    notes: tuple[str, ...] = ()
+    if method is None:
+        method = "grid" if given else logical.default_sample
+    prescribed = {item.name: item for item in logical.samples}
+    if method not in METHODS and method not in prescribed:
+        raise unknown("sampling method", method, (*METHODS, *prescribed))
+    if method in prescribed:
+        if given:
+            raise InputError(f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or steps.")
+        points = np.array(prescribed[method].points, dtype=np.float64)
+    else:
+        points, notes = METHODS[method](logical, levels, steps)
     feasible = logical.feasible(points)
     return Sample(points[feasible], points[~feasible], notes)
 
@@ -59,7 +71,7 @@ def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None
 
 
 def central_point(logical: LogicalScenario) -> FloatArray:
-    """The possible point (k,) of the space's own grid nearest to the centre of the unit box; of equals, the first."""
+    """The point (k,) of the space's default sample nearest to the centre of the unit box; of equals, the first."""
     points = sample(logical).points
     distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
     point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]  # rounded: equals must stay equal

@@ -14,7 +14,7 @@ from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body, separation
 from sumo_eval.cosim.controller import NativeModel, load_controller
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Actor, LaneChange, Start
+from sumo_eval.scenario import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Start, catalogue
 from sumo_eval.scenario.catalogue import FRONT_VEHICLE_CUT_OUT as CUT_OUT
 from sumo_eval.scenario.sampling import grid, sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -608,6 +608,25 @@ def test_an_actors_acceleration_is_that_of_its_motion():
     assert 0.1 < track.acceleration.max() < 1.0
 
 
+@pytest.mark.parametrize("jerk", [math.inf, 12.65])
+@pytest.mark.parametrize("moves", [(), (LaneChange(0.5, 2.0, 3.5),), (ConstantLateral(0.33, 1.3, 3.5),)])
+def test_law_a_scripted_actor_is_where_its_closed_form_says_at_every_sample(jerk, moves):
+    mover = Actor("mover", Start(80.0, 0.0, 17.0), moves, brake=Brake(0.42, 4.0, jerk))
+    found = simulate(case(mover, speed=5.0), nothing, SimulationSettings(time_limit=8.0))
+    track = found.actors["mover"]
+    assert found.error is None
+    assert len(track) == 81
+    for index, time in enumerate(track.time.tolist()):
+        along, across = mover.speed(time), mover.lateral_speed(time)
+        assert track.x[index] == pytest.approx(mover.x(time), abs=1e-6)
+        assert track.y[index] == pytest.approx(mover.y(time), abs=1e-6)
+        assert track.speed[index] == pytest.approx(math.hypot(along, across), abs=1e-6)
+        assert track.heading[index] == pytest.approx(math.atan2(across, along), abs=1e-6)
+        assert track.acceleration[index] == mover.acceleration(time)
+    assert track.speed[-1] == 0.0
+    assert track.acceleration.min() < -3.9
+
+
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
@@ -665,6 +684,34 @@ def test_the_longest_gap_that_is_hit_is_the_braking_distance():
     # 23.71378 m from 20 m/s (worked out in test_vehicle_model)
     assert simulate(case(lead(gap=23.71)), brake).end_reason == "contact"
     assert simulate(case(lead(gap=23.72)), brake).end_reason == "standstill"
+
+
+def test_a_scenarios_ego_body_is_the_one_that_drives_touches_and_is_recorded():
+    # centres 4.3 + 10 m apart and bodies of 4.3 m: 10 m to go at 20 m/s, not the 9.8 m of the settings' 4.5 m
+    wall = Actor("lead", Start(50.0 + 14.3, 0.0, 0.0), length=4.3, width=1.9)
+    sizes = []
+
+    def look(traci, ego, time):
+        sizes.append((traci.vehicle.getLength(ego), traci.vehicle.getWidth(ego)))
+
+    found = simulate(replace(case(wall), ego_body=EgoBody(4.3, 1.9)), look)
+    assert found.collision.time == pytest.approx(0.5)
+    assert (found.ego.length, found.ego.width) == (4.3, 1.9)
+    assert set(sizes) == {(4.3, 1.9)}
+
+
+def test_a_scenarios_time_limit_ends_the_case():
+    found = simulate(replace(case(), time_limit=1.0), nothing)
+    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(1.0))
+
+
+@pytest.mark.parametrize("overlap", [-0.5, 0.5])
+def test_the_ncap_target_stays_at_its_offset_and_is_hit_with_that_overlap(overlap):
+    concrete = catalogue.load("ncap_ccrm").concrete(ego_speed=20.0, overlap=overlap, lead_speed=10.0)
+    found = simulate(concrete, nothing)
+    assert found.collision.time == pytest.approx(5.0)  # the initial time to collision
+    assert found.collision.overlap == pytest.approx(0.5)
+    assert np.ptp(found.actors["target"].y) < 1e-9
 
 
 # --- cut-out: the lead leaves and does not touch what it reveals ------------------------------------------------------

@@ -14,7 +14,7 @@ from lxml import etree
 from sumo_eval.cosim.session import session
 from sumo_eval.cosim.sumo_files import SIMULATION_OPTIONS, configuration_xml, network_xml, routes_xml
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Actor, LaneChange, Start, catalogue, shipped_files
+from sumo_eval.scenario import Actor, Brake, LaneChange, Start, catalogue, shipped_files
 from sumo_eval.scenario.sampling import central_point
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -83,6 +83,8 @@ def test_a_route_file_says_which_point_it_is_and_what_it_cannot_express():
     assert "`mover` moves 3.5 m to the left from 0.5 s to 3.5 s" in comment.text
     assert "`mover` moves 3.5 m to the right from 5 s to 7 s" in comment.text
     assert "Not in this file" not in routes_xml(case(), CAR)
+    braking = routes_xml(case(Actor("lead", Start(80.0, 0.0, 20.0), brake=Brake(0.5, 4.0))), CAR)
+    assert "`lead` brakes to a standstill with 4 m/s2 from 0.5 s on" in braking
 
 
 def test_a_configuration_has_the_options_of_the_harness():

@@ -19,6 +19,7 @@ from sumo_eval.method.criticality import (
     inverse_ttc,
     max_inverse_ttc,
     required_gap,
+    searched_criticality,
     time_to_collision,
 )
 
@@ -243,3 +244,60 @@ def test_impossible_thresholds_and_times_are_refused():
         critical_gap(10.0, critical_inverse_ttc=0.0)
     with pytest.raises(InputError, match="`time` of an approach must be at least 0"):
         ideal_braking_gap(20, 0, 30, -1.0)
+
+
+# --- the search over time ---------------------------------------------------------------------------------------------
+
+
+def searched(ego, lead, gap, **how):
+    """The search behind vehicles of constant speed."""
+    ego, lead, gap = (np.atleast_1d(np.asarray(value, dtype=float)) for value in (ego, lead, gap))
+    lead_speed = lambda time: np.broadcast_to(lead[:, None], time.shape)  # noqa: E731
+    return searched_criticality(ego, gap, lead_speed, lambda time: lead[:, None] * time, **how)
+
+
+def test_law_the_search_is_the_closed_form_where_the_lead_keeps_its_speed():
+    random = np.random.default_rng(11)
+    n = 4_000
+    ego, lead, gap = random.uniform(0, 40, n), random.uniform(0, 30, n), random.uniform(1.0, 200, n)
+    how = {"deceleration": random.uniform(2, 9, n), "delay": random.uniform(0, 2, n)}
+    inverse, impact = searched(ego, lead, gap, **how)
+    exact, exact_impact = max_inverse_ttc(ego, lead, gap, **how), ideal_impact_speed(ego, lead, gap, **how)
+    grazing = (exact_impact < 0.5) & (exact > 20.0)  # within a hair of contact: the zone is far behind
+    assert 500 < np.isinf(exact).sum() < 3_500
+    assert np.array_equal(np.isinf(inverse)[~grazing], np.isinf(exact)[~grazing])
+    finite = np.isfinite(exact) & ~grazing
+    assert inverse[finite] == pytest.approx(exact[finite], rel=1e-3, abs=1e-9)
+    assert impact[~grazing] == pytest.approx(exact_impact[~grazing], abs=1e-6)
+
+
+def test_law_a_conflict_that_begins_with_the_braking_is_an_approach_from_the_gap_left_then():
+    gap = np.linspace(0.0, 100.0, 401)
+    ego, lead = np.full_like(gap, 60 / 3.6), np.full_like(gap, 20 / 3.6)
+    inverse, impact = searched(ego, lead, gap, delay=2.0, conflict_begin=2.0, passing_length=8.6)
+    left = gap - 2.0 * (40 / 3.6)
+    exact = np.where(left < -8.6, 0.0, max_inverse_ttc(ego, lead, left))
+    assert np.array_equal(np.isinf(inverse), np.isinf(exact))
+    assert inverse[np.isfinite(exact)] == pytest.approx(exact[np.isfinite(exact)], rel=1e-3)
+    assert impact == pytest.approx(np.where(left < -8.6, 0.0, ideal_impact_speed(ego, lead, left, deceleration=5.0)))
+    # both bodies are 4.3 m: safe below 22.22 - 8.6 m, where the ego has passed, and above 22.22 + 17.45 m
+    hazardous = gap[inverse >= 0.7]
+    assert (hazardous[0], hazardous[-1]) == (13.75, 39.5)
+    assert np.all(np.diff(hazardous) == 0.25)
+
+
+def test_the_search_behind_a_braking_lead_by_hand():
+    # Both at 20 m/s; the lead stands after 40 m (5 m/s2). Without delay the ego needs the same 40 m: never closing.
+    # After 1 s it needs 20 + 40 m: with 10 m it lacks 10 m. Both brake alike until the lead stands at 4 s: then the ego
+    # is 1 s behind in its braking, 5 m/s fast, and has lost 2.5 + 5*3 = 17.5 m of the gap; so contact comes before.
+    lead_speed = lambda time: np.maximum(20.0 - 5.0 * time, 0.0)  # noqa: E731
+    lead_distance = lambda time: 40.0 - lead_speed(time) ** 2 / 10.0  # noqa: E731
+    ego = np.array([20.0])
+    assert searched_criticality(ego, np.array([5.0]), lead_speed, lead_distance)[1] == 0.0
+    inverse, impact = searched_criticality(ego, np.array([10.0]), lead_speed, lead_distance, delay=1.0)
+    # from 1 s on it closes at 5 m/s with 10 - 2.5 m left: contact after 1.5 s more, at 5 m/s
+    assert (inverse[0], impact[0]) == (math.inf, pytest.approx(5.0))
+    # with 30 m it stops 10 m short; its ITTC peaks while it brakes behind the standing lead: sqrt(a / 2c), c = 10 m,
+    # is reached at sqrt(2 a c) = 10 m/s, but it has only 5 m/s when the lead stands, 12.5 m away: 5 / 12.5
+    inverse, impact = searched_criticality(ego, np.array([30.0]), lead_speed, lead_distance, delay=1.0)
+    assert (inverse[0], impact[0]) == (pytest.approx(0.4, rel=1e-3), 0.0)

@@ -10,12 +10,19 @@ from twins.zone_partition import distance_to_change, posterior_mean
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.criticality import critical_gap, ideal_impact_speed, max_inverse_ttc
-from sumo_eval.method.zone_partition import TARGET_TOLERANCE, boundary_error, partition, squared_time_target
+from sumo_eval.method.zone_partition import (
+    TARGET_TOLERANCE,
+    boundary_error,
+    exact_target,
+    partition,
+    squared_time_target,
+)
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import ZoneSettings
 
 CUT_OUT = load("front_vehicle_cut_out")
 LOW_SPEED = load("front_vehicle_low_speed")
+CUT_IN = load("cut_in")
 QUICK = ZoneSettings(restarts=1, grid_points=5_000)
 
 
@@ -43,6 +50,43 @@ def hill():
         return 45.102 + np.minimum(first, second)
 
     return partition(space([("x", 0.0, 100.0, 10.0), ("y", 0.0, 100.0, 10.0)], gap), QUICK)
+
+
+# --- zones without a closed form --------------------------------------------------------------------------------------
+
+
+def test_law_the_hazardous_gaps_of_a_cut_in_are_an_interval_safe_on_both_sides():
+    # 60 -> 20 km/h at 0.8 m/s: the bodies overlap after 2 s, in which the ego closes 22.22 m. With both bodies' 8.6 m
+    # it has passed below 13.62 m; above 22.22 + critical gap of 11.11 m/s (17.45 m) there is time enough.
+    gap = np.linspace(0.0, 100.0, 1_001)
+    points = np.stack([np.full_like(gap, 60 / 3.6), np.full_like(gap, 20 / 3.6), gap, np.full_like(gap, 0.8)], axis=-1)
+    hazardous = gap[exact_target(CUT_IN, points, QUICK) <= 0.0]
+    assert (hazardous[0], hazardous[-1]) == pytest.approx((13.7, 39.6))
+    assert len(hazardous) == round((39.6 - 13.7) / 0.1) + 1
+    assert 2.0 * 40 / 3.6 + critical_gap(40 / 3.6) == pytest.approx(39.67, abs=0.01)
+
+
+def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point_that_exists():
+    zones = partition(CUT_IN, QUICK)
+    assert zones.zones >= 1
+    (worst, *_) = zones.most_dangerous
+    point = CUT_IN.row(worst)
+    assert CUT_IN.feasible(point[None])[0]
+    assert zones.hazardous(point[None])[0]
+    assert exact_target(CUT_IN, point[None], QUICK)[0] <= 0.0
+    # 60 -> 20 km/h at 0.9 m/s: exactly hazardous from 11.2 to 37.2 m
+    slice_of_gaps = [[60 / 3.6, 20 / 3.6, gap, 0.9] for gap in (0.0, 27.0, 80.0)]
+    assert zones.hazardous(slice_of_gaps).tolist() == [False, True, False]
+    assert boundary_error(zones, 5_000).feasible < 0.12
+    assert any("a coarser one of" in note for note in zones.notes)
+
+
+def test_a_braking_lead_is_judged_by_the_search_and_learnt():
+    zones = partition(load("front_vehicle_braking"), QUICK)
+    # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81 it has 110 + 50 m.
+    assert zones.hazardous([[20.0, 0.5, 9.81]])[0]
+    assert not zones.hazardous([[20.0, 2.5, 1.81]])[0]
+    assert boundary_error(zones, 5_000).feasible < 0.05
 
 
 # --- the paper's scenarios --------------------------------------------------------------------------------------------

@@ -1,8 +1,10 @@
 """The shipped logical scenarios and what a logical scenario promises about its space."""
 
+import csv
 import itertools
 import math
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.scenario import (
     Actor,
     Approach,
+    Brake,
+    ConstantLateral,
     Constraint,
     LaneChange,
     LogicalScenario,
@@ -21,8 +25,9 @@ from sumo_eval.scenario import (
     Start,
     catalogue,
 )
-from sumo_eval.scenario.concrete import ConcreteScenario, smooth_step, smooth_step_rate
+from sumo_eval.scenario.concrete import ConcreteScenario, braked_distance, braked_speed, smooth_step, smooth_step_rate
 from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 LOW_SPEED, CUT_OUT = catalogue.load("front_vehicle_low_speed"), catalogue.load("front_vehicle_cut_out")
 ALL = sorted(catalogue.SCENARIOS.values(), key=lambda logical: logical.name)
@@ -104,10 +109,18 @@ def test_cut_out_keeps_the_lead_nearer_where_there_is_less_room():
 @each
 def test_every_concrete_scenario_starts_within_the_road_and_apart(logical):
     for concrete in logical.concretes(sample(logical).points):
-        starts = sorted([concrete.ego, *(actor.start for actor in concrete.actors)], key=lambda start: start.x)
-        assert all(0.0 < start.x < logical.road.length for start in starts)
-        assert all(b.x - a.x >= 4.5 for a, b in itertools.pairwise(starts) if a.y == b.y)
+        bodies = sorted(
+            [Actor("ego", concrete.ego, length=ego_length(concrete)), *concrete.actors], key=lambda body: body.start.x
+        )
+        assert all(0.0 < body.start.x < logical.road.length for body in bodies)
+        for a, b in itertools.pairwise(bodies):
+            if a.start.y == b.start.y:
+                assert b.start.x - a.start.x >= (a.length + b.length) / 2 - 1e-9
         assert concrete.road is logical.road
+
+
+def ego_length(concrete):
+    return concrete.ego_vehicle(VehicleSettings()).length
 
 
 @each
@@ -118,7 +131,105 @@ def test_the_approach_describes_what_is_placed(logical):
         ahead = concrete.actors[-1]  # the one that matters: the lead, or the revealed obstacle
         assert approach.ego_speed[index] == concrete.ego.speed
         assert approach.obstacle_speed[index] == ahead.start.speed
-        assert approach.gap[index] == pytest.approx(ahead.start.x - concrete.ego.x - 4.5)
+        apart = (ego_length(concrete) + ahead.length) / 2
+        assert approach.gap[index] == pytest.approx(ahead.start.x - concrete.ego.x - apart)
+        slowing = np.broadcast_to(approach.obstacle_deceleration, len(points))[index]
+        assert slowing == (ahead.brake.deceleration if ahead.brake else 0.0)
+        begin = np.broadcast_to(approach.conflict_begin, len(points))[index]
+        if begin > 0.0:  # the bodies begin to overlap across the road
+            width = (concrete.ego_vehicle(VehicleSettings()).width + ahead.width) / 2
+            assert ahead.y(begin) - concrete.ego.y == pytest.approx(width)
+
+
+def test_the_regulations_and_consumer_tests_scenarios_ship_with_the_agreed_parameters():
+    names = {
+        "front_vehicle_braking": ("ego_speed", "headway", "lead_deceleration"),
+        "cut_in": ("ego_speed", "cut_in_speed", "gap", "lateral_speed"),
+        "r157_cut_out": ("ego_speed", "obstacle_gap", "lateral_speed"),
+        "ncap_ccrs": ("ego_speed", "overlap"),
+        "ncap_ccrm": ("ego_speed", "overlap", "lead_speed"),
+        "ncap_ccrb": ("ego_speed", "overlap", "headway_distance", "lead_deceleration"),
+    }
+    for name, parameters in names.items():
+        assert catalogue.load(name).names == parameters
+
+
+def test_a_cut_in_begins_1_6_m_beside_the_ego_and_ends_on_its_lane_centre():
+    concrete = catalogue.load("cut_in").concrete(ego_speed=60 / 3.6, cut_in_speed=20 / 3.6, gap=30.0, lateral_speed=0.8)
+    (other,) = concrete.actors
+    assert (concrete.ego_body.length, concrete.ego_body.width) == (other.length, other.width) == (4.3, 1.9)
+    assert other.start.x - concrete.ego.x - 4.3 == pytest.approx(30.0)
+    assert other.y(0.0) - 1.9 == pytest.approx(1.6)
+    assert other.y(2.0) == pytest.approx(1.9)  # 1.6 m later the bodies begin to overlap
+    assert (other.y(3.5 / 0.8), other.lateral_speed(9.0)) == (0.0, 0.0)
+
+
+def test_a_braking_lead_and_a_cut_out_by_hand():
+    (lead,) = catalogue.load("front_vehicle_braking").concrete(ego_speed=20, headway=2, lead_deceleration=5).actors
+    assert (lead.start.x, lead.start.speed, lead.brake) == (50.0 + 40.0 + 4.3, 20.0, Brake(0.0, 5.0))
+    first, obstacle = catalogue.load("r157_cut_out").concrete(ego_speed=20, obstacle_gap=30, lateral_speed=1).actors
+    assert first.start.x == pytest.approx(50.0 + 40.0 + 4.3)  # 2 s of 20 m/s
+    assert obstacle.start.x - first.start.x - 4.3 == pytest.approx(30.0)
+    assert (first.y(1.0), obstacle.start.speed) == (1.0, 0.0)
+
+
+def test_the_targets_offset_by_hand():
+    ccrs = catalogue.load("ncap_ccrs")
+    offset = {o: ccrs.concrete(ego_speed=10.0, overlap=o).actors[0].start.y for o in (-1.0, 1.0, 0.5, -0.5, 0.75)}
+    # half of the ego's 1.8 m faces the 1.712 m target when the centres are 1.756 - 0.9 m apart
+    assert offset == pytest.approx({-1.0: 0.0, 1.0: 0.0, 0.5: -0.856, -0.5: 0.856, 0.75: -0.406})
+
+
+def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
+    concrete = catalogue.load("cut_in").concrete(ego_speed=20, cut_in_speed=10, gap=30, lateral_speed=1)
+    given = SimulationSettings(time_limit=150.0, vehicle=VehicleSettings(length=4.5, width=1.8, wheelbase=2.5))
+    inside = concrete.simulation(given)
+    assert (inside.vehicle.length, inside.vehicle.width, inside.vehicle.wheelbase) == (4.3, 1.9, 2.5)
+    assert inside.time_limit == 35.0
+    assert concrete.simulation(SimulationSettings(time_limit=5.0)).time_limit == 5.0
+    assert concrete.simulation(inside) == inside
+    plain = CUT_OUT.concrete(**GOOD)
+    assert plain.simulation(given) == given
+
+
+MATRIX = Path(__file__).parents[3] / "shared" / "data" / "r157" / "ncap_c2c_matrix.csv"
+
+
+@pytest.mark.skipif(not MATRIX.is_file(), reason="the reference tables are not here")
+@pytest.mark.parametrize("edition", ["2023", "2026"])
+@pytest.mark.parametrize("name", ["ccrs", "ccrm", "ccrb"])
+def test_the_named_samples_are_the_euro_ncap_matrices(name, edition):
+    logical = catalogue.load(f"ncap_{name}")
+    location = {"0": -0.5, "25": -0.75, "50": 1.0, "75": 0.75, "100": 0.5}  # of the impact, in the 2026 edition
+    wanted = set()
+    with MATRIX.open() as file:
+        for row in csv.DictReader(file):
+            if row["scenario"].lower() != name or not row["edition"].startswith(edition):
+                continue
+            share = row["overlap_or_impact_location_pct"]
+            ego = float(row["vut_speed_kmh"]) / 3.6
+            point = [ego, location[share] if edition == "2026" else float(share) / 100.0]
+            if name == "ccrm":
+                point.append(float(row["gvt_speed_kmh"]) / 3.6)
+            if name == "ccrb":
+                point += [float(row["headway_m"] or float(row["headway_s"]) * ego), float(row["gvt_decel_mps2"])]
+            wanted.add(tuple(round(value, 9) for value in point))
+    chosen = sample(logical, f"ncap_{edition}")
+    assert {tuple(row) for row in chosen.points.round(9).tolist()} == wanted
+    assert len(chosen.points) == len(wanted)
+    assert len(chosen.refused) == 0
+    if edition == "2026":
+        assert np.array_equal(sample(logical).points, chosen.points)
+
+
+def test_a_named_sample_has_no_levels_and_levels_mean_the_grid():
+    logical = catalogue.load("ncap_ccrs")
+    with pytest.raises(InputError, match="Sample `ncap_2023` of scenario `ncap_ccrs` is a list"):
+        sample(logical, "ncap_2023", levels=2)
+    with pytest.raises(InputError, match=r"Unknown sampling method `ncap_2025`. Did you mean `ncap_202"):
+        sample(logical, "ncap_2025")
+    assert sample(logical, levels=2).points.tolist() == sample(logical, "grid", levels=2).points.tolist()
+    assert len(sample(logical, "grid").points) == 9 * 6
 
 
 # --- refusals ---------------------------------------------------------------------------------------------------------
@@ -275,3 +386,81 @@ def test_law_the_rate_is_the_derivative_of_the_smooth_step():
 def test_moves_of_one_vehicle_add_up():
     actor = Actor("a", Start(0.0, 0.0, 10.0), (LaneChange(0.0, 2.0, 3.5), LaneChange(3.0, 2.0, -3.5)))
     assert [actor.y(t) for t in (0.0, 2.0, 2.5, 5.0)] == pytest.approx([0.0, 3.5, 3.5, 0.0])
+
+
+def test_a_move_at_constant_lateral_speed_by_hand():
+    move = ConstantLateral(begin=1.0, speed=0.5, offset=-3.5)
+    assert move.duration == 7.0
+    assert [move.lateral(t) for t in (0.0, 1.0, 3.0, 8.0, 9.0)] == pytest.approx([0.0, 0.0, -1.0, -3.5, -3.5])
+    assert [move.lateral_speed(t) for t in (0.9, 1.0, 7.9, 8.0)] == [0.0, -0.5, -0.5, 0.0]
+
+
+# --- braking actors ---------------------------------------------------------------------------------------------------
+
+
+def test_braking_without_a_ramp_by_hand():
+    # 20 m/s, 4 m/s2 from 1 s on: stands after 1 + 5 s and 20 + 50 m
+    brake = Brake(begin=1.0, deceleration=4.0)
+    assert brake.end(20.0) == 6.0
+    assert [brake.speed(20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == [20.0, 20.0, 12.0, 0.0, 0.0]
+    assert [brake.distance(20.0, t) for t in (0.5, 1.0, 3.0, 6.0, 9.0)] == pytest.approx([10.0, 20.0, 52.0, 70.0, 70.0])
+    assert [brake.acceleration(20.0, t) for t in (0.9, 1.0, 5.9, 6.0)] == [0.0, -4.0, -4.0, 0.0]
+
+
+def test_braking_with_a_ramp_by_hand():
+    # 6 m/s2 at 12 m/s3: 0.5 s of ramp take 1.5 m/s, then (20 - 1.5)/6 = 3.0833 s on the plateau
+    brake = Brake(begin=0.0, deceleration=6.0, jerk=12.0)
+    assert brake.end(20.0) == pytest.approx(0.5 + 18.5 / 6.0)
+    assert brake.speed(20.0, 0.5) == pytest.approx(18.5)
+    assert brake.distance(20.0, 0.5) == pytest.approx(10.0 - 12.0 * 0.125 / 6.0)
+    assert brake.distance(20.0, 99.0) == pytest.approx(9.75 + 18.5**2 / 12.0)
+    assert brake.acceleration(20.0, 0.25) == -3.0
+
+
+def test_braking_that_stands_before_the_ramp_ends_by_hand():
+    # 0.5 m/s at 12 m/s3: stands after sqrt(2 * 0.5 / 12) s, having driven 2/3 of 0.5 m/s times that
+    brake = Brake(begin=0.0, deceleration=6.0, jerk=12.0)
+    stop = math.sqrt(1.0 / 12.0)
+    assert brake.end(0.5) == pytest.approx(stop)
+    assert brake.distance(0.5, 9.0) == pytest.approx(2.0 / 3.0 * 0.5 * stop)
+    assert brake.speed(0.5, 9.0) == 0.0
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(st.floats(0.0, 40.0), st.floats(0.5, 10.0), st.floats(1.0, 100.0) | st.just(math.inf), st.floats(0.0, 3.0))
+def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_speed(speed, strength, jerk, begin):
+    brake = Brake(begin, strength, jerk)
+    times = np.linspace(0.0, brake.end(speed) + 1.0, 20_001)
+    v = np.array(braked_speed(speed, strength, times - begin, jerk))
+    x = speed * begin + braked_distance(speed, strength, times - begin, jerk)
+    assert np.all(v >= 0.0)
+    assert np.all(np.diff(v) <= 1e-12)
+    integral = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(times))])
+    assert x == pytest.approx(integral, abs=1e-3)
+    assert brake.distance(speed, float(times[7000])) == pytest.approx(float(x[7000]))
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Brake(0.0, 0.0), "`deceleration` of a brake must be finite and greater than 0 m/s2, got 0.0"),
+        (lambda: Brake(0.0, 4.0, math.nan), "`jerk` of a brake must be greater than 0 m/s3, got nan"),
+        (lambda: ConstantLateral(0.0, 0.0, 3.5), "`speed` of a lateral move must be finite and greater than 0 m/s"),
+        (
+            lambda: Actor("a", Start(0.0, 0.0, 10.0), (LaneChange(0.0, 3.0, 3.5),), brake=Brake(0.0, 5.0)),
+            "The lane changes of vehicle `a` must be over when it stands, at 2.00 s, got 3.0",
+        ),
+    ],
+)
+def test_scripts_that_no_vehicle_can_follow_are_refused(make, sentence):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert sentence in str(caught.value)
+
+
+def test_the_acceleration_of_a_script_is_the_rate_of_its_ground_speed():
+    actor = Actor("a", Start(0.0, 0.0, 15.0), (LaneChange(0.5, 2.0, 3.5),), brake=Brake(1.0, 3.0, 6.0))
+    times = np.linspace(0.0, 6.5, 6501)
+    speed = np.array([math.hypot(actor.speed(t), actor.lateral_speed(t)) for t in times])
+    given_rate = np.array([actor.acceleration(t) for t in times])
+    assert np.gradient(speed, times)[:6000] == pytest.approx(given_rate[:6000], abs=0.02)
