@@ -112,6 +112,11 @@ SHIPPED = {
     "no_reaction": "sumo_eval.ads.known_answers:no_reaction",
     "idm": "sumo_eval.ads.car_following:Idm",
     "lane_changer": "sumo_eval.ads.lane_changer:LaneChanger",
+    "careful_driver": "sumo_eval.ads.r157_careful_driver:CarefulDriver",
+    "careful_driver_aeb": "sumo_eval.ads.r157_careful_driver:CarefulDriverWithAeb",
+    "fsm": "sumo_eval.ads.fuzzy_safety_model:FuzzySafetyModel",
+    "rss": "sumo_eval.ads.rss:ResponsibilitySensitiveSafety",
+    "reg157": "sumo_eval.ads.reg157:Reg157",
 }
 """Controllers that ship, by name."""
 

@@ -1,0 +1,119 @@
+"""ADS `fsm`: the fuzzy safety model, performance model 2 of UN Regulation No. 157 (01 series, Annex 3).
+
+Two surrogate safety metrics between 0 (safe) and 1 (unsafe) set the braking: PFS supposes that the lead may brake hard,
+CFS that both go on as they are. Source: the regulation, and Mattas et al., Accid. Anal. Prev. 148, 105794 (2020);
+constants as in the JRC's implementation. docs/controllers.md lists the readings.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sumo_eval.ads.perception import Mover, Sensor, bumper_gap, visible
+from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, SafetyBraking, lateral_gap
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import must_be
+
+REACTION = 0.75  # tau, s
+COMFORTABLE = 4.0  # bc, m/s2
+STRONGEST = 6.0  # bm, m/s2
+OTHER_BRAKING = 7.0  # bo, m/s2, of the vehicle ahead
+MARGIN = 2.0  # d1, m
+CUT_IN_MARGIN = 0.1  # s
+
+
+def _between(distance: float, unsafe: float, safe: float) -> float:
+    """1 below `unsafe`, 0 above `safe`, linear between."""
+    if distance >= safe:
+        return 0.0
+    return 1.0 if distance <= unsafe else (safe - distance) / (safe - unsafe)
+
+
+def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> float:
+    """PFS(d): 1 below d1 + d_unsafe, 0 above d1 + d_safe, linear between.
+
+    d_safe = u tau + u^2 / (2 bc) - w^2 / (2 bo) + d1; d_unsafe = u tau + u^2 / (2 bm) - w^2 / (2 bo).
+    gap: d, m. speed: u, other_speed: w, m/s.
+    """
+    stops = speed * REACTION - other_speed * other_speed / (2.0 * OTHER_BRAKING)
+    safe = stops + speed * speed / (2.0 * COMFORTABLE) + MARGIN
+    unsafe = stops + speed * speed / (2.0 * STRONGEST)
+    return _between(gap, MARGIN + unsafe, MARGIN + safe)
+
+
+def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, acceleration: float) -> float:
+    """CFS(d): 1 below d_unsafe, 0 above d_safe, linear between; 0 when not closing.
+
+    a' = max(a, -bc); u2 = u + a' tau. If u2 > w: d_new = ((u + u2) / 2 - w) tau, d_safe = d_new + (u2 - w)^2 / (2 bc),
+    d_unsafe = d_new + (u2 - w)^2 / (2 bm); else both are (u - w)^2 / (2 |a'|).
+    gap: d, m. speed: u, other_speed: w, m/s. acceleration: of the ego, m/s2.
+    """
+    closing = speed - other_speed
+    if closing <= 0.0:
+        return 0.0
+    bounded = max(acceleration, -COMFORTABLE)
+    later = speed + bounded * REACTION
+    if later <= other_speed:
+        distance = closing * closing / (2.0 * abs(bounded))
+        return 1.0 if gap < distance else 0.0
+    covered = (0.5 * (speed + later) - other_speed) * REACTION
+    remaining = (later - other_speed) ** 2
+    return _between(gap, covered + remaining / (2.0 * STRONGEST), covered + remaining / (2.0 * COMFORTABLE))
+
+
+def demanded_braking(critical: float, proactive: float) -> float:
+    """Deceleration for CFS and PFS, m/s2: bc + CFS (bm - bc) when CFS > 0, else PFS bc."""
+    return COMFORTABLE + critical * (STRONGEST - COMFORTABLE) if critical > 0.0 else proactive * COMFORTABLE
+
+
+def considered(me: Mover, other: Mover, lateral_closing: float) -> bool:
+    """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before the ego is past.
+
+    (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s.
+    lateral_closing: m/s.
+    """
+    across = lateral_gap(me, other)
+    if across <= 0.0:
+        return True
+    closing = me.along - other.along
+    if lateral_closing <= 0.0:
+        return False
+    if closing <= 0.0:
+        return True
+    lengths = 2.0 * (me.half_length + other.half_length)
+    return across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN
+
+
+class FuzzySafetyModel:
+    """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it keeps its speed.
+
+    standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in continuous time, bring
+    the ego to rest exactly against the other vehicle, which is a contact.
+    """
+
+    def __init__(self, standstill_gap: float = 0.1) -> None:
+        if not (math.isfinite(standstill_gap) and standstill_gap >= 0.0):
+            raise must_be("`standstill_gap`", "ADS `fsm`", "a finite number, at least 0 m", standstill_gap)
+        self.standstill_gap = standstill_gap
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Forget everything."""
+        self._sensor = Sensor()
+        self._motion = Motion(scenario.step)
+        self._braking = SafetyBraking(REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """The strongest braking that any vehicle ahead demands."""
+        me, others = self._sensor.look(traci, ego)
+        demanded = 0.0
+        acceleration = -self._motion.deceleration(me)
+        for other in visible(me, others, SHOWING):
+            closing = self._motion.lateral_closing_speed(me, other)
+            if other.x > me.x and considered(me, other, closing):
+                gap = bumper_gap(me, other)
+                critical = critical_fuzzy_safety(gap - self.standstill_gap, me.along, other.along, acceleration)
+                proactive = proactive_fuzzy_safety(gap, me.along, other.along)
+                demanded = max(demanded, demanded_braking(critical, proactive))
+        return Command(-self._braking.towards(demanded, time))

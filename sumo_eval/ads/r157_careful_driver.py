@@ -1,0 +1,241 @@
+"""ADS `careful_driver`: the careful and competent human of UN Regulation No. 157 (performance model 1).
+
+It perceives an event, evaluates it for 0.4 s, and 0.75 s after braking is judged necessary its brakes begin to act: 0
+to 0.774 g in 0.6 s. Between events it keeps its speed and its wheel straight. It sees the positions and speeds of the
+other vehicles up to now, nothing else; a crossed threshold is dated between two looks, by linear interpolation.
+
+Source: UN R157, Annex 4, Appendix 3 (original series), Annex 3 (amended); AEB stage as in esmini's R157 controllers.
+docs/controllers.md lists the readings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sumo_eval.ads.perception import Mover, Scene, Sensor, bumper_gap, lateral_overlap
+from sumo_eval.ads.r157 import (
+    FOLLOWING_HEADWAY,
+    GRAVITY,
+    HUMAN_BRAKING,
+    BrakeRamp,
+    Motion,
+    time_to_collision,
+    within_headway,
+)
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import must_be
+
+DRIVER_BRAKES = BrakeRamp(HUMAN_BRAKING, build_up=0.6)
+AEB_BRAKES = BrakeRamp(0.85 * GRAVITY, build_up=0.6)
+CUT_IN_TTC = 2.0  # s, a cut-in needs braking below it
+AEB_TTC = 1.5  # s
+FULL_OVERLAP = 0.05  # m, of the narrower body that may still be missing
+
+
+def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_braking: float, delay: float) -> float:
+    """Constant deceleration that avoids the lead when it begins `delay` s from now, m/s2; inf when none does.
+
+    The larger of (v - w)^2 / (2 (d - (v - w) delay)), for a lead that keeps its speed w, and, when it brakes with b,
+    v^2 / (2 (d + w^2 / (2 b) - v delay)), for stopping behind the place where it stops. d: bumper gap, m.
+    """
+    closing = speed - lead_speed
+    room = gap - max(closing, 0.0) * delay
+    needed = 0.0 if closing <= 0.0 else closing * closing / (2.0 * room) if room > 0.0 else math.inf
+    if lead_braking <= 0.0:
+        return needed
+    room = gap + lead_speed * lead_speed / (2.0 * lead_braking) - speed * delay
+    return max(needed, speed * speed / (2.0 * room) if room > 0.0 else math.inf)
+
+
+@dataclass(slots=True)
+class _Watched:
+    """What the driver remembers of another vehicle.
+
+    lane: y of the centre of the lane where it was first seen, m. offset, time: of the last look. strayed: when it was
+    further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when
+    that exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when
+    braking for it became necessary, s.
+    """
+
+    lane: float
+    offset: float
+    time: float
+    strayed: float | None = None
+    braking: float = 0.0
+    braked: float | None = None
+    evaluated: float | None = None
+    necessary: float | None = None
+
+
+class CarefulDriver:
+    """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
+
+    wander: lateral distance from the lane centre that is no lane change yet, m. evaluation: s. reaction: from judging
+    braking necessary to its beginning, s. lead_braking: deceleration of a lead above which it is perceived as braking,
+    m/s2. in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to need before it
+    is an event; the regulation has no such case.
+    """
+
+    def __init__(
+        self,
+        aeb: bool = False,
+        *,
+        wander: float = 0.375,
+        evaluation: float = 0.4,
+        reaction: float = 0.75,
+        lead_braking: float = 5.0,
+        in_path_limit: float = 3.0,
+    ) -> None:
+        given = {
+            "wander": wander, "evaluation": evaluation, "reaction": reaction, "lead_braking": lead_braking,
+            "in_path_limit": in_path_limit,
+        }  # fmt: skip
+        for name, value in given.items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise must_be(f"`{name}`", "ADS `careful_driver`", "a finite number, at least 0", value)
+        self.aeb = aeb
+        self.wander = wander
+        self.evaluation = evaluation
+        self.reaction = reaction
+        self.lead_braking = lead_braking
+        self.in_path_limit = in_path_limit
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Forget everything."""
+        self._sensor = Sensor()
+        self._motion = Motion(scenario.step)
+        self._step = scenario.step
+        self._lane_width = scenario.road.lane_width
+        self._watched: dict[str, _Watched] = {}
+        self._aeb_began: float | None = None
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Braking for the vehicle that made it necessary first; else the speed is kept.
+
+        The command is the ramp's value at the middle of the coming step: its mean over the step.
+        """
+        me, others = self._sensor.look(traci, ego)
+        began = self._brakes_begin(Scene(me, others), time)
+        middle = time + 0.5 * self._step
+        wanted = 0.0 if began is None else DRIVER_BRAKES.at(middle - began)
+        if self.aeb:
+            self._watch_over(me, others, time)
+            if self._aeb_began is not None:
+                wanted = max(wanted, AEB_BRAKES.at(middle - self._aeb_began))
+        return Command(-wanted)
+
+    def _brakes_begin(self, scene: Scene, time: float) -> float | None:
+        """When the brakes begin (or began) to act, s; None when nothing calls for them."""
+        me, others = scene
+        for other in others:
+            self._look_at(other, time)
+        ahead = sorted((other for other in others if other.x > me.x), key=lambda other: other.x)
+        watched = self._watched
+        for other in others:
+            known = watched[other.name]
+            if known.necessary is not None and self._is_over(me, other):
+                known.braked = known.evaluated = known.necessary = None
+        self._judge_cut_ins(me, ahead, time)
+        self._judge_path(me, ahead, time)
+        calls = [watched[other.name].necessary for other in ahead]
+        first = min((call for call in calls if call is not None), default=None)
+        return None if first is None else first + self.reaction
+
+    def _look_at(self, other: Mover, time: float) -> None:
+        known = self._watched.get(other.name)
+        braking = self._motion.deceleration(other)
+        if known is None:
+            lane = self._lane_width * round(other.y / self._lane_width)
+            known = self._watched[other.name] = _Watched(lane, 0.0, time)
+        offset = other.y - known.lane
+        if known.strayed is None and abs(offset) > self.wander:
+            share = (self.wander - abs(known.offset)) / (abs(offset) - abs(known.offset))
+            known.strayed = known.time + share * (time - known.time)
+        if known.braked is None and braking > self.lead_braking:
+            known.braked = time - self._step  # braking that jumps began at the earliest there
+        known.offset, known.time, known.braking = offset, time, braking
+
+    def _is_over(self, me: Mover, other: Mover) -> bool:
+        """Whether the event no longer calls for braking: passed, no longer in or towards the path, or not closing."""
+        known = self._watched[other.name]
+        if other.x <= me.x:
+            return True
+        if lateral_overlap(me, other) <= 0.0 and not self._comes_towards(me, other):
+            return True
+        return me.along <= other.along and known.braking <= 0.0
+
+    def _comes_towards(self, me: Mover, other: Mover) -> bool:
+        """Whether it has left its own lane towards the ego's."""
+        known = self._watched[other.name]
+        own_lane = abs(known.lane - me.y) < 0.5 * self._lane_width
+        return known.strayed is not None and not own_lane and known.offset * (me.y - known.lane) > 0.0
+
+    def _judge_cut_ins(self, me: Mover, ahead: Sequence[Mover], time: float) -> None:
+        for other in ahead:
+            known = self._watched[other.name]
+            if known.necessary is not None or known.strayed is None or not self._comes_towards(me, other):
+                continue
+            left = time_to_collision(me, other)
+            evaluated = known.strayed + self.evaluation
+            if 0.0 < left < CUT_IN_TTC and time >= evaluated - 0.5 * self._step:
+                known.necessary = max(evaluated, time - min(CUT_IN_TTC - left, self._step))
+
+    def _judge_path(self, me: Mover, ahead: Sequence[Mover], time: float) -> None:
+        """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it."""
+        leaves: Mover | None = None
+        for other in ahead:
+            known = self._watched[other.name]
+            in_path = lateral_overlap(me, other) > 0.0
+            if in_path and known.necessary is None and not self._comes_towards(me, other):
+                self._judge_lead(me, other, leaves, time)
+            if known.strayed is not None and abs(known.lane - me.y) < 0.5 * self._lane_width:
+                leaves = leaves or other
+            elif in_path:
+                return
+
+    def _judge_lead(self, me: Mover, other: Mover, leaves: Mover | None, time: float) -> None:
+        """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
+        known = self._watched[other.name]
+        if known.evaluated is None:
+            perceived = self._perceived(me, other, leaves, time)
+            known.evaluated = None if perceived is None else perceived + self.evaluation
+        if known.evaluated is not None and time >= known.evaluated - 0.5 * self._step:
+            known.necessary = known.evaluated
+
+    def _perceived(self, me: Mover, other: Mover, leaves: Mover | None, time: float) -> float | None:
+        """When the driver perceived what calls for braking behind `other`, s; None while nothing does."""
+        known = self._watched[other.name]
+        if leaves is not None and me.along > other.along:
+            strayed = self._watched[leaves.name].strayed
+            near = within_headway(me, leaves, FOLLOWING_HEADWAY) or within_headway(me, other, FOLLOWING_HEADWAY)
+            if strayed is not None and near:
+                return max(strayed, time - self.evaluation)
+        if known.braked is not None and within_headway(me, other, FOLLOWING_HEADWAY):
+            return max(known.braked, time - self.evaluation)
+        delay = self.evaluation + self.reaction
+        needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
+        return time if needed > self.in_path_limit else None
+
+    def _watch_over(self, me: Mover, others: Sequence[Mover], time: float) -> None:
+        """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
+        for other in others:
+            full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
+            if other.x <= me.x or lateral_overlap(me, other) < full:
+                continue
+            left = time_to_collision(me, other)
+            if self._aeb_began is None and left < AEB_TTC:
+                self._aeb_began = time
+            if left < math.inf:
+                return
+        self._aeb_began = None
+
+
+class CarefulDriverWithAeb(CarefulDriver):
+    """ADS `careful_driver_aeb`: the same driver in a car with emergency braking."""
+
+    def __init__(self) -> None:
+        super().__init__(aeb=True)

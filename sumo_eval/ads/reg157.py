@@ -1,0 +1,74 @@
+"""ADS `reg157`: what UN Regulation No. 157, 5.2.5, demands of an automated lane keeping system at the least.
+
+A cut-in must be avoided when its TTC, as it intrudes into the lane, is above v_rel / (2 * 6 m/s2) + 0.35 s: the system
+may take 0.35 s and brake at 6 m/s2. So that is what this one does, and no earlier than it must. docs/controllers.md
+lists the readings.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sumo_eval.ads.perception import Mover, Sensor, lateral_overlap, visible
+from sumo_eval.ads.r157 import (
+    FOLLOWING_HEADWAY,
+    SHOWING,
+    Motion,
+    SafetyBraking,
+    lateral_gap,
+    time_to_collision,
+    within_headway,
+)
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import must_be
+
+RESPONSE = 0.35  # s
+BRAKING = 6.0  # m/s2
+INTRUSION = 0.3  # m, of the tyre beyond the lane marking
+
+
+def critical_ttc(closing_speed: float) -> float:
+    """TTC_intrusion = v_rel / (2 * 6 m/s2) + 0.35 s, in s. closing_speed: v_rel, m/s. Source: UN R157, 5.2.5.2."""
+    return closing_speed / (2.0 * BRAKING) + RESPONSE
+
+
+class Reg157:
+    """ADS `reg157`: 0.35 s after the last moment to begin, 6 m/s2; for a lead that brakes, 0.35 s after it does.
+
+    margin: how much above the critical TTC it acts, s: a sensor's step of 0.1 s. lead_braking: deceleration of a lead
+    at 2 s headway or less above which the lead counts as braking, m/s2.
+    """
+
+    def __init__(self, margin: float = 0.1, lead_braking: float = 1.0) -> None:
+        for name, value in (("margin", margin), ("lead_braking", lead_braking)):
+            if not (math.isfinite(value) and value >= 0.0):
+                raise must_be(f"`{name}`", "ADS `reg157`", "a finite number, at least 0", value)
+        self.margin = margin
+        self.lead_braking = lead_braking
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Forget everything."""
+        self._sensor = Sensor()
+        self._motion = Motion(scenario.step)
+        self._lane_width = scenario.road.lane_width
+        self._braking = SafetyBraking(RESPONSE, BRAKING, math.inf, scenario.step)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Brake while a vehicle ahead demands it, else keep the speed."""
+        me, others = self._sensor.look(traci, ego)
+        demands = [self._demands(me, other, self._motion.deceleration(other)) for other in visible(me, others, SHOWING)]
+        return Command(-self._braking.towards(BRAKING if any(demands) else 0.0, time))
+
+    def _demands(self, me: Mover, other: Mover, braking: float) -> bool:
+        if other.x <= me.x or lateral_gap(me, other) > self._intruding(me):
+            return False
+        left, closing = time_to_collision(me, other), me.along - other.along
+        if lateral_overlap(me, other) > 0.0 and braking > self.lead_braking and me.along > 0.0:
+            return within_headway(me, other, FOLLOWING_HEADWAY)
+        return left <= critical_ttc(closing) + self.margin
+
+    def _intruding(self, me: Mover) -> float:
+        """Lateral gap at which a vehicle's tyre is 0.3 m inside the lane of an ego in the middle of it, m."""
+        return 0.5 * self._lane_width - me.half_width - INTRUSION

@@ -1,0 +1,179 @@
+"""The reference drivers of UN R157: formulas by hand, and each in a plain case through SUMO."""
+
+import math
+
+import numpy as np
+import pytest
+from road_scenes import actor, case, mover
+
+from sumo_eval.ads.fuzzy_safety_model import (
+    FuzzySafetyModel,
+    considered,
+    critical_fuzzy_safety,
+    demanded_braking,
+    proactive_fuzzy_safety,
+)
+from sumo_eval.ads.r157 import BrakeRamp, Motion, SafetyBraking, lateral_gap, time_headway, time_to_collision
+from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
+from sumo_eval.ads.reg157 import Reg157, critical_ttc
+from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
+from sumo_eval.cosim import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Actor, Start
+from sumo_eval.scenario.concrete import Brake, ConstantLateral
+
+DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157"]
+
+
+def test_the_ramp_rises_holds_and_is_nothing_before_it_begins():
+    ramp = BrakeRamp(6.0, build_up=0.6)
+    assert [ramp.at(since) for since in (-1.0, 0.0, 0.3, 0.6, 5.0)] == pytest.approx([0.0, 0.0, 3.0, 6.0, 6.0])
+    assert BrakeRamp(6.0, build_up=0.0).at(0.01) == 6.0
+
+
+def test_headways_by_hand():
+    me, other = mover("me", 0.0, along=20.0), mover("other", 34.5, y=3.5, along=10.0)
+    assert time_to_collision(me, other) == pytest.approx(3.0)
+    assert time_headway(me, other) == pytest.approx(1.5)
+    assert lateral_gap(me, other) == pytest.approx(1.7)
+    assert time_to_collision(other, me) == math.inf
+
+
+def test_pfs_by_hand():
+    assert proactive_fuzzy_safety(43.19, 20.0, 10.0) == 1.0
+    assert proactive_fuzzy_safety(61.86, 20.0, 10.0) == 0.0
+    assert proactive_fuzzy_safety(52.5238095, 20.0, 10.0) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "unsafe", "safe"),
+    [(20.0, 0.0, 15.8333333, 20.0), (20.0, -6.0, 10.4583333, 12.5), (12.0, -4.0, 0.5, 0.5)],
+)
+def test_cfs_by_hand(speed, acceleration, unsafe, safe):
+    assert critical_fuzzy_safety(unsafe - 1e-6, speed, 10.0, acceleration) == 1.0
+    assert critical_fuzzy_safety(safe + 1e-6, speed, 10.0, acceleration) == 0.0
+    if safe > unsafe:
+        middle = 0.5 * (safe + unsafe)
+        assert critical_fuzzy_safety(middle, speed, 10.0, acceleration) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_cfs_is_zero_behind_a_vehicle_as_fast():
+    assert critical_fuzzy_safety(0.5, 10.0, 10.0, 0.0) == 0.0
+
+
+def test_the_fuzzy_braking_by_hand():
+    assert [demanded_braking(0.0, 0.0), demanded_braking(0.0, 0.5), demanded_braking(0.5, 1.0)] == [0.0, 2.0, 5.0]
+
+
+def test_a_vehicle_is_considered_when_it_comes_over_before_the_ego_is_past():
+    me, other = mover("me", 0.0, along=20.0), mover("other", 15.5, y=3.5, along=10.0)
+    assert considered(me, other, lateral_closing=0.82)  # 1.7 m / 0.82 m/s < (11 m + 9 m) / 10 m/s + 0.1 s
+    assert not considered(me, other, lateral_closing=0.80)
+    assert not considered(me, other, lateral_closing=-1.0)
+    assert considered(me, mover("lead", 15.5, along=10.0), lateral_closing=0.0)
+
+
+def test_rss_by_hand():
+    assert longitudinal_safe_distance(20.0, 10.0) == pytest.approx(48.765625)
+    assert lateral_safe_distance(1.0) == pytest.approx(2.8625)
+
+
+def test_the_ttc_of_the_regulation_by_hand():
+    assert critical_ttc(12.0) == pytest.approx(1.35)
+
+
+def test_the_needed_deceleration_by_hand():
+    assert needed_deceleration(30.0, 20.0, 10.0, 0.0, delay=1.0) == pytest.approx(2.5)
+    assert needed_deceleration(30.0, 20.0, 10.0, 5.0, delay=1.0) == pytest.approx(10.0)
+    assert needed_deceleration(9.0, 20.0, 10.0, 0.0, delay=1.0) == math.inf
+    assert needed_deceleration(9.0, 10.0, 10.0, 0.0, delay=1.0) == 0.0
+
+
+def test_motion_is_told_from_one_step_to_the_next():
+    motion, me = Motion(0.1), mover("me", 0.0)
+    assert motion.deceleration(mover("other", 50.0, along=20.0)) == 0.0
+    assert motion.deceleration(mover("other", 52.0, along=19.5)) == pytest.approx(5.0)
+    assert motion.lateral_closing_speed(me, mover("other", 50.0, y=3.5, across=-0.3)) == pytest.approx(0.3)
+    assert motion.lateral_closing_speed(me, mover("other", 52.0, y=3.4)) == pytest.approx(1.0)
+
+
+def test_safety_braking_waits_once_and_rises_with_its_jerk():
+    brakes = SafetyBraking(0.2, strongest=6.0, jerk=20.0, step=0.1)
+    levels = [brakes.towards(8.0, 0.1 * step) for step in range(7)]
+    assert levels == pytest.approx([0.0, 0.0, 2.0, 4.0, 6.0, 6.0, 6.0])
+    assert brakes.towards(0.0, 0.7) == 0.0
+    assert brakes.towards(8.0, 0.8) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_a_slower_vehicle_far_enough_ahead_is_not_hit(driver):
+    recording = simulate(case(actor("lead", gap=60.0, speed=10.0)), driver)
+    assert (recording.error, recording.collision) == (None, None)
+    assert recording.ego.acceleration.min() < -2.0
+    assert np.abs(recording.ego.y).max() < 1e-9
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_a_lead_that_brakes_hard_at_a_long_headway_is_not_hit(driver):
+    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 20.0), brake=Brake(1.0, 6.0))
+    recording = simulate(case(lead), driver)
+    assert (recording.error, recording.collision) == (None, None)
+    assert recording.end_reason == "standstill"
+
+
+@pytest.mark.parametrize("driver", ["careful_driver", "reg157"])
+def test_a_steady_lead_at_two_seconds_headway_is_followed_at_constant_speed(driver):
+    recording = simulate(case(actor("lead", gap=40.0, speed=20.0)), driver)
+    assert recording.end_reason == "road_end"
+    assert recording.ego.speed == pytest.approx(20.0)
+
+
+def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left():
+    other = Actor("cut_in", Start(50.0 + 4.5 + 23.0, 3.5, 11.0), (ConstantLateral(0.0, 1.0, -3.5),))
+    ego = simulate(case(other), "careful_driver").ego
+    begins = 0.375 / 1.0 + 0.4 + 0.75
+    braking = ego.acceleration < -0.01
+    assert ego.time[braking][0] == pytest.approx(begins, abs=0.15)
+    assert not braking[ego.time < begins - 0.05].any()
+    assert ego.acceleration.min() == pytest.approx(-0.774 * 9.81, abs=1e-6)
+
+
+def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
+    other = Actor("cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (ConstantLateral(0.0, 1.0, -3.5),))
+    ego = simulate(case(other), "careful_driver").ego
+    first = ego.time[ego.acceleration < -0.01][0]
+    assert first == pytest.approx((60.0 - 20.0) / 10.0 + 0.75, abs=0.15)
+
+
+def test_a_vehicle_that_stays_in_its_lane_is_no_event():
+    beside = Actor("beside", Start(50.0 + 4.5 + 20.0, 3.5 - 0.3, 10.0))
+    for driver in ("careful_driver", "fsm", "reg157"):
+        assert simulate(case(beside), driver).ego.speed == pytest.approx(20.0)
+
+
+def test_the_aeb_stage_avoids_what_the_driver_alone_is_too_late_for():
+    standing = case(actor("lead", gap=18.0, speed=0.0), speed=13.9)
+    assert simulate(standing, "careful_driver").collision is not None
+    recording = simulate(standing, "careful_driver_aeb")
+    assert recording.collision is None
+    assert recording.ego.acceleration.min() == pytest.approx(-0.85 * 9.81, abs=1e-6)
+
+
+def test_the_fuzzy_model_as_printed_comes_to_rest_against_a_standing_vehicle_and_with_its_margin_short_of_it():
+    standing = case(actor("lead", gap=120.0, speed=0.0), speed=20.0)
+    assert simulate(standing, FuzzySafetyModel(standstill_gap=0.0)).ego.speed[-1] == pytest.approx(0.0, abs=0.1)
+    recording = simulate(standing, "fsm")
+    assert (recording.collision, recording.end_reason) == (None, "standstill")
+    assert recording.actors["lead"].x[-1] - recording.ego.x[-1] - 4.5 > 0.05
+
+
+def test_the_margin_of_the_fuzzy_model_is_a_distance():
+    with pytest.raises(InputError, match="`standstill_gap` of ADS `fsm` must be a finite number, at least 0 m"):
+        FuzzySafetyModel(standstill_gap=-0.1)
+
+
+@pytest.mark.parametrize("driver", [CarefulDriver, Reg157])
+@pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+def test_the_readings_are_numbers(driver, value):
+    with pytest.raises(InputError, match=r"`lead_braking` of ADS .* must be a finite number, at least 0"):
+        driver(lead_braking=value)
