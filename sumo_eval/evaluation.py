@@ -29,9 +29,11 @@ from sumo_eval.scenario.sampling import Sample, sample
 from sumo_eval.scoring import (
     collision_terms,
     combine,
+    criticality_measures,
     describe_zones,
     drivers_left_out,
     human_likeness,
+    ideal_outcomes,
     tabulate,
 )
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
@@ -64,10 +66,10 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     """Score a run from its recorded facts. `changes`: settings to use instead, e.g. `method.score.a=60`."""
     folder = Path(run)
     for change in changes:
-        if not change.strip().startswith(("method.", "run.")):
+        if not change.strip().startswith(("method.", "report.", "run.")):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts depend on it. "
-                "Only `method` and `run` can; run the evaluation again for the rest."
+                "Only `method`, `report` and `run` can; run the evaluation again for the rest."
             )
     settings = with_changes(run_folder.read_settings(folder), changes)
     manifest = run_folder.read_manifest(folder)
@@ -90,7 +92,8 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
                     indexes = human_likeness(logical, safe, store, settings, progress)  # step 4: D_i
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
-                rows = tabulate(facts, hazardous, indexes, collisions)
+                measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
+                rows = tabulate(facts, hazardous, indexes, collisions, ideal_outcomes(logical, store), measured)
                 cases += rows
                 scores.append(combine(ads.name, logical.name, rows, method, notes))  # step 6: C, D, S
     return Evaluation(settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases))

@@ -17,7 +17,11 @@ class CaseResult:
     """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
 
     severity U, loss L, ideal_severity Ug, weight r and avoided_share (Ug/U or its class form) belong to collisions,
-    Eqs. 14-17; index D_i and its factors to safe-zone cases, Eqs. 11-12.
+    Eqs. 14-17; index D_i and its factors to safe-zone cases, Eqs. 11-12. ideal_collided: whether the ideal vehicle hit
+    something in the same concrete scenario; None where it was not driven, because no ADS collided there.
+
+    min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
+    delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound.
     """
 
     case: str
@@ -48,6 +52,16 @@ class CaseResult:
     similarity: float | None
     index_note: str
     clips: str
+    ideal_collided: bool | None = None
+    min_ttc: float | None = None
+    max_ittc: float | None = None
+    min_thw: float | None = None
+    min_gap: float | None = None
+    max_drac: float | None = None
+    pet: float | None = None
+    max_deceleration: float | None = None
+    max_jerk: float | None = None
+    delta_v: float | None = None
 
     @property
     def evaluated(self) -> bool:

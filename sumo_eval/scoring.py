@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sumo_eval.batch.cases import EVALUATED
 from sumo_eval.batch.indexes import IndexJob, compute_indexes
 from sumo_eval.batch.recording import Progress
-from sumo_eval.batch.store import Fact, Store
+from sumo_eval.batch.store import EGO, Fact, Store
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -19,6 +20,7 @@ from sumo_eval.method.collision_avoidance import (
     collision_weight,
     impact_severity,
 )
+from sumo_eval.method.measures import CriticalityMeasures, measures
 from sumo_eval.method.score import combined_score
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.results import CaseResult, ScenarioResult, ZoneResult
@@ -90,6 +92,25 @@ def collision_terms(
     return terms
 
 
+def ideal_outcomes(logical: LogicalScenario, store: Store) -> dict[int, bool]:
+    """Whether the ideal vehicle collided, by point; without the points where it was not driven or not evaluated."""
+    return {
+        fact.point: fact.collision is not None
+        for fact in store.facts("ideal", logical.name)
+        if fact.status in EVALUATED
+    }
+
+
+def criticality_measures(facts: Sequence[Fact], store: Store) -> dict[str, CriticalityMeasures]:
+    """The criticality measures of every evaluated case, by case."""
+    measured = {}
+    for fact in facts:
+        if fact.status in EVALUATED:
+            actors = store.trajectories(fact.case)
+            measured[fact.case] = measures(actors.pop(EGO), actors, fact.collision)
+    return measured
+
+
 def _severity(fact: Fact) -> float | None:
     """U of a case's collision, None without one."""
     hit = fact.collision
@@ -108,8 +129,10 @@ def tabulate(
     hazardous: BoolArray,
     indexes: Mapping[str, AnthropomorphicIndex],
     collisions: Mapping[str, CollisionTerms],
+    ideal_hits: Mapping[int, bool],
+    measured: Mapping[str, CriticalityMeasures],
 ) -> list[CaseResult]:
-    """One row a case."""
+    """One row a case. The mappings go by case, `ideal_hits` by point."""
     rows = []
     for fact, dangerous in zip(facts, hazardous, strict=True):
         index, hit, terms = indexes.get(fact.case), fact.collision, collisions.get(fact.case)
@@ -143,9 +166,30 @@ def tabulate(
                 similarity=index.similarity if index else None,
                 index_note=" ".join(index.notes) if index else "",
                 clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
+                ideal_collided=ideal_hits.get(fact.point),
             )
         )
-    return rows
+    return [_with_measures(row, measured[row.case]) if row.case in measured else row for row in rows]
+
+
+def _with_measures(row: CaseResult, found: CriticalityMeasures) -> CaseResult:
+    return replace(
+        row,
+        min_ttc=_finite(found.min_ttc),
+        max_ittc=_finite(found.max_ittc),
+        min_thw=_finite(found.min_thw),
+        min_gap=_finite(found.min_gap),
+        max_drac=_finite(found.max_drac),
+        pet=_finite(found.pet),
+        max_deceleration=_finite(found.max_deceleration),
+        max_jerk=_finite(found.max_jerk),
+        delta_v=_finite(found.delta_v),
+    )
+
+
+def _finite(value: float) -> float | None:
+    """None for what a table cannot hold: not defined, or unbounded."""
+    return value if math.isfinite(value) else None
 
 
 def combine(

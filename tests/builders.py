@@ -133,12 +133,17 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     store.add(Outcome(case, status, recording, error))
     row = replace(
         row, error=error, end_reason=recording.end_reason, wall_time=0.01, simulated_time=recording.simulated_time,
-        latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3",
+        latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3", max_deceleration=0.2, max_jerk=1.5,
     )  # fmt: skip
+    if status in ("ok", "collision"):
+        row = replace(
+            row, min_ttc=0.0 if hits else 2.25, min_gap=0.0 if hits else 11.5, max_ittc=None if hits else 0.444
+        )
     if collision is not None:
         return replace(
             row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0, loss=0.7,
-            ideal_severity=0.0 if number % 4 else 4.0, weight=0.25 + 0.01 * number,
+            ideal_severity=0.0 if number % 4 else 4.0, ideal_collided=number % 4 == 0, delta_v=-3.75,
+            weight=0.25 + 0.01 * number,
         )  # fmt: skip
     if zone == "safe" and row.evaluated and not (ads == HOSTILE and cut_out):
         factors = 1.0, 0.5, 0.05 * (number % 10) + 0.5

@@ -287,3 +287,43 @@ def test_case_rows_are_a_table_that_pandas_reads(done: Evaluation) -> None:
     table = pd.read_csv(done.folder / "cases.csv")
     assert len(table) == len(done.cases)
     assert {"case", "scenario", "ads", "zone", "exposure", "status", "ego_speed", "gap"} <= set(table.columns)
+
+
+def test_every_evaluated_case_carries_its_criticality_and_no_cell_is_garbage(done: Evaluation) -> None:
+    names = ["min_ttc", "max_ittc", "min_thw", "min_gap", "max_drac", "pet", "max_deceleration", "max_jerk", "delta_v"]
+    for case in done.cases:
+        values = [getattr(case, name) for name in names]
+        assert all(value is None or np.isfinite(value) for value in values)
+        assert case.max_deceleration is not None
+        assert (case.delta_v is not None) == case.collided
+        if case.collided and case.side == "front":
+            assert (case.min_ttc, case.min_gap, case.pet, case.max_ittc) == (0.0, 0.0, 0.0, None)
+            assert case.delta_v == pytest.approx(-case.impact_speed / 2.0, rel=0.02), "along the road, nearly"
+        elif case.min_ttc:
+            assert case.max_ittc == pytest.approx(1.0 / case.min_ttc)
+    no_reaction = [case for case in done.cases if case.ads == "no_reaction"]
+    assert {case.max_deceleration for case in no_reaction} == {0.0}
+
+
+def test_the_ideal_vehicle_has_an_outcome_wherever_an_ads_collided(done: Evaluation) -> None:
+    hits = [case for case in done.cases if case.collided]
+    assert hits
+    assert all(case.ideal_collided == (case.ideal_severity > 0.0) for case in hits)
+    struck = {(case.scenario, *case.values.values()) for case in hits}
+    for case in done.cases:
+        assert (case.ideal_collided is None) == ((case.scenario, *case.values.values()) not in struck)
+
+
+def test_what_was_preventable_follows_the_reference_and_needs_no_simulation(done: Evaluation) -> None:
+    from sumo_eval.report.preventability import preventability
+
+    ideal = {(row.ads, row.scenario): row for row in preventability(done)}
+    for score in done.scores:
+        assert ideal[score.ads, score.scenario].preventable == score.avoidable_collisions
+    by_idm = sumo_eval.score(done.folder, ["report.reference=idm"])
+    assert by_idm.scores == done.scores, "the reference moves no score"
+    hits = {(c.ads, c.scenario, tuple(c.values.values())) for c in by_idm.cases if c.collided}
+    for row in preventability(by_idm):
+        own = {hit for hit in hits if hit[:2] == (row.ads, row.scenario)}
+        assert row.preventable == sum(("idm", *hit[1:]) not in hits for hit in own)
+        assert row.unpreventable == sum(("idm", *hit[1:]) in hits for hit in own)

@@ -16,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.page_data import choose_view, page_data
+from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.words import (
     FACTORS,
@@ -37,6 +38,7 @@ from sumo_eval.report.words import (
     unevaluated,
 )
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 
 REPORT = "report.html"
@@ -95,6 +97,10 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) ->
             for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
         ],
         "outcomes": OUTCOMES,
+        "looks": LOOKS,
+        "prevented": preventability(evaluation),
+        "reference": reference_ads(settings),
+        "reference_sentence": reference_sentence(settings),
         "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
         "embedded": {"points": data["embedded"], "of": sum(zone.sampled for zone in evaluation.zones)},
@@ -127,6 +133,8 @@ def _group(
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases)
+    judged = verdicts(evaluation)
+    found = {judged[case.case] for case in cases}
     units = {item.name: item.unit for item in logical.parameters}
     return {
         "index": index,
@@ -136,6 +144,8 @@ def _group(
         "rows": [_row(score, evaluation) for score in evaluation.scores if score.scenario == logical.name],
         "zone": zone,
         "map_words": view.words,
+        "slices": [] if view.projected else [logical.parameters[column].name for column in view.fixed],
+        "looks": [verdict for verdict in LOOKS if verdict in found],
         "map_note": view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
         "has_index": any(case.index is not None for case in cases),
@@ -150,18 +160,24 @@ def _group(
         "parameters": [
             f"{item.name}: {item.low:g} to {item.high:g} {item.unit}, {item.about}" for item in logical.parameters
         ],
-        "sampling": _sampling(sampling, units),
+        "sampling": _sampling(sampling, logical),
     }
 
 
-def _sampling(sampling: SamplingSettings, units: Mapping[str, str]) -> str:
+def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
+    """How the points were chosen, in words; the rules are those of `sumo_eval.scenario.sampling.sample`."""
+    units = {item.name: item.unit for item in logical.parameters}
+    given = sampling.levels is not None or bool(sampling.steps)
+    method = sampling.method or ("grid" if given else logical.default_sample)
+    if method in {item.name for item in logical.samples}:
+        return f"{method}, {next(item.about for item in logical.samples if item.name == method)}"
     if isinstance(sampling.levels, int):
         how = f"{sampling.levels} points on each axis"
     else:
         parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
         parts += [f"{name}: steps of {step:g} {units.get(name, '')}" for name, step in (sampling.steps or {}).items()]
         how = ", ".join([*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"])
-    return f"{sampling.method}, {how}"
+    return f"{method}, {how}"
 
 
 def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:

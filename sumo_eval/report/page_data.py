@@ -10,16 +10,16 @@ import base64
 import zlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import EGO, Store, open_store
-from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
-from sumo_eval.method.zone_partition import ZonePartition, squared_time_target
-from sumo_eval.report.words import CollisionShare, collision_shares, end_reason, outcome, unevaluated
+from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
+from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
@@ -50,10 +50,11 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
             evaluation.settings,
         )
     }
+    judged = verdicts(evaluation)
     with open_store(evaluation.folder / FACTS) as store:
         embedded = worth_embedding(evaluation, store)
         scenarios = [
-            _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares)
+            _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
             for zone in evaluation.zones
         ]
     return {
@@ -64,6 +65,7 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
             "superposition": anthropomorphic.field.superposition,
         },
         "channels": CHANNEL_STEPS,
+        "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
         "embedded": len(embedded),
         "scenarios": scenarios,
     }
@@ -76,6 +78,7 @@ def _scenario(
     embedded: Container[Point],
     reasons: Mapping[str, str],
     shares: Mapping[str, CollisionShare],
+    judged: Mapping[str, Verdict],
 ) -> dict[str, Any]:
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
@@ -89,7 +92,8 @@ def _scenario(
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
-        rows.append(row | {"point": points[case.case], "embedded": here, "vehicles": vehicles})
+        row |= {"verdict": judged[case.case], "point": points[case.case], "embedded": here, "vehicles": vehicles}
+        rows.append(row)
     drivers: dict[int, list[int]] = {}
     for fact in store.facts("human", logical.name):
         if fact.status == "ok" and (logical.name, fact.point) in embedded:  # the ones that D_i is computed from
@@ -109,7 +113,13 @@ def _scenario(
             "lanes": logical.road.lanes,
             "laneWidth": logical.road.lane_width,
         },
-        "view": {"x": view.x, "y": view.y, "panel": view.panel, "panels": list(view.panels)},
+        "view": {
+            "x": view.x,
+            "y": view.y,
+            "panel": view.panel,
+            "panels": list(view.panels),
+            "slice": {str(column): value for column, value in telling_slice(view, cases).items()},
+        },
         "maps": [zone_map(zones, view, panel) for panel in range(len(view.panels))],
         "mostDangerous": [
             {
@@ -158,6 +168,9 @@ def _case(
         "similarity": case.similarity,
         "indexNote": case.index_note,
         "clips": case.clips,
+        "measures": [
+            [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
+        ],
     }
 
 
@@ -220,7 +233,7 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult]) -> View:
             distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
             note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
         return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
-    by_variety = sorted(columns, key=lambda column: len(set(values[column])) < 2)
+    by_variety = sorted(columns, key=lambda column: -len(set(values[column])))
     x, y = sorted(by_variety[:2])
     fixed = {column: Counter(sorted(values[column])).most_common(1)[0][0] for column in columns if column not in (x, y)}
     on_slice = sum(all(values[column][row] == fixed[column] for column in fixed) for row in range(len(cases)))
@@ -237,6 +250,20 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult]) -> View:
     return View(logical.names, x, y, None, (None,), fixed, projected, note)
 
 
+def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:
+    """The slice that a map with a choice of slices opens at, column -> value: the one with most collisions.
+
+    Of equals the first in order of the values. Empty where a view has no slices.
+    """
+    if view.projected or not view.fixed:
+        return {}
+    collisions: Counter[tuple[float, ...]] = Counter()
+    for case in cases:
+        collisions[tuple(case.values[view.names[column]] for column in view.fixed)] += case.collided
+    best = min(collisions, key=lambda values: (-collisions[values], values))
+    return dict(zip(view.fixed, best, strict=True))
+
+
 def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS) -> dict[str, Any]:
     """The zones at the corners of cells over x and y (y slowest), and the polygons that constraints rule out.
 
@@ -250,7 +277,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
         "x": _axis(logical, view.x, ticks),
         "y": [0.0] if view.y is None else _axis(logical, view.y, ticks),
         "gp": _levels(zones.predicted(rows)),
-        "exact": _levels(_exact_target(zones, rows)),
+        "exact": _levels(exact_target(logical, rows, zones.settings)),
         "impossible": [] if view.y is None else _impossible(logical, view, panel, ticks),
     }
 
@@ -295,16 +322,6 @@ def _runs(flags: BoolArray, ticks: FloatArray) -> list[tuple[float, float]]:
     """Where flags are set without a break: first and last tick of each run."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(float(ticks[begin]), float(ticks[end - 1])) for begin, end in edges.reshape(-1, 2)]
-
-
-def _exact_target(zones: ZonePartition, points: FloatArray) -> FloatArray:
-    """The closed form on the scale that the GP learns: 0 where max ITTC is critical."""
-    approach = zones.logical.approach(zones.logical.columns(points))
-    braking = {"deceleration": zones.settings.deceleration, "delay": approach.delay}
-    inverse = max_inverse_ttc(approach.ego_speed, approach.obstacle_speed, approach.gap, **braking)
-    impact = ideal_impact_speed(approach.ego_speed, approach.obstacle_speed, approach.gap, **braking)
-    target = squared_time_target(inverse, impact, zones.settings)
-    return np.broadcast_to(target, len(points))
 
 
 def _levels(y: FloatArray) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.results import CaseResult, Evaluation
 
 _FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
@@ -51,6 +52,10 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "not_evaluated": evaluation.not_evaluated,
         "scores": [asdict(score) for score in evaluation.scores],
+        "preventability": {
+            "reference": reference_ads(settings) or "ideal vehicle",
+            "rows": [asdict(row) for row in preventability(evaluation)],
+        },
         "zones": [asdict(zone) for zone in evaluation.zones],
     }
     plain: dict[str, Any] = _plain(content)

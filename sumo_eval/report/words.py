@@ -26,6 +26,19 @@ FACTORS = {
 }
 """The factors of D_i: name -> (field of CaseResult, meaning)."""
 
+MEASURES = (
+    ("min_ttc", "shortest TTC", "s"),
+    ("max_ittc", "largest inverse TTC", "1/s"),
+    ("min_thw", "shortest time headway", "s"),
+    ("min_gap", "smallest gap ahead", "m"),
+    ("max_drac", "largest DRAC", "m/s²"),
+    ("pet", "post-encroachment time", "s"),
+    ("max_deceleration", "strongest deceleration", "m/s²"),
+    ("max_jerk", "largest jerk", "m/s³"),
+    ("delta_v", "delta-v at contact", "m/s"),
+)
+"""The criticality measures of a case: (field of CaseResult, words, unit)."""
+
 _STATUS = {
     "timeout": "The case took longer than it may.",
     "ads_error": "The controller failed.",

@@ -17,6 +17,7 @@ from browser import CHROMIUM, Page
 
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.page_data import CHANNEL_STEPS, encode_trajectories
+from sumo_eval.report.preventability import LOOKS, verdicts
 from sumo_eval.results import Evaluation
 from sumo_eval.trajectory import Trajectory
 
@@ -159,6 +160,64 @@ def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
         opened.run("new Promise((resolve) => setTimeout(resolve, 120))")
     opened.wait(f"document.getElementById('pick-case').value === '{place['index']}'")
     assert opened.run("document.getElementById('pick-scenario').value") == "0"
+
+
+@needs_chromium
+def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Page, evaluation: Evaluation) -> None:
+    judged = verdicts(evaluation)
+    for which, scenario in enumerate(builders.SCENARIOS):
+        for position, ads in enumerate((builders.CALM, builders.HOSTILE)):
+            letters = opened.run(f"""(() => {{
+                const card = document.querySelector('[data-prevented="{which}"]');
+                card.querySelectorAll('input')[{position}].click();
+                const traces = [...card.querySelectorAll('.plot')].map((plot) => plot.data[0]);
+                return traces.flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
+                    .filter((z) => z !== null).map((z) => Math.floor(z));
+            }})()""")
+            cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (ads, scenario)]
+            assert sorted(letters) == sorted(list(LOOKS).index(judged[case.case]) for case in cases)
+    assert opened.problems == []
+
+
+@needs_chromium
+def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, evaluation: Evaluation) -> None:
+    case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
+    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    opened.wait("document.getElementById('case-facts').textContent.includes('delta-v at contact-3.75 m/s')")
+    text = opened.run("document.getElementById('case-facts').textContent")
+    assert "smallest gap ahead0.00 m" in text
+    assert "largest inverse TTC" not in text, "it has no bound at contact"
+    assert f"verdict{LOOKS[verdicts(evaluation)[case.case]].words}" in text
+
+
+@needs_chromium
+def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path: Path) -> None:
+    """The page of the other tests with a fifth of its cases moved to a second value of two more parameters."""
+    text = report.read_text(encoding="utf-8")
+    start = text.index('id="report-data">') + len('id="report-data">')
+    end = text.index("</script>", start)
+    data = json.loads(text[start:end])
+    scenario = data["scenarios"][0]
+    for name, values in (("extra", (1.0, 2.0)), ("other", (3.0, 4.0))):
+        scenario["parameters"].append({"name": name, "unit": "m", "low": values[0], "high": values[1], "about": ""})
+        for number, case in enumerate(scenario["cases"]):
+            case["values"].append(values[number % 5 == 0])
+    scenario["view"]["slice"] = {"2": 1.0, "3": 3.0}
+    content = json.dumps(data).replace("<", "\\u003c")
+    page = text[:start] + content + text[end:]
+    selects = '<select data-slice="extra"></select><select data-slice="other"></select>'
+    page = page.replace('data-prevented="0">', f'data-prevented="0">{selects}', 1)
+    (tmp_path / "slices.html").write_text(page, encoding="utf-8")
+    moved = [case for number, case in enumerate(scenario["cases"]) if number % 5 == 0 and case["ads"] == builders.CALM]
+    with Page(tmp_path / "profile") as opened:
+        opened.open((tmp_path / "slices.html").as_uri(), "document.documentElement.dataset.report === 'ready'")
+        shown = """(() => { const data = document.querySelector('[data-prevented="0"] .plot').data[0];
+            return (data.type === 'heatmap' ? data.z.flat().filter((z) => z !== null) : data.x).length; })()"""
+        before = opened.run(shown)
+        opened.run("""document.querySelectorAll('[data-slice]').forEach((select) => {
+            select.selectedIndex = 1; select.dispatchEvent(new Event('change', { bubbles: true })); })""")
+        assert opened.run(shown) == len(moved) != before
+        assert opened.problems == []
 
 
 @needs_chromium

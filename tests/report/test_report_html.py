@@ -17,7 +17,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import page_data
 from sumo_eval.report.html import write_report
-from sumo_eval.report.page_data import choose_view
+from sumo_eval.report.page_data import choose_view, telling_slice
+from sumo_eval.report.preventability import preventability
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.settings import DriverSettings
@@ -141,6 +142,33 @@ def test_every_label_and_picture_has_words(tags: list[Any]) -> None:
         if tag == "a" and (attributes.get("href") or "").startswith("#") and ":" not in attributes["href"]
     }
     assert targets <= set(ids)
+
+
+def test_the_preventability_of_every_ads_stands_in_a_table(evaluation: Evaluation, page: str) -> None:
+    text = visible(page)
+    assert "No ADS of this run is “careful_driver”, so the reference is the ideal vehicle" in text
+    for row in preventability(evaluation):
+        counts = (row.cases, row.avoided, row.better, row.collided, row.preventable, row.unpreventable)
+        assert " ".join(map(str, counts)) in text
+
+
+def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evaluation) -> None:
+    rows = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+    view = choose_view(space(4), points(evaluation, rows))
+    assert (view.x, view.y) == (2, 3)
+    assert set(view.fixed) == {0, 1}
+
+
+def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluation) -> None:
+    rows = [
+        [float(a), float(b), float(c), float(d)] for a in range(3) for b in range(3) for c in range(2) for d in range(2)
+    ]
+    calm = [replace(case, collided=False) for case in points(evaluation, rows)]
+    view = choose_view(space(4), calm)
+    assert telling_slice(view, calm) == {2: 0.0, 3: 0.0}
+    hits = [replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0) for case in calm]
+    assert telling_slice(view, hits) == {2: 1.0, 3: 0.0}
+    assert telling_slice(choose_view(space(3), calm), calm) == {}
 
 
 def test_zones_stand_with_their_boundary_errors(page: str) -> None:

@@ -210,7 +210,7 @@
       const [ads, quantity] = ["likeness", "quantity"].map((name) => () =>
         card.querySelector(`input[name="${name}-${scenarioIndex}"]:checked`).value);
       const draw = () => plots.forEach((plot, panel) => {
-        Plotly.react(plot, tiles(scenario, panel, ads(), quantity()), layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
+        Plotly.react(plot, likenessTiles(scenario, panel, ads(), quantity()), layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
       });
       draw();
       card.addEventListener("change", draw);
@@ -219,34 +219,91 @@
     }
   }
 
-  function tiles(scenario, panel, ads, quantity) {
-    const found = scenario.cases.map((item, index) => ({ item, index, at: place(scenario, item.values) }))
-      .filter(({ item }) => item.ads === ads && item.panel === panel && item[quantity] !== null);
+  /** The cases of one ADS that a panel shows: [{ item, index, at }]. */
+  const casesOf = (scenario, ads, shows) => scenario.cases.map((item, index) => ({ item, index, at: place(scenario, item.values) }))
+    .filter(({ item }) => item.ads === ads && shows(item));
+
+  /** A cell for each case where they form a grid, else a square for each. `look` gives { z, word, text } of a case. */
+  function tiles(found, look, colours) {
+    const { zmin, zmax, ...scale } = { showscale: false, ...colours };
     const xs = [...new Set(found.map(({ at }) => at[0]))].sort((a, b) => a - b);
     const ys = [...new Set(found.map(({ at }) => at[1]))].sort((a, b) => a - b);
-    const colours = { colorscale: "Cividis", showscale: false };
-    const text = ({ item }) => caseHover(scenario, item) +
-      `<br>length ${fixed(item.lengthFactor, 2)}, operations ${fixed(item.operationFactor, 2)}, similarity ${fixed(item.similarity, 2)}`;
     if (xs.length < 2 || ys.length < 2 || xs.length * ys.length > 4 * found.length) {
-      return [{
-        type: "scatter", mode: "markers", x: found.map(({ at }) => at[0]), y: found.map(({ at }) => at[1]),
-        customdata: found.map(({ index }) => index), text: found.map(text), hovertemplate: "%{text}<extra></extra>", cliponaxis: false,
-        marker: { symbol: "square", size: 14, color: found.map(({ item }) => item[quantity]), cmin: 0, cmax: 1, ...colours },
-      }];
+      return {
+        type: "scatter", mode: "markers", x: found.map(({ at }) => at[0]), y: found.map(({ at }) => at[1]), cliponaxis: false,
+        customdata: found.map(({ index }) => index), text: found.map(({ item }) => look(item).text), hovertemplate: "%{text}<extra></extra>",
+        marker: { symbol: "square", size: 14, color: found.map(({ item }) => look(item).z), cmin: zmin, cmax: zmax, ...scale },
+      };
     }
     const blank = (value) => ys.map(() => xs.map(() => value));
     const [z, words, hover, index] = [blank(null), blank(""), blank(""), blank(null)];
     for (const entry of found) {
       const [row, column] = [ys.indexOf(entry.at[1]), xs.indexOf(entry.at[0])];
-      z[row][column] = entry.item[quantity];
-      words[row][column] = fixed(entry.item[quantity], 2);
-      hover[row][column] = text(entry);
+      const shownAs = look(entry.item);
+      z[row][column] = shownAs.z;
+      words[row][column] = shownAs.word;
+      hover[row][column] = shownAs.text;
       index[row][column] = entry.index;
     }
-    return [{
-      type: "heatmap", x: xs, y: ys, z, text: words, texttemplate: "%{text}", textfont: { size: 10.5 }, hovertext: hover,
-      customdata: index, hovertemplate: "%{hovertext}<extra></extra>", hoverongaps: false, zmin: 0, zmax: 1, xgap: 1, ygap: 1, ...colours,
-    }];
+    return {
+      type: "heatmap", x: xs, y: ys, z, text: words, texttemplate: "%{text}", textfont: { size: 10.5 }, hovertext: hover, zmin, zmax,
+      customdata: index, hovertemplate: "%{hovertext}<extra></extra>", hoverongaps: false, xgap: 1, ygap: 1, ...scale,
+    };
+  }
+
+  function likenessTiles(scenario, panel, ads, quantity) {
+    const found = casesOf(scenario, ads, (item) => item.panel === panel && item[quantity] !== null);
+    const look = (item) => ({
+      z: item[quantity], word: fixed(item[quantity], 2),
+      text: `${caseHover(scenario, item)}<br>length ${fixed(item.lengthFactor, 2)}, operations ${fixed(item.operationFactor, 2)}, similarity ${fixed(item.similarity, 2)}`,
+    });
+    return [tiles(found, look, { colorscale: "Cividis", zmin: 0, zmax: 1 })];
+  }
+
+  // --- preventability ------------------------------------------------------------------------------------------------
+
+  const VERDICTS = Object.keys(data.verdicts);
+  const VERDICT_SCALE = VERDICTS.flatMap((verdict, k) =>
+    [[k / VERDICTS.length, data.verdicts[verdict].colour], [(k + 1) / VERDICTS.length, data.verdicts[verdict].colour]]);
+
+  function preventedMaps() {
+    for (const card of document.querySelectorAll("[data-prevented]")) {
+      const scenarioIndex = Number(card.dataset.prevented);
+      const scenario = data.scenarios[scenarioIndex];
+      const plots = panelsOf(card, scenario);
+      const slices = [...card.querySelectorAll("[data-slice]")].map((select) => {
+        const k = scenario.parameters.findIndex((parameter) => parameter.name === select.dataset.slice);
+        const values = [...new Set(scenario.cases.map((item) => item.values[k]))].sort((a, b) => a - b);
+        fill(select, values.map((value) => [value, `${short(value)} ${scenario.parameters[k].unit}`]), scenario.view.slice[k]);
+        return { k, select };
+      });
+      const draw = () => plots.forEach((plot, panel) => {
+        const ads = card.querySelector("input:checked").value;
+        Plotly.react(plot, preventedTraces(scenario, scenarioIndex, panel, ads, slices), layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
+      });
+      draw();
+      moveRings.push(draw);
+      card.addEventListener("change", draw);
+      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
+    }
+  }
+
+  function preventedTraces(scenario, scenarioIndex, panel, ads, slices) {
+    // The selects choose the slice here, so the panel counts only where there is none.
+    const onSlice = (item) => (slices.length ? slices.every(({ k, select }) => item.values[k] === Number(select.value)) : item.panel === panel);
+    const look = (item) => {
+      const { words, letter, ink } = data.verdicts[item.verdict];
+      return { z: VERDICTS.indexOf(item.verdict) + 0.5, word: `<span style="color:${ink}">${letter}</span>`, text: `${caseHover(scenario, item)}<br>${words}` };
+    };
+    const chosen = scenarioIndex === selected.scenario ? scenario.cases[selected.index] : null;
+    const ring = chosen && onSlice(chosen) ? [place(scenario, chosen.values)] : [];
+    return [
+      tiles(casesOf(scenario, ads, onSlice), look, { colorscale: VERDICT_SCALE, zmin: 0, zmax: VERDICTS.length }),
+      {
+        type: "scatter", mode: "markers", hoverinfo: "skip", x: ring.map((at) => at[0]), y: ring.map((at) => at[1]), cliponaxis: false,
+        marker: { symbol: "circle-open", size: 18, color: COLOURS.ink, line: { width: 2 } },
+      },
+    ];
   }
 
   function distribution(plot, scenario) {
@@ -319,7 +376,7 @@
 
   function facts(scenario, item, driverCount) {
     const rows = scenario.parameters.map((p, k) => [p.name, `${short(item.values[k])} ${p.unit}`]);
-    rows.push(["zone", item.zone], ["status", item.status]);
+    rows.push(["zone", item.zone], ["status", item.status], ["verdict", data.verdicts[item.verdict].words]);
     if (item.time !== null) rows.push(["simulated time", `${fixed(item.time, 1)} s`]);
     rows.push(["exposure", short(item.exposure)]);
     if (item.latency !== null) rows.push(["slowest controller step", `${(1000 * item.latency).toPrecision(2)} ms`]);
@@ -337,6 +394,7 @@
         ["operations factor", fixed(item.operationFactor, 3)], ["similarity", fixed(item.similarity, 3)],
       );
     }
+    for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
     if (item.zone === "safe") rows.push(["drivers compared with", String(driverCount)]);
     rows.push(["ended", item.end, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
@@ -657,6 +715,7 @@
   byId("replay-slider").addEventListener("input", () => { stopReplay(); drawReplay(shown); });
   zoneMaps();
   likenessMaps();
+  preventedMaps();
   wirePickers();
   const asked = caseFromAddress();
   const first = asked ?? firstCase();

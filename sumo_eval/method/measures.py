@@ -1,0 +1,173 @@
+"""Criticality measures of one recorded case, in the terms that traffic safety and type approval use.
+
+Everything is measured along the road, x, at the ego's samples. A vehicle is in the ego's path where the two bodies
+overlap across the road, |y_other - y_ego| < (w_ego + w_other)/2, and ahead where its centre is in front of the ego's.
+Of the vehicles ahead in the path the nearest counts, sample by sample. nan: not defined in this case. inf: unbounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+
+TOUCH = 1e-3
+"""Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by a gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class CriticalityMeasures:
+    """How close a case came to a collision, and how hard the ego acted.
+
+    min_ttc s; max_ittc 1/s; min_thw s; min_gap m; max_drac m/s2; pet s; max_deceleration m/s2, 0 if the ego never
+    braked; max_jerk m/s3; delta_v m/s. A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and
+    max_drac inf if the ego was closing. An ego that never closes on the vehicle ahead has min_ttc inf, the other two 0.
+    Without a vehicle ahead in the path all of these are nan; delta_v is nan without a collision.
+    """
+
+    min_ttc: float
+    max_ittc: float
+    min_thw: float
+    min_gap: float
+    max_drac: float
+    pet: float
+    max_deceleration: float
+    max_jerk: float
+    delta_v: float
+
+
+def measures(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None) -> CriticalityMeasures:
+    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first contact if any."""
+    gap, closing = vehicle_ahead(ego, actors, collision)
+    ttc = time_to_collision(gap, closing)
+    return CriticalityMeasures(
+        min_ttc=_least(ttc),
+        max_ittc=_most(_inverse(ttc)),
+        min_thw=_least(time_headway(gap, ego.speed * np.cos(ego.heading))),
+        min_gap=_least(gap),
+        max_drac=_most(deceleration_to_avoid(gap, closing)),
+        pet=post_encroachment_time(ego, actors, collision),
+        max_deceleration=max(0.0, -float(ego.acceleration.min())),
+        max_jerk=_most(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
+        delta_v=np.nan if collision is None else velocity_change(collision),
+    )
+
+
+def vehicle_ahead(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Gap d, m, and closing speed, m/s, to the nearest vehicle ahead in the ego's path: (n,) each, nan without one.
+
+    d = x_other - x_ego - (l_ego + l_other)/2, bumper to bumper, at least 0. Closing speed = v_ego - v_other along the
+    road. A frontal contact is a gap of 0 at its time, because bodies at an angle touch a little before the gap closes.
+    """
+    gap, closing = np.full(len(ego), np.inf), np.full(len(ego), np.nan)
+    own_speed = ego.speed * np.cos(ego.heading)
+    for name, actor in actors.items():
+        x, y, speed = _at(ego.time, actor)
+        distance = x - ego.x - (ego.length + actor.length) / 2.0
+        beside = np.abs(y - ego.y) >= (ego.width + actor.width) / 2.0
+        distance = np.where((x <= ego.x) | beside | np.isnan(x), np.inf, np.maximum(distance, 0.0))
+        if collision is not None and (collision.other, collision.side) == (name, "front"):
+            distance[(ego.time >= collision.time) & ~np.isnan(x)] = 0.0
+        nearer = distance < gap
+        gap = np.where(nearer, distance, gap)
+        closing = np.where(nearer, own_speed - speed, closing)
+    return np.where(np.isinf(gap), np.nan, gap), closing
+
+
+def time_to_collision(gap: FloatArray, closing: FloatArray) -> FloatArray:
+    """TTC = d / (v_ego - v_other), s: time to contact if both keep their speeds (Hayward 1972).
+
+    gap: d, m. closing: v_ego - v_other, m/s. inf where the ego is not closing, 0 where it touches, nan without a gap.
+    """
+    apart = np.divide(gap, closing, out=np.full(gap.shape, np.inf), where=closing > 0.0)
+    return np.where(np.isnan(gap), np.nan, np.where((gap < TOUCH) & (closing > 0.0), 0.0, apart))
+
+
+def time_headway(gap: FloatArray, ego_speed: FloatArray) -> FloatArray:
+    """THW = d / v_ego, s: how long the ego takes to where the rear of the vehicle ahead is now (ISO 15622, time gap).
+
+    gap: d, m. ego_speed: along the road, m/s. inf where the ego does not move forward, nan without a gap.
+    """
+    headway = np.divide(gap, ego_speed, out=np.full(gap.shape, np.inf), where=ego_speed > 0.0)
+    return np.where(np.isnan(gap), np.nan, headway)
+
+
+def deceleration_to_avoid(gap: FloatArray, closing: FloatArray) -> FloatArray:
+    """DRAC = (v_ego - v_other)^2 / (2 d), m/s2: constant braking that just avoids contact (Almqvist et al. 1991).
+
+    gap: d, m. closing: v_ego - v_other, m/s. 0 where the ego is not closing, inf where it touches, nan without a gap.
+    """
+    open_gap = gap >= TOUCH
+    needed = np.divide(closing**2, 2.0 * gap, out=np.full(gap.shape, np.inf), where=open_gap)
+    return np.where(np.isnan(gap), np.nan, np.where(closing > 0.0, needed, 0.0))
+
+
+def post_encroachment_time(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+) -> float:
+    """PET, s: least time from another's rear leaving a place of the road to the ego's front reaching it (Allen 1978).
+
+    The places are where the ego's front bumper is at its samples. A place counts where the other's rear bumper passed
+    it before, within the recording, and the body then overlapped across the road with the ego's now. nan: there is no
+    such place, as behind a vehicle that never moves. 0: frontal contact.
+    """
+    if collision is not None and collision.side == "front":
+        return 0.0
+    least = np.inf
+    place = ego.x + ego.length / 2.0
+    for actor in actors.values():
+        rear = np.maximum.accumulate(
+            actor.x - actor.length / 2.0
+        )  # a place is left when it is passed for the first time
+        after = np.searchsorted(rear, place, side="right")
+        passed = (after > 0) & (after < len(actor))
+        if not passed.any():
+            continue
+        end, reached = after[passed], place[passed]
+        share = (reached - rear[end - 1]) / (rear[end] - rear[end - 1])
+        left_at = actor.time[end - 1] + share * (actor.time[end] - actor.time[end - 1])
+        y = actor.y[end - 1] + share * (actor.y[end] - actor.y[end - 1])
+        overlaps = np.abs(y - ego.y[passed]) < (ego.width + actor.width) / 2.0
+        times = (ego.time[passed] - left_at)[overlaps]
+        least = min(least, float(times[times >= 0.0].min(initial=np.inf)))
+    return least if np.isfinite(least) else float("nan")
+
+
+def velocity_change(collision: Collision) -> float:
+    """Delta-v of the ego, m/s: (v_other - v_ego)/2 along the ego's heading, both of one mass, no rebound.
+
+    Negative where the contact slows the ego down, positive where it is pushed on, 0 at equal velocities.
+    """
+    heading = collision.ego_pose[2]
+    ahead = (float(np.cos(heading)), float(np.sin(heading)))
+    relative = np.subtract(collision.other_velocity, collision.ego_velocity)
+    return float(np.dot(relative, ahead)) / 2.0
+
+
+def _at(time: FloatArray, actor: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """x, y and the speed along the road of another vehicle at given times, nan outside its recording."""
+    channels = (actor.x, actor.y, actor.speed * np.cos(actor.heading))
+    if np.array_equal(time, actor.time):
+        return channels
+    x, y, speed = (np.interp(time, actor.time, channel, left=np.nan, right=np.nan) for channel in channels)
+    return x, y, speed
+
+
+def _inverse(ttc: FloatArray) -> FloatArray:
+    """ITTC = 1/TTC, 1/s; 0 where not closing, inf at contact."""
+    return np.asarray(np.divide(1.0, ttc, out=np.full(ttc.shape, np.inf), where=ttc != 0.0))
+
+
+def _least(values: FloatArray) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.min()) if known.size else float("nan")
+
+
+def _most(values: FloatArray) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.max()) if known.size else float("nan")

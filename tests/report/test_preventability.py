@@ -1,0 +1,126 @@
+"""Preventability: every case has one verdict beside the reference, and the counts add up to what the cases say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import builders
+import pytest
+
+from sumo_eval.report.preventability import (
+    LOOKS,
+    Preventability,
+    preventability,
+    reference_ads,
+    reference_sentence,
+    verdicts,
+)
+from sumo_eval.report.tables import scores_json
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.settings import AdsSettings, ReportSettings
+
+SCENARIO = builders.SCENARIOS[0]
+
+
+def against(evaluation: Evaluation, reference: str) -> Evaluation:
+    return replace(evaluation, settings=replace(evaluation.settings, report=ReportSettings(reference)))
+
+
+def made(evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[bool | None] | None = None) -> Evaluation:
+    """One scenario: for each ADS what became of it point by point (-: avoided, X: collided, R: off road, E: error)."""
+    like = evaluation.cases[0]
+    cases: list[CaseResult] = []
+    for ads, kinds in outcomes.items():
+        for number, kind in enumerate(kinds):
+            status = {"-": "ok", "X": "collision", "R": "off_road", "E": "ads_error"}[kind]
+            cases.append(
+                replace(
+                    like,
+                    case=f"{ads}-{number}",
+                    ads=ads,
+                    scenario=SCENARIO,
+                    values={"ego_speed": float(number)},
+                    status=status,
+                    collided=kind == "X",
+                    ideal_collided=ideal[number] if ideal else None,
+                )
+            )
+    score = evaluation.score(builders.CALM, SCENARIO)
+    settings = replace(evaluation.settings, ads=tuple(AdsSettings(ads, ads) for ads in outcomes))
+    scores = tuple(replace(score, ads=ads) for ads in outcomes)
+    return replace(evaluation, settings=settings, cases=tuple(cases), scores=scores)
+
+
+def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
+    odd = made(evaluation, {"mine": [*"-X-XXXRE-"], "careful_driver": [*"--XXREXX-"]})
+    found = verdicts(odd)
+    assert [found[f"mine-{number}"] for number in range(9)] == [
+        "avoided", "preventable", "better", "unpreventable", "undecided", "undecided", "off road", "not evaluated",
+        "avoided",
+    ]  # fmt: skip
+    mine, careful = preventability(odd)
+    assert mine == Preventability(
+        ads="mine", scenario=SCENARIO, cases=9, avoided=3, better=1, collided=4, preventable=1, unpreventable=1,
+        undecided=2, off_road=1, not_evaluated=1,
+    )  # fmt: skip
+    assert (careful.collided, careful.unpreventable, careful.preventable) == (4, 4, 0)
+
+
+def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Evaluation) -> None:
+    odd = made(evaluation, {"mine": [*"XXX--"], "idm": [*"X--X-"]}, ideal=[False, True, None, True, None])
+    assert reference_ads(odd.settings) is None
+    assert [verdicts(odd)[f"mine-{number}"] for number in range(5)] == [
+        "preventable", "unpreventable", "undecided", "better", "avoided",
+    ]  # fmt: skip
+    assert "ideal vehicle" in reference_sentence(odd.settings)
+    assert "careful_driver" in reference_sentence(odd.settings)
+
+
+@pytest.mark.parametrize("reference", ["idm", "ideal_braking"])
+def test_the_counts_add_up(evaluation: Evaluation, reference: str) -> None:
+    odd = against(evaluation, reference)
+    found = verdicts(odd)
+    assert set(found) == {case.case for case in evaluation.cases}
+    assert set(found.values()) <= set(LOOKS)
+    for row, score in zip(preventability(odd), evaluation.scores, strict=True):
+        assert (row.ads, row.scenario, row.cases) == (score.ads, score.scenario, score.cases)
+        assert row.cases == row.avoided + row.collided + row.off_road + row.not_evaluated
+        assert row.collided == row.preventable + row.unpreventable + row.undecided == score.collisions
+        assert row.better <= row.avoided
+
+
+def test_the_reference_is_found_by_name_before_controller(evaluation: Evaluation) -> None:
+    ads = (AdsSettings("first", "careful_driver"), AdsSettings("careful_driver", "idm"))
+    both = replace(evaluation.settings, ads=ads)
+    assert reference_ads(both) == "careful_driver"
+    assert reference_ads(replace(both, ads=ads[:1])) == "first"
+    assert "“first”" in reference_sentence(replace(both, ads=ads[:1]))
+
+
+def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itself(evaluation: Evaluation) -> None:
+    odd = against(evaluation, "idm")  # the controller of `calm`
+    own = [row for row in preventability(odd) if row.ads == builders.CALM]
+    assert own
+    for row in own:
+        assert (row.preventable, row.undecided, row.better) == (0, 0, 0)
+        assert row.unpreventable == row.collided
+
+
+def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(evaluation: Evaluation) -> None:
+    reference = [*"-XX--X-X"]
+    worse = preventability(made(evaluation, {"mine": [*"XXXX--XX"], "careful_driver": reference}))[0]
+    gentler = preventability(made(evaluation, {"mine": [*"-XXX--X-"], "careful_driver": reference}))[0]
+    assert gentler.preventable <= worse.preventable
+    assert gentler.better >= worse.better
+
+
+def test_scores_json_carries_the_counts_and_the_reference(evaluation: Evaluation) -> None:
+    plain = json.loads(json.dumps(scores_json(evaluation), allow_nan=False))["preventability"]
+    assert plain["reference"] == "ideal vehicle"
+    assert [row["preventable"] for row in plain["rows"]] == [row.preventable for row in preventability(evaluation)]
+    assert scores_json(against(evaluation, "idm"))["preventability"]["reference"] == builders.CALM
+
+
+def test_no_two_verdicts_look_the_same() -> None:
+    assert len({look.letter for look in LOOKS.values()}) == len({look.colour for look in LOOKS.values()}) == len(LOOKS)
