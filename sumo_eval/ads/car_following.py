@@ -96,17 +96,39 @@ def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> flo
     return -closing * closing / (2.0 * max(gap, MIN_GAP)) if closing > 0.0 else 0.0
 
 
+def constant_acceleration_heuristic(speed: float, gap: float, lead_speed: float, lead_braking: float) -> float:
+    """CAH: acceleration that just avoids a lead which goes on braking with b_l > 0 until it stands. m/s2.
+
+    v^2 a_l / (v_l^2 - 2 s a_l) if v_l (v - v_l) <= -2 s a_l (the lead stands first), else a_l - dv^2 / (2 s) with
+    dv = max(v - v_l, 0), a_l = -b_l. Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
+    """
+    distance = max(gap, MIN_GAP)
+    if lead_speed * (speed - lead_speed) <= 2.0 * distance * lead_braking:
+        return -speed * speed * lead_braking / (lead_speed * lead_speed + 2.0 * distance * lead_braking)
+    return -lead_braking + constant_speed_heuristic(speed, gap, lead_speed)
+
+
 def enhanced_idm_acceleration(
-    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters, headway: float | None = None
+    speed: float,
+    desired_speed: float,
+    gap: float,
+    lead_speed: float,
+    idm: IdmParameters,
+    headway: float | None = None,
+    lead_braking: float = 0.0,
 ) -> float:
     """Enhanced IDM ("ACC model"): brakes no harder than a gap needs by more than b. m/s2.
 
-    i = improved IDM, h = constant-speed heuristic. i if i >= h, else (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99.
+    i = improved IDM, h = constant-speed heuristic (CAH behind a lead that brakes with `lead_braking`, m/s2).
+    i if i >= h, else (1 - c) i + c (h + b tanh((i - h) / b)), c = 0.99.
     The IDM brakes at its limit when it finds itself close behind a lead of its own speed; people do not.
     Source: Kesting, Treiber, Helbing, Phil. Trans. R. Soc. A 368, 4585 (2010).
     """
     plain = improved_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, headway)
-    needed = constant_speed_heuristic(speed, gap, lead_speed)
+    if lead_braking > 0.0:
+        needed = constant_acceleration_heuristic(speed, gap, lead_speed, lead_braking)
+    else:
+        needed = constant_speed_heuristic(speed, gap, lead_speed)
     if plain >= needed:
         return plain
     b = idm.deceleration
@@ -125,14 +147,16 @@ class Follower:
         self._recovery = step / HEADWAY_RECOVERY
         self._accepted: dict[str, float] = {}
 
-    def acceleration(self, lead: str, speed: float, desired_speed: float, gap: float, lead_speed: float) -> float:
+    def acceleration(
+        self, lead: str, speed: float, desired_speed: float, gap: float, lead_speed: float, lead_braking: float = 0.0
+    ) -> float:
         """Acceleration behind a lead, m/s2; call once a step and lead."""
         own = self.idm.headway
         accepted = self._accepted.get(lead)
         if accepted is None:
             accepted = min(own, max(gap - self.idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
         self._accepted[lead] = accepted + (own - accepted) * self._recovery
-        return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, self.idm, accepted)
+        return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, self.idm, accepted, lead_braking)
 
 
 class Idm:

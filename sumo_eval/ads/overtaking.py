@@ -106,7 +106,7 @@ class Overtaking:
         wanted = free
         for lead in leads:
             behind_it = self._follower.acceleration(
-                lead.mover.name, me.speed, desired_speed, lead.gap, lead.mover.along
+                lead.mover.name, me.speed, desired_speed, lead.gap, lead.mover.along, lead.mover.braking
             )
             wanted = min(wanted, behind_it)
         passed = self._still_ahead(me, others) if self.changing else []

@@ -16,7 +16,8 @@ class Mover(NamedTuple):
     """A vehicle at an instant.
 
     x, y: body centre, m. heading: rad, 0 along the road, positive to the left. along, across: speed by road axis, m/s.
-    half_length, half_width: half the extent of the (turned) body along and across the road, m.
+    half_length, half_width: half the extent of the (turned) body along and across the road, m. braking: deceleration
+    along the road that whoever looks has noticed, m/s2.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Mover(NamedTuple):
     across: float
     half_length: float
     half_width: float
+    braking: float = 0.0
 
     @property
     def speed(self) -> float:
@@ -34,9 +36,15 @@ class Mover(NamedTuple):
         return math.hypot(self.along, self.across)
 
     def after(self, time: float) -> Mover:
-        """The same vehicle `time` s later if it keeps its velocity."""
-        name, x, y, heading, along, across, half_length, half_width = self
-        return Mover(name, x + along * time, y + across * time, heading, along, across, half_length, half_width)
+        """The same vehicle `time` s later if it keeps its velocity, or goes on braking until it stands."""
+        if self.braking <= 0.0:
+            return self._replace(x=self.x + self.along * time, y=self.y + self.across * time)
+        rolling = min(time, max(self.along, 0.0) / self.braking)
+        return self._replace(
+            x=self.x + rolling * (self.along - 0.5 * self.braking * rolling),
+            y=self.y + self.across * rolling,
+            along=self.along - self.braking * rolling,
+        )
 
 
 class Scene(NamedTuple):

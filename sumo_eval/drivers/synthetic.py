@@ -34,12 +34,13 @@ PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 
 SPEED_RELAXATION = 8.0  # s in which a driver approaches the speed at which he settles
 
 HIDING_SHARE = 0.7  # a driver recognises a vehicle once 30 % of its width shows: the lamp of one side
+NOTICED_BRAKING = 0.5  # m/s2 of a vehicle ahead; brake lights tell, engine braking is hardly seen
 CROSSING_SPEED = 0.3  # m/s across the road: a vehicle ahead that begins to change lane
 CLOSING_SPEED = 2.0  # m/s: one that is being approached (the rule by which the recorded approaches were chosen)
 
 
 class Attention:
-    """What a driver knows: each vehicle as it was one reaction time ago, carried on to now at its velocity then.
+    """What a driver knows: each vehicle as it was one reaction time ago, carried on to now as it moved then.
 
     So a steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane change) one reaction time
     late: the human driver model's delay with anticipation (Treiber, Kesting, Helbing, Physica A 360, 71 (2006)). The
@@ -63,7 +64,7 @@ class Attention:
                     self._delay = self._alerted_delay
             elif other.x > me.x and (abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED):
                 self._delay = self._alerted_delay
-            self._memory[other.name].append((time, other))
+            self._memory[other.name].append((time, self._with_braking(other, time)))
         past = time - self._delay + 1e-9
         known = []
         for name, memory in self._memory.items():
@@ -74,6 +75,15 @@ class Attention:
             seen, other = memory[0]
             known.append(other.after(time - seen))
         return known
+
+    def _with_braking(self, other: Mover, time: float) -> Mover:
+        """The vehicle with its braking since the last look, if it is strong enough to be noticed."""
+        memory = self._memory[other.name]
+        if not memory:
+            return other
+        before, last = memory[-1]
+        braking = (last.along - other.along) / (time - before)
+        return other._replace(braking=braking) if braking > NOTICED_BRAKING else other
 
 
 class SyntheticDriver:

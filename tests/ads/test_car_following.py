@@ -9,6 +9,7 @@ from road_scenes import actor, case, cut_outs_at_the_edge, low_speed, safe_cut_o
 from sumo_eval.ads.car_following import (
     Follower,
     IdmParameters,
+    constant_acceleration_heuristic,
     constant_speed_heuristic,
     desired_gap,
     enhanced_idm_acceleration,
@@ -129,3 +130,16 @@ def test_idm_holds_its_speed_on_a_free_road_and_goes_by_a_vehicle_in_the_other_l
     recording = simulate(case(actor("slow", 60.0, 5.0, y=3.5), speed=30.0), "idm")
     assert recording.end_reason == "road_end"
     assert recording.ego.speed == pytest.approx(30.0)
+
+
+def test_behind_a_braking_lead_the_heuristic_stops_just_behind_where_the_lead_stops():
+    # lead: 20^2 / (2 * 4) = 50 m to standstill, 40 m ahead; so 90 m are left: 20^2 / (2 * 90) = 2.222 m/s2
+    assert constant_acceleration_heuristic(20.0, 40.0, 20.0, 4.0) == pytest.approx(-400.0 / 180.0)
+    # closing fast on a lead that hardly brakes, the speeds meet first: 1 + 20^2 / (2 * 10) = 21 m/s2
+    assert constant_acceleration_heuristic(30.0, 10.0, 10.0, 1.0) == pytest.approx(-21.0)
+
+
+def test_a_lead_that_hardly_brakes_is_almost_one_that_keeps_its_speed():
+    for speed, gap, lead in ((20.0, 30.0, 10.0), (15.0, 20.0, 14.0)):
+        steady = constant_speed_heuristic(speed, gap, lead)
+        assert constant_acceleration_heuristic(speed, gap, lead, 1e-9) == pytest.approx(steady, abs=1e-6)

@@ -22,7 +22,7 @@ from sumo_eval.scenario import catalogue
 def test_the_front_bumper_and_the_compass_angle_become_a_body_centre_and_a_heading():
     traci = FakeTraci({"ego": (100.0, 0.0, 90.0, 20.0), "other": (200.0, 3.0, 60.0, 10.0)}, length=4.0, width=2.0)
     me, (other,) = Sensor().look(traci, "ego")
-    assert me == ("ego", 98.0, 0.0, 0.0, 20.0, 0.0, 2.0, 1.0)
+    assert me == ("ego", 98.0, 0.0, 0.0, 20.0, 0.0, 2.0, 1.0, 0.0)
     assert other.heading == pytest.approx(math.radians(30.0))
     assert (other.x, other.y) == pytest.approx((200.0 - 2.0 * math.cos(math.pi / 6), 3.0 - 2.0 * math.sin(math.pi / 6)))
     assert (other.along, other.across) == pytest.approx((10.0 * math.cos(math.pi / 6), 5.0))

@@ -15,6 +15,7 @@ from sumo_eval.drivers.synthetic import Attention, SyntheticDriver, human_contro
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import count_operations
 from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling import sample
 from sumo_eval.trajectory import CHANNELS
 
 DRIVERS = draw_population(10, seed=1)
@@ -78,7 +79,8 @@ def test_a_steady_vehicle_is_perceived_exactly_and_braking_one_reaction_time_lat
         lead = mover("lead", x, along=speed)
         known = attention.known(Scene(mover("ego", 20.0 * time), (lead,)), time)
         if count >= 20:  # 1 s
-            assert known[0].along == speeds[count - 20]
+            carried_on = 0.9 * 1.0 if count - 20 > 30 else 0.0  # m/s, once a second-old look showed the braking
+            assert known[0].along == pytest.approx(speeds[count - 20] - carried_on, abs=1e-9)
         if 20 <= count <= 30:
             assert known[0].x == pytest.approx(lead.x)
         if count >= 30:  # brakes gently from 1.5 s on: never closed upon by 2 m/s, so nothing alerts
@@ -227,3 +229,24 @@ def test_a_child_process_that_drives_imports_no_heavy_package():
 
 def test_driver_numbers_are_stable():
     assert draw_driver(0, seed=1).reaction_time == pytest.approx(0.8917902667644364, abs=1e-12)
+
+
+def test_a_braking_lead_is_expected_to_go_on_braking_until_it_stands():
+    attention = Attention(replace(DRIVER, reaction_time=1.0))
+    me = mover("ego", 0.0, along=20.0)
+    speeds = [20.0 - 4.0 * STEP * step for step in range(61)]
+    places = [60.0 + 20.0 * STEP * step - 2.0 * (STEP * step) ** 2 for step in range(61)]
+    for step, (speed, place) in enumerate(zip(speeds, places, strict=True)):
+        (known,) = attention.known(Scene(me, (mover("lead", place, along=speed),)), step * STEP) or [None]
+        if step == 60:  # long after its first look, the driver knows the braking and carries it on
+            assert known.along == pytest.approx(speed, abs=1e-9)
+            assert known.x == pytest.approx(place, abs=0.1)
+    stopped = mover("lead", 60.0, along=1.0)._replace(braking=4.0).after(10.0)
+    assert (stopped.along, stopped.x) == (0.0, pytest.approx(60.0 + 1.0 / 8.0))
+
+
+def test_skilled_drivers_stop_behind_a_lead_that_brakes_as_in_the_consumer_test():
+    logical = catalogue.load("ncap_ccrb")
+    for concrete in logical.concretes(sample(logical).points)[::6]:
+        for recording in synthetic_reference(concrete, DRIVERS[:3], seed=1):
+            assert (recording.end_reason, recording.error) == ("standstill", None), concrete.label
