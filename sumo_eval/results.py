@@ -11,6 +11,9 @@ from sumo_eval.settings import EvaluationSettings
 
 Zone = Literal["safe", "hazardous"]
 
+EVALUATED = ("ok", "collision", "off_road")
+"""Statuses of cases whose outcome counts; all others could not be evaluated."""
+
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
@@ -66,7 +69,7 @@ class CaseResult:
     @property
     def evaluated(self) -> bool:
         """Whether the case has an outcome that counts."""
-        return self.status in {"ok", "collision", "off_road"}
+        return self.status in EVALUATED
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sumo_eval.batch.cases import EVALUATED
 from sumo_eval.batch.indexes import IndexJob, compute_indexes
 from sumo_eval.batch.recording import Progress
 from sumo_eval.batch.store import EGO, Fact, Store
@@ -23,7 +22,7 @@ from sumo_eval.method.collision_avoidance import (
 from sumo_eval.method.measures import CriticalityMeasures, measures
 from sumo_eval.method.score import combined_score
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
-from sumo_eval.results import CaseResult, ScenarioResult, ZoneResult
+from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings

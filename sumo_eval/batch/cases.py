@@ -15,9 +15,6 @@ Status = Literal[
     "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
 ]
 
-EVALUATED: tuple[Status, ...] = ("ok", "collision", "off_road")
-"""Statuses of cases whose outcome counts; all others could not be evaluated."""
-
 
 @dataclass(frozen=True, slots=True)
 class Case:
