@@ -1,29 +1,36 @@
-"""The command line. Every command imports what it needs when it runs, so that `--help` answers at once."""
+"""The command line. A command's file is imported when the command is named, so that `--help` answers at once."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from importlib import import_module
+from typing import Any, Final, NoReturn
 
 import click
 
+from sumo_eval.commands.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.errors import SumoEvalError, did_you_mean
 
-if TYPE_CHECKING:
-    from sumo_eval.results import Evaluation
-
-DONE, INPUT_WRONG, NOT_EVALUATED, INTERRUPTED = 0, 2, 3, 130
+COMMANDS: Final = ("run", "score", "report", "scenarios", "partition")  # sumo_eval/commands/NAME.py defines NAME
 
 
 class _Group(click.Group):
-    """Offers the nearest command for a misspelt one and turns the package's errors into sentences."""
+    """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors into sentences."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        command = getattr(import_module(f"sumo_eval.commands.{cmd_name}"), cmd_name)
+        assert isinstance(command, click.Command)
+        return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             raise click.UsageError(f"There is no command `{args[0]}`.{did_you_mean(args[0], self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 
@@ -49,134 +56,3 @@ def main() -> None:
 
     Exit status: 0 done, 1 a gate failed, 2 the input is wrong, 3 some cases could not be evaluated.
     """
-
-
-@main.command()
-@click.argument("evaluation", required=False, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for facts, scores and report.")
-@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
-def run(evaluation: Path | None, out: Path, workers: int | None) -> None:
-    """Simulate and score EVALUATION, a TOML file; without one, the paper's evaluation."""
-    from sumo_eval.evaluation import evaluate
-
-    with _progress() as progress:
-        result = evaluate(evaluation, out, workers=workers, progress=progress)
-    _finish(result)
-
-
-@main.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
-def score(run: Path, changes: tuple[str, ...]) -> None:
-    """Score RUN again from its recorded facts, without a simulation."""
-    from sumo_eval.evaluation import score as score_run
-
-    with _progress() as progress:
-        result = score_run(run, changes, progress=progress)
-    _finish(result)
-
-
-@main.command()
-@click.argument("run", type=click.Path(path_type=Path))
-def report(run: Path) -> None:
-    """Write RUN/report.html anew from the recorded facts."""
-    from sumo_eval.evaluation import score as score_run
-    from sumo_eval.evaluation import zone_partitions
-    from sumo_eval.report.html import write_report
-
-    with _progress() as progress:
-        evaluation = score_run(run, progress=progress)
-    click.echo(str(write_report(evaluation, zone_partitions(evaluation))))
-
-
-@main.command()
-def scenarios() -> None:
-    """List the logical scenarios that ship, with their parameters."""
-    from sumo_eval.scenario.catalogue import SCENARIOS
-
-    for scenario in SCENARIOS.values():
-        click.echo(f"{scenario.name}\n  {scenario.about}")
-        for item in scenario.parameters:
-            click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g} {item.unit}, step {item.step:g}: {item.about}")
-
-
-@main.command()
-@click.argument("scenario")
-def partition(scenario: str) -> None:
-    """Split the space of SCENARIO into safe and hazardous zones and say where the danger is greatest."""
-    from sumo_eval.method.zone_partition import partition as split
-    from sumo_eval.scenario.catalogue import find
-    from sumo_eval.scenario.sampling import sample
-    from sumo_eval.scoring import describe_zones
-
-    logical = find(scenario, Path.cwd())
-    zones = split(logical)
-    result = describe_zones(logical, zones, sample(logical))
-    share = f"{result.hazardous_share:.1%} of {result.sampled} grid points"
-    click.echo(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
-    for point in result.most_dangerous:
-        click.echo("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
-    click.echo(f"  on the wrong side of the exact boundary: {result.boundary_error:.2%} of the possible points")
-    for note in result.notes:
-        click.echo(f"  {note}")
-
-
-def _finish(evaluation: Evaluation) -> None:
-    """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
-    import json
-
-    from sumo_eval.evaluation import zone_partitions
-    from sumo_eval.report.html import write_report
-    from sumo_eval.report.tables import cases_csv, scores_json
-    from sumo_eval.report.terminal import closing_lines, plain_table, score_table
-
-    scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
-    (evaluation.folder / "scores.json").write_text(scores + "\n", encoding="utf-8")
-    cases_csv(evaluation, evaluation.folder / "cases.csv")
-    write_report(evaluation, zone_partitions(evaluation))
-    if sys.stdout.isatty():
-        from rich.console import Console
-
-        Console().print(score_table(evaluation))
-    else:
-        click.echo(plain_table(evaluation))
-    for line in closing_lines(evaluation):
-        click.echo(line)
-    sys.exit(NOT_EVALUATED if evaluation.not_evaluated else DONE)
-
-
-class _progress:  # noqa: N801
-    """A progress bar on a terminal, one line a stage elsewhere."""
-
-    def __init__(self) -> None:
-        self._bar: Any = None
-        self._tasks: dict[str, Any] = {}
-        if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=Console(stderr=True),
-            )
-
-    def __enter__(self) -> Callable[[str, int, int], None]:
-        if self._bar is not None:
-            self._bar.start()
-        return self._show
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def _show(self, stage: str, done: int, total: int) -> None:
-        if self._bar is None:
-            if done == total:
-                click.echo(f"{stage}: {total} done", err=True)
-            return
-        if stage not in self._tasks:
-            self._tasks[stage] = self._bar.add_task(stage, total=total)
-        self._bar.update(self._tasks[stage], completed=done)

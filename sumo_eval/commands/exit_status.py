@@ -1,0 +1,9 @@
+"""What the exit status of a command means."""
+
+from typing import Final
+
+DONE: Final = 0  # done, and every gate passed
+GATE_FAILED: Final = 1
+INPUT_WRONG: Final = 2  # one clear sentence on stderr, no traceback
+NOT_EVALUATED: Final = 3  # some cases could not be evaluated; they are listed and counted
+INTERRUPTED: Final = 130  # Ctrl-C

@@ -1,0 +1,22 @@
+"""`sumo-eval report`: write the HTML report anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sumo_eval.commands.progress import Progress
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+def report(run: Path) -> None:
+    """Write RUN/report.html anew from the recorded facts."""
+    from sumo_eval.evaluation import score as score_run
+    from sumo_eval.evaluation import zone_partitions
+    from sumo_eval.report.html import write_report
+
+    with Progress() as progress:
+        evaluation = score_run(run, progress=progress)
+    click.echo(str(write_report(evaluation, zone_partitions(evaluation))))
