@@ -242,6 +242,17 @@ class RunSettings(Checked):
     workers: Annotated[int, Ge(1), About("processes that simulate cases")] = 2
     case_timeout: Annotated[float, Positive, About("wall time a case may take", "s")] = 60.0
     step_timeout: Annotated[float, Positive, About("wall time one controller step may take", "s")] = 1.0
+    memory_limit: Annotated[float, Ge(256.0), About("memory that the process of a case may fill", "MB")] = 4096.0
+    cases_per_child: Annotated[int, Ge(1), About("cases after which a child process is replaced by a fresh one")] = 500
+    engine: Annotated[
+        Literal["processes", "serial", "dask"],
+        About("where cases run: in child processes, in this process without isolation, or on a Dask cluster"),
+    ] = "processes"
+    scheduler: Annotated[str, About("address of the Dask cluster's scheduler, e.g. tcp://host:8786")] = ""
+    incomplete: Annotated[
+        Literal["shown", "gate"],
+        About("what cases that could not be evaluated do: widen C and D visibly (exit 3), or fail the run (exit 1)"),
+    ] = "shown"
 
 
 @dataclass(frozen=True, slots=True)
