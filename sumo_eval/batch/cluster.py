@@ -33,7 +33,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
     from distributed import as_completed
 
     try:
-        under_way: Any = as_completed()  # type: ignore[no-untyped-call]
+        under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
         batches: dict[str, tuple[list[Case], int]] = {}
         harness = harness_identity()
         waiting = iter(cases)
