@@ -116,5 +116,5 @@ def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sumo_eval.batch.cluster._CONNECT_TIME", 0.5)
     setup = Setup(SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE)
-    with pytest.raises(InputError, match="no Dask scheduler at tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
         next(run_cases([], setup))
