@@ -261,6 +261,8 @@ def _spaces(settings: EvaluationSettings, source: Path, shard: tuple[int, int]) 
     spaces = []
     for offset, entry in enumerate(settings.scenario):
         logical, points = choose_points(entry, source)
+        for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
+            logical.column(name)
         hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
         index, count = shard
         numbers = range((index - 1 - offset) % count, len(points.points), count)
