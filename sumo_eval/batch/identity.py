@@ -7,6 +7,7 @@ import json
 import shlex
 import sys
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
@@ -22,8 +23,12 @@ _PACKAGE = Path(__file__).parent.parent
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
+@cache
 def harness_identity() -> str:
-    """Versions of the simulator and of this package, and a hash of the rooms of it that make facts."""
+    """Versions of the simulator and of this package, and a hash of the rooms of it that make facts.
+
+    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
+    """
     files = sorted(file for room in _ROOMS_THAT_MAKE_FACTS for file in (_PACKAGE / room).rglob("*.py"))
     sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in files}
     return _text({"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources})
