@@ -19,7 +19,7 @@ ROUNDS = 3
 
 def main() -> None:
     """Print a line for each engine."""
-    number = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    number = int(sys.argv[1]) if len(sys.argv) > 1 else 60
     scheduler = sys.argv[2] if len(sys.argv) > 2 else ""
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
     cases = [Case(point, concrete, "ads", "idm", "idm") for point in range(number)]

@@ -11,6 +11,7 @@ import subprocess
 import time
 import traceback
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -51,8 +52,8 @@ def size(full: int) -> int:
 @pytest.mark.campaign
 def test_faults_by_the_thousand_cost_their_own_cases(capsys: pytest.CaptureFixture[str]) -> None:
     concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
-    limits = RunSettings(workers=2, case_timeout=2.5, step_timeout=0.1, memory_limit=800.0)
-    setup = Setup(SimulationSettings(), limits, ADS)
+    limits = RunSettings(workers=2, case_timeout=30.0, step_timeout=5.0, memory_limit=800.0)
+    tight = {"hangs": replace(limits, step_timeout=0.1), "hangs_in_c": replace(limits, case_timeout=2.5)}
     number = size(1000)
     lines = [f"{'fault':<16}{'cases':>7}{'s':>8}  ended as"]
     wrong = []
@@ -61,7 +62,7 @@ def test_faults_by_the_thousand_cost_their_own_cases(capsys: pytest.CaptureFixtu
         good = [Case(n, concrete, "ads", "idm", "idm") for n in range(number // 10)]
         mixed = random.Random(fault).sample(cases + good, len(cases) + len(good))
         began = time.perf_counter()
-        found = list(run_cases(mixed, setup))
+        found = list(run_cases(mixed, Setup(SimulationSettings(), tight.get(fault, limits), ADS)))
         took = time.perf_counter() - began
         assert sorted(o.case.key for o in found) == sorted(case.key for case in mixed), "each exactly once"
         ends = Counter(o.status for o in found if o.case.driver == fault)
