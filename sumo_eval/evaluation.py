@@ -18,7 +18,7 @@ from sumo_eval.batch import run_folder
 from sumo_eval.batch.recording import Progress, quiet, record
 from sumo_eval.batch.store import open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation, with_changes
-from sumo_eval.cosim.controller import find_controller
+from sumo_eval.cosim.controller import find_controller, from_here
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
@@ -36,7 +36,7 @@ from sumo_eval.scoring import (
     ideal_outcomes,
     tabulate,
 )
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings, ZoneSettings
 
 
 def evaluate(
@@ -44,15 +44,21 @@ def evaluate(
     out: str | os.PathLike[str] = "results",
     *,
     workers: int | None = None,
+    ads: Sequence[str] = (),
     progress: Progress = quiet,
 ) -> Evaluation:
-    """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`."""
-    settings, source = _resolve(evaluation)
+    """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`.
+
+    ads: locators of ADSs to drive in place of the evaluation's own; their relative paths start in the current folder.
+    """
+    settings, source = resolve(evaluation)
+    if ads:
+        settings = replace(settings, ads=tuple(AdsSettings(locator, from_here(locator)) for locator in ads))
     if workers is not None:
         settings = replace(settings, run=replace(settings.run, workers=workers))
-    for ads in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
-        find_controller(ads.controller, source)
-    spaces = [choose_points(entry, source) for entry in settings.scenario]
+    for entry in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
+        find_controller(entry.locator, source)
+    spaces = [choose_points(chosen, source) for chosen in settings.scenario]
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     with open_store(folder / run_folder.FACTS, create=True) as store:
@@ -122,7 +128,7 @@ def choose_points(entry: ScenarioSettings, source: Path) -> tuple[LogicalScenari
     return logical, points
 
 
-def _resolve(evaluation: EvaluationSettings | str | os.PathLike[str] | None) -> tuple[EvaluationSettings, Path]:
+def resolve(evaluation: EvaluationSettings | str | os.PathLike[str] | None) -> tuple[EvaluationSettings, Path]:
     """The settings and the folder where their relative paths start."""
     if isinstance(evaluation, EvaluationSettings):
         return evaluation, Path.cwd()

@@ -43,7 +43,9 @@ def record(
             progress(f"{logical.name}: {who}", done, total)
 
     runs = [
-        Case(number, concrete, "ads", ads.name, ads.controller) for number, concrete in numbered for ads in settings.ads
+        Case(number, concrete, "ads", ads.name, ads.locator, seed=settings.seed)
+        for number, concrete in numbered
+        for ads in settings.ads
     ]
     keep("ADSs", run_cases(runs, setup), len(runs))
     struck = {fact.point for fact in store.facts("ads", logical.name) if fact.collision}

@@ -10,7 +10,7 @@ from sumo_eval.cosim import simulate
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.errors import InputError
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import EndReason, Recording
 
 _STATUS: dict[EndReason, Status] = {
@@ -50,6 +50,9 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 
 
 def _simulate(case: Case, setup: Setup) -> Recording:
+    if case.role != "ads":  # the conditions and the vehicle model of the ADSs under test are not theirs
+        simulation = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
+        setup = replace(setup, simulation=simulation)
     if case.role == "human":
         driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete)
         return simulate(case.concrete, driver, setup.simulation)
@@ -57,5 +60,10 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         settings = _ideal_vehicle(setup.simulation)
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     return simulate(
-        case.concrete, case.controller, setup.simulation, folder=setup.folder, step_timeout=setup.run.step_timeout
+        case.concrete,
+        case.controller,
+        setup.simulation,
+        folder=setup.folder,
+        step_timeout=setup.run.step_timeout,
+        seed=case.seed,
     )
