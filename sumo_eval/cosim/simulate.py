@@ -78,7 +78,7 @@ def simulate(
     else:
         opened = session(concrete, settings, ego_type)
     try:
-        with opened as traci:
+        with opened as traci, seen_as_traci():
             run.drive(traci)
     except ControllerTimeoutError as error:
         run.fail("ads_timeout", str(error))
@@ -176,8 +176,7 @@ class _Run:
         GUARD.begin(self.actors, step, self.settings.conditions.interference)
         try:
             self._take_charge(traci)
-            with seen_as_traci():
-                self._reset(traci)
+            self._reset(traci)
             while self.end_reason is None:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
@@ -196,11 +195,10 @@ class _Run:
             self.fail("sim_error", f"SUMO stopped at {self.time:.2f} s: {said(error)}.")
         finally:
             try:
-                with seen_as_traci():
-                    self.ads.close()
-                    GUARD.end()
-                    if self.plant is not None:
-                        self.plant.close()
+                self.ads.close()
+                GUARD.end()
+                if self.plant is not None:
+                    self.plant.close()
             except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
                 self._keep_traceback(error)
                 self.fail("ads_error", f"The ADS raised in close: {said(error)}.")
