@@ -59,6 +59,9 @@ def evaluate(
     for entry in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
         find_controller(entry.locator, source)
     spaces = [choose_points(chosen, source) for chosen in settings.scenario]
+    for logical, _ in spaces:
+        for name in settings.report.axes.get(logical.name, ()):
+            logical.column(name)
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     with open_store(folder / run_folder.FACTS, create=True) as store:

@@ -73,22 +73,20 @@ class Guard:
 
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
-    def guarded(*args: Any, **kwargs: Any) -> Any:
-        if not (args and args[0] == EGO) and kwargs.get("vehID") != EGO:
-            name = args[0] if args else kwargs.get("vehID")
-            if name in guard.others or call.startswith("add"):  # of any other name SUMO says that there is none
-                guard.touches("vehicle", call, name)
-        return write(*args, **kwargs)
+    def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        # of a name that nobody has, SUMO says so
+        if vehID != EGO and (vehID in guard.others or call.startswith("add")):
+            guard.touches("vehicle", call, vehID)
+        return write(vehID, *args, **kwargs)
 
     return guarded
 
 
 def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
-    def guarded(*args: Any, **kwargs: Any) -> Any:
-        name = args[0] if args else kwargs.get("typeID")
-        if name in guard.others and call != "copy":
-            guard.touches("vehicletype", call, name)
-        return write(*args, **kwargs)
+    def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        if typeID in guard.others and call != "copy":
+            guard.touches("vehicletype", call, typeID)
+        return write(typeID, *args, **kwargs)
 
     return guarded
 
