@@ -19,6 +19,7 @@ from sumo_eval.batch.recording import Progress, quiet, record
 from sumo_eval.batch.store import open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation, with_changes
 from sumo_eval.cosim.controller import find_controller, from_here
+from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
@@ -52,12 +53,16 @@ def evaluate(
     ads: locators of ADSs to drive in place of the evaluation's own; their relative paths start in the current folder.
     """
     settings, source = resolve(evaluation)
+    for locator in ads:
+        find_controller(locator, Path.cwd())
     if ads:
         settings = replace(settings, ads=tuple(AdsSettings(locator, from_here(locator)) for locator in ads))
     if workers is not None:
         settings = replace(settings, run=replace(settings.run, workers=workers))
     for entry in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
         find_controller(entry.locator, source)
+    if settings.simulation.plant is not None:
+        FmuPlant(settings.simulation.plant, settings.simulation.plant.file, source)
     spaces = [choose_points(chosen, source) for chosen in settings.scenario]
     for logical, _ in spaces:
         for name in settings.report.axes.get(logical.name, ()):

@@ -105,6 +105,13 @@ def test_a_published_planner_overtakes_by_sampling_and_its_wrapper_is_short():
     assert found.ego.y.max() > 3.0
 
 
+@pytest.mark.parametrize("locator", ["exec:./nowhere", "nowhere.py:acc", "fmu:nowhere.fmu", "traci:./nowhere"])
+def test_a_locator_that_names_nothing_is_refused_before_anything_is_simulated(tmp_path, locator):
+    with pytest.raises(InputError):
+        sumo_eval.evaluate(None, tmp_path / "run", ads=[locator])
+    assert not (tmp_path / "run").exists()
+
+
 def test_an_evaluation_takes_adss_by_locator_and_conditions_hold_for_them_alone(tmp_path):
     settings = EvaluationSettings(
         name="doors",

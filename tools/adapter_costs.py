@@ -3,8 +3,8 @@
     python tools/adapter_costs.py [ROUNDS]
 
 The drive follows a slower lead for 20 s (400 steps). `a step` is the whole loop per step, start and end of the case
-left out by the difference to a drive of 1 s (CPU time where one process does it all, else wall time); `the ADS` is the wall
-time of the ADS and its adapter.
+left out by the difference to a drive of 1 s (CPU time where one process does it all, else wall time); `the ADS` is the
+wall time of the ADS and its adapter.
 """
 
 from __future__ import annotations

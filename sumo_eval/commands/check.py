@@ -44,6 +44,7 @@ def _check_controller(locator: str, step_timeout: float) -> None:
 def _check_evaluation(path: Path) -> None:
     """Parse the file; find its scenarios, ADSs and drivers; name every mistake, not only the first."""
     from sumo_eval.cosim.controller import load_controller
+    from sumo_eval.cosim.fmu import FmuPlant
     from sumo_eval.errors import InputError
     from sumo_eval.evaluation import choose_points, resolve
     from sumo_eval.locators import load_object
@@ -71,6 +72,13 @@ def _check_evaluation(path: Path) -> None:
         load_controller(settings.ads[index].locator, source)
         return f": {settings.ads[index].controller}"
 
+    def plant() -> str:
+        wiring = settings.simulation.plant
+        if wiring is None:
+            return ": the single-track model"
+        FmuPlant(wiring, wiring.file, source)
+        return f": {wiring.file}"
+
     def drivers() -> str:
         if settings.drivers.source != "synthetic":
             load_object(settings.drivers.source, source, "Human reference")
@@ -80,5 +88,6 @@ def _check_evaluation(path: Path) -> None:
         found(f"scenario {scenario.use}", lambda index=index: points(index))
     for index, ads in enumerate(settings.ads):
         found(f"ADS {ads.name}", lambda index=index: controller(index))
+    found("vehicle model", plant)
     found("drivers", drivers)
     sys.exit(INPUT_WRONG if wrong else DONE)

@@ -6,9 +6,11 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
+from sumo_eval.config import settings_from
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.observation import Observation, Senses
+from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.settings import ConditionSettings
 
@@ -127,6 +129,22 @@ def test_sumos_files_do_not_tell_the_future_unless_the_scenario_is_revealed():
         simulate(secret, spy, replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=reveal)))
     assert "secret" not in told[0]
     assert "secret: gap=50" in told[-1]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"sensor_range": 0.0}, {"field_of_view_deg": 361.0}, {"dropout": 1.5}, {"step_budget": -1.0}]
+)
+def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
+    with pytest.raises(InputError):
+        ConditionSettings(**wrong)
+    with pytest.raises(InputError, match=r"simulation\.conditions"):
+        settings_from(
+            {
+                "name": "x", "scenario": [{"use": "cut_in"}], "ads": [{"name": "a", "controller": "idm"}],
+                "simulation": {"conditions": wrong},
+            },
+            "evaluation.toml",
+        )  # fmt: skip
 
 
 # --- conditions -------------------------------------------------------------------------------------------------------
