@@ -20,6 +20,7 @@ COMMANDS: Final = (
     "export",
     "scenarios",
     "partition",
+    "check",
 )  # sumo_eval/commands/NAME.py defines NAME
 
 

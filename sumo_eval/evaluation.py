@@ -44,16 +44,18 @@ def evaluate(
     engine: str | None = None,
     scheduler: str | None = None,
     resume: bool = False,
+    ads: Sequence[str] = (),
     progress: Progress = quiet,
     stopping: Stopping = never,
 ) -> Evaluation:
     """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`.
 
     workers, engine, scheduler: instead of those in `[run]`. resume: go on with the run in `out`, whose own evaluation
-    is what None then means. Raises StoppedError when `stopping` said so; what was done by then is kept.
+    is what None then means. ads: locators of ADSs to drive in place of the evaluation's own; their relative paths start
+    in the current folder. Raises StoppedError when `stopping` said so; what was done by then is kept.
     """
     folder = Path(out)
-    settings, source = resolve(evaluation, folder, resume, workers=workers, engine=engine, scheduler=scheduler)
+    settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
     record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     return score(folder, progress=progress)
 

@@ -16,11 +16,12 @@ from sumo_eval.batch.engines import Stopping, never, run_cases
 from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
+from sumo_eval.cosim.controller import find_controller, from_here
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import EvaluationSettings, RunSettings
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings
 from sumo_eval.spaces import choose_points, zones_of
 
 Evaluable = EvaluationSettings | str | os.PathLike[str] | None
@@ -68,8 +69,13 @@ class Estimate:
         )
 
 
-def resolve(evaluation: Evaluable, folder: Path, resume: bool, **changes: object) -> tuple[EvaluationSettings, Path]:
-    """The settings, with those `changes` of `run` that are not None, and the folder where their paths start."""
+def resolve(
+    evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[str] = (), **changes: object
+) -> tuple[EvaluationSettings, Path]:
+    """The settings, with those `changes` of `run` that are not None, and the folder where their paths start.
+
+    ads: locators in place of the evaluation's ADSs; their relative paths start in the current folder.
+    """
     if isinstance(evaluation, EvaluationSettings):
         settings, source = evaluation, Path.cwd()
     elif evaluation is None and resume and run_folder.is_run(folder):
@@ -78,6 +84,11 @@ def resolve(evaluation: Evaluable, folder: Path, resume: bool, **changes: object
     else:
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
         settings, source = read_evaluation(path), path.parent.resolve()
+    for locator in ads:
+        if locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it is to run
+            find_controller(locator, Path.cwd())
+    if ads:
+        settings = replace(settings, ads=tuple(AdsSettings(locator, from_here(locator)) for locator in ads))
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
 

@@ -7,10 +7,12 @@ The `Annotated` bounds are the only place where a limit is written: direct const
 from __future__ import annotations
 
 import functools
+import json
 import math
 from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from urllib.parse import urlencode
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
 
@@ -62,6 +64,8 @@ class Checked:
         for item in fields(self):  # type: ignore[arg-type]
             hint = _hints(cls)[item.name]
             value = getattr(self, item.name)
+            if value is None and type(None) in get_args(get_args(hint)[0] if get_origin(hint) is Annotated else hint):
+                continue
             owner = f"`{cls.__name__}`"
             base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
             if get_origin(base) is Literal and value not in get_args(base):
@@ -219,6 +223,58 @@ class VehicleSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class ConditionSettings(Checked):
+    """What stands between the world and the ADS under test. By default nothing: all is seen, and obeyed, at once.
+
+    The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`, `fmu:`): TraCI shows
+    everything. Neither the ideal vehicle nor the human drivers are under these conditions.
+    """
+
+    perception_delay: Annotated[float, NotNegative, About("age of what is seen of other vehicles", "s")] = 0.0
+    dropout: Annotated[float, NotNegative, Le(1.0), About("chance that a vehicle is missed at a step")] = 0.0
+    position_noise: Annotated[
+        float, NotNegative, About("standard deviation of seen positions, along and across the road", "m")
+    ] = 0.0
+    speed_noise: Annotated[float, NotNegative, About("standard deviation of seen speeds along the road", "m/s")] = 0.0
+    sensor_range: Annotated[
+        float | None, Positive, About("farthest other vehicle that is seen, centre to centre; default: no limit", "m")
+    ] = None
+    field_of_view_deg: Annotated[
+        float | None, Positive, Le(360.0), About("angle in front of the ego that is seen; default: all around", "deg")
+    ] = None
+    occlusion: Annotated[bool, About("a vehicle covered to 80 % of its width by a nearer one is not seen")] = False
+    actuation_delay: Annotated[float, NotNegative, About("time until a Command reaches the vehicle", "s")] = 0.0
+    step_budget: Annotated[
+        float | None,
+        Positive,
+        About("wall time of a step after which its Command is late and the last one holds; default: none", "s"),
+    ] = None
+    interference: Annotated[
+        Literal["refuse", "record"],
+        About("an ADS that touches other vehicles, the road or the clock: ends its case, or is put on record"),
+    ] = "refuse"
+    reveal_scenario: Annotated[bool, About("tell the ADS the scenario's name and its parameters' values")] = False
+
+
+@dataclass(frozen=True, slots=True)
+class FmuSettings(Checked):
+    """Which variables of an FMU carry what; names that are not mapped are looked for as they are."""
+
+    inputs: Annotated[dict[str, str], About("input of the FMU = signal that it is given")] = field(default_factory=dict)
+    outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(default_factory=dict)
+    parameters: Annotated[
+        dict[str, float | int | bool | str], About("parameter of the FMU = its value, or a signal at the start")
+    ] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PlantSettings(FmuSettings):
+    """An FMU as the ego's vehicle model, in place of the single-track model."""
+
+    file: Annotated[str, MinLen(1), About("the FMU, relative to the evaluation file")] = ""
+
+
+@dataclass(frozen=True, slots=True)
 class SimulationSettings(Checked):
     """How SUMO steps a case and when a case ends."""
 
@@ -233,6 +289,8 @@ class SimulationSettings(Checked):
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
     ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15
+    conditions: ConditionSettings = field(default_factory=ConditionSettings)
+    plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,7 +373,22 @@ class AdsSettings(Checked):
     """One ADS under test."""
 
     name: Annotated[str, MinLen(1), About("what the tables call it")]
-    controller: Annotated[str, About("a shipped name, sumo:MODEL, module:name or file.py:name")]
+    controller: Annotated[
+        str, About("a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND or fmu:FILE")
+    ]
+    fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
+
+    @property
+    def locator(self) -> str:
+        """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
+        if self.fmu is None:
+            return self.controller
+        pairs = [
+            (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
+            for group in ("inputs", "outputs", "parameters")
+            for name, value in getattr(self.fmu, group).items()
+        ]
+        return f"{self.controller}?{urlencode(pairs)}" if pairs else self.controller
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from sumo_eval.locators import load_object
 from sumo_eval.settings import SimulationSettings
 
 _PACKAGE = Path(__file__).parent.parent
+_NOT_PYTHON = ("exec", "traci", "fmu", "sumo")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
@@ -48,7 +49,8 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
         found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
     except InputError as error:
         return InputError(str(error))
-    module = sys.modules.get(getattr(found, "__module__", ""), None)
+    in_words = locator.partition(":")[0] in _NOT_PYTHON
+    module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
     files = _own_files(module, before) if module is not None else _named_files(locator, folder)
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
@@ -86,7 +88,7 @@ def _file(module: Any) -> Path | None:
 
 def _named_files(locator: str, folder: Path) -> set[Path]:
     try:
-        words = shlex.split(locator.partition(":")[2])
+        words = shlex.split(locator.partition(":")[2].partition("?")[0])
     except ValueError:
         return set()
     return {folder / word for word in words if (folder / word).is_file()}

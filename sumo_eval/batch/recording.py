@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import Stopping, identify, never, run_cases
 from sumo_eval.batch.identity import harness_identity, with_fingerprint
 from sumo_eval.batch.store import Store
+from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.locators import load_object
 from sumo_eval.results import EVALUATED
@@ -71,7 +73,7 @@ class Planner:
         for number in space.numbers:
             concrete = space.concrete(number)
             for ads in self.settings.ads:
-                case = Case(number, concrete, "ads", ads.name, ads.controller, seed=self.settings.seed)
+                case = Case(number, concrete, "ads", ads.name, ads.locator, seed=self.settings.seed)
                 yield self._finished(case)
 
     def ideal(self, space: Space, struck: set[int]) -> Iterator[Case]:
@@ -100,11 +102,25 @@ class Planner:
 
 def planner(settings: EvaluationSettings, source: Path) -> Planner:
     """Find every ADS and the human reference. Raises InputError when one of them cannot be loaded."""
-    named = [("ADS", ads.controller) for ads in settings.ads]
+    named = [("ADS", ads.locator) for ads in settings.ads]
     if settings.drivers.source != "synthetic":
         named.append(("Human reference", settings.drivers.source))
     setup = Setup(settings.simulation, settings.run, source)
-    return Planner(settings, source, harness_identity(), identify(list(dict.fromkeys(named)), setup))
+    return Planner(
+        settings,
+        source,
+        harness_identity() + _plant_identity(settings, source),
+        identify(list(dict.fromkeys(named)), setup),
+    )
+
+
+def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
+    """A hash of the FMU that moves the ego in place of the single-track model. Raises InputError when it is none."""
+    plant = settings.simulation.plant
+    if plant is None:
+        return ""
+    FmuPlant(plant, plant.file, source)
+    return hashlib.sha256((source / plant.file).read_bytes()).hexdigest()
 
 
 def record(space: Space, plan: Planner, store: Store, progress: Progress, stopping: Stopping = never) -> None:

@@ -5,15 +5,28 @@ from __future__ import annotations
 import signal
 import threading
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
-from sumo_eval.cosim.controller import Briefing, Controller
+from sumo_eval.cosim.controller import Briefing, Controller, NativeModel, ObservingController
+from sumo_eval.cosim.json_lines import JsonLinesProgram
+from sumo_eval.cosim.observation import Senses
+from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
+from sumo_eval.settings import RunSettings
 
 
 class _OverdueError(BaseException):
     """Raised in the middle of a step that is over its time. No `except Exception` of the ADS catches it."""
+
+
+def watched(controller: Controller, limits: RunSettings) -> Controller:
+    """The controller under watch. SUMO's own models need none, and programs are watched where they are talked to."""
+    if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
+        return controller
+    if isinstance(controller, ObservingController):
+        return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
+    return WatchedController(controller, limits.step_timeout, limits.memory_limit)
 
 
 class WatchedController:
@@ -48,7 +61,9 @@ class WatchedController:
                 if self._armed:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
-            raise ControllerTimeoutError("interrupted") from overdue
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self._step_timeout:g} s, took longer"
+            ) from overdue
         except MemoryError as error:
             raise MemoryError(f"more than the {self._memory_limit:g} MB of `run.memory_limit`") from error
         except (KeyboardInterrupt, GeneratorExit) as error:  # nobody at a keyboard reaches a child: the ADS raised it
@@ -61,3 +76,20 @@ class WatchedController:
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         if self._stepping:
             raise _OverdueError
+
+
+class WatchedObserver(WatchedController, ObservingController):
+    """The same for a controller that is shown Observations."""
+
+    def __init__(self, controller: ObservingController, step_timeout: float, memory_limit: float) -> None:
+        super().__init__(cast("Controller", controller), step_timeout, memory_limit)
+        self._observer = controller
+
+    @property
+    def senses(self) -> Senses:
+        """What the controller is shown comes from these."""
+        return self._observer.senses
+
+    @senses.setter
+    def senses(self, lent: Senses) -> None:
+        self._observer.senses = lent

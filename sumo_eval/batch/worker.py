@@ -9,14 +9,14 @@ import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking
 from sumo_eval.batch.cases import Case, Outcome, Setup, Status
-from sumo_eval.batch.watch import WatchedController
+from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.controller import Controller, NativeModel, load_controller
+from sumo_eval.cosim.controller import load_controller
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import EndReason, Recording
 
 _STATUS: dict[EndReason, Status] = {
@@ -56,6 +56,9 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 
 
 def _simulate(case: Case, setup: Setup) -> Recording:
+    if case.role != "ads":  # the conditions and the vehicle model of the ADSs under test are not theirs
+        simulation = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
+        setup = replace(setup, simulation=simulation)
     if case.role == "human":
         driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete)
         return simulate(case.concrete, driver, setup.simulation)
@@ -63,10 +66,15 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         settings = _ideal_vehicle(setup.simulation)
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     _seed_global_generators(case)
-    controller: Controller = load_controller(case.controller, setup.folder)
-    if not isinstance(controller, NativeModel):
-        controller = WatchedController(controller, setup.run.step_timeout, setup.run.memory_limit)
-    return simulate(case.concrete, controller, setup.simulation, step_timeout=setup.run.step_timeout)
+    controller = watched(load_controller(case.controller, setup.folder), setup.run)
+    return simulate(
+        case.concrete,
+        controller,
+        setup.simulation,
+        folder=setup.folder,
+        step_timeout=setup.run.step_timeout,
+        seed=case.seed,
+    )
 
 
 def _seed_global_generators(case: Case) -> None:

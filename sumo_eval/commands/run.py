@@ -19,6 +19,9 @@ ENGINES = ("processes", "serial", "dask")
 @click.argument("evaluation", required=False, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="New folder for facts, scores and report.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
+@click.option(
+    "--ads", multiple=True, metavar="LOCATOR", help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable."
+)
 @click.option("--engine", type=click.Choice(ENGINES), help="Where cases run (default: as in the file: processes).")
 @click.option("--scheduler", metavar="ADDRESS", help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
@@ -28,6 +31,7 @@ def run(
     evaluation: Path | None,
     out: Path | None,
     workers: int | None,
+    ads: tuple[str, ...],
     engine: str | None,
     scheduler: str | None,
     resume: bool,
@@ -44,7 +48,7 @@ def run(
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out'.")
     folder = out or Path()
-    settings, source = resolve(evaluation, folder, resume, workers=workers, engine=engine, scheduler=scheduler)
+    settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
     if dry_run:
         click.echo(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)

@@ -7,6 +7,7 @@ refuses to nest, checks that the initial state is the requested one, and quotes 
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -16,7 +17,7 @@ from typing import Any
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 
-import libsumo
+import libsumo as libsumo  # for those who must not import it before the line above
 
 from sumo_eval.cosim.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.errors import SimulationError, said
@@ -24,6 +25,7 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
+_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
 
 
@@ -44,12 +46,12 @@ def session(
         log, console = Path(folder) / "sumo.log", Path(folder) / "stderr.txt"
         try:
             with _stderr_into(console):
-                libsumo.start(_command_line(concrete, settings, Path(folder), log, ego_type))
+                libsumo.start(command_line(concrete, settings, Path(folder), log, ego_type))
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
-            _check_start(concrete, settings)
+            check_start(libsumo, concrete, settings)
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             _close()
-            raise SimulationError(f"SUMO could not start the case: {_quote(error, log, console)}.") from error
+            raise SimulationError(f"SUMO could not start the case: {quoted(error, log, console)}.") from error
         except BaseException:
             _close()
             raise
@@ -59,16 +61,19 @@ def session(
             _close()
 
 
-def _command_line(
+def command_line(
     concrete: ConcreteScenario,
     settings: SimulationSettings,
     folder: Path,
     log: Path,
     ego_type: Mapping[str, str] | None,
 ) -> list[str]:
+    """SUMO's command line for a case, its files written into `folder`. They do not tell an ADS the future."""
     network, routes = folder / "net.xml", folder / "rou.xml"
     network.write_text(network_xml(concrete.road), encoding="utf-8")
-    routes.write_text(routes_xml(concrete, settings.vehicle, ego_type), encoding="utf-8")
+    text = routes_xml(concrete, settings.vehicle, ego_type)
+    told = settings.conditions.reveal_scenario
+    routes.write_text(text if told else _COMMENT.sub("", text), encoding="utf-8")
     options = {
         "net-file": str(network),
         "route-files": str(routes),
@@ -88,15 +93,15 @@ def _command_line(
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
 
 
-def _check_start(concrete: ConcreteScenario, settings: SimulationSettings) -> None:
+def check_start(traci: Any, concrete: ConcreteScenario, settings: SimulationSettings) -> None:
     """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like."""
-    present = set(libsumo.vehicle.getIDList())
+    present = set(traci.vehicle.getIDList())
     starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
         if name not in present:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        x, y = libsumo.vehicle.getPosition(name)
-        speed = libsumo.vehicle.getSpeed(name)
+        x, y = traci.vehicle.getPosition(name)
+        speed = traci.vehicle.getSpeed(name)
         if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
@@ -108,7 +113,7 @@ def _check_start(concrete: ConcreteScenario, settings: SimulationSettings) -> No
             )
 
 
-def _quote(error: Exception, *logs: Path) -> str:
+def quoted(error: Exception, *logs: Path) -> str:
     """What SUMO said of its error: its own exception holds no more than "Process Error"."""
     for log in logs:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []

@@ -6,14 +6,26 @@ import math
 import numbers
 import time as clock
 import traceback
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body, between, describe, first_touch
-from sumo_eval.cosim.controller import Briefing, Controller, ControllerLike, NativeModel, load_controller
+from sumo_eval.cosim.controller import (
+    Briefing,
+    Controller,
+    ControllerLike,
+    NativeModel,
+    ObservingController,
+    load_controller,
+)
+from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.session import session
 from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError, seen_as_traci
+from sumo_eval.cosim.traci_program import TraciProgram, served
 from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
@@ -27,6 +39,11 @@ _JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
+_SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
+_SEEN_AS_IT_IS: dict[str, Any] = {
+    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
+    "field_of_view_deg": None, "occlusion": False,
+}  # fmt: skip
 
 
 def simulate(
@@ -36,11 +53,13 @@ def simulate(
     *,
     folder: Path | None = None,
     step_timeout: float = math.inf,
+    seed: int = 0,
 ) -> Recording:
     """Run a concrete scenario with an ADS at the ego's wheel.
 
     controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.controller`).
     folder: where relative paths in a locator start. step_timeout: longest wall time of one controller step, s.
+    seed: of what `settings.conditions` leave to chance.
 
     A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can do, touching SUMO's
     clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
@@ -51,12 +70,23 @@ def simulate(
     ads = load_controller(controller, folder)
     began = clock.perf_counter()
     ego_type = ads.vtype if isinstance(ads, NativeModel) else None
-    run = _Run(concrete, settings, ads, step_timeout)
+    run = _Run(concrete, settings, ads, step_timeout, seed)
+    if settings.plant is not None:
+        run.plant = FmuPlant(settings.plant, settings.plant.file, folder)
+    if isinstance(ads, TraciProgram):
+        opened = served(concrete, settings, ads, step_timeout)
+    else:
+        opened = session(concrete, settings, ego_type)
     try:
-        with session(concrete, settings, ego_type) as traci:
+        with opened as traci, seen_as_traci():
             run.drive(traci)
+    except ControllerTimeoutError as error:
+        run.fail("ads_timeout", str(error))
+    except ControllerError as error:
+        run.fail("ads_error", str(error))
     except SimulationError as error:
         run.fail("sim_error", str(error))
+    run.log += getattr(ads, "log", "")
     return run.recording(clock.perf_counter() - began)
 
 
@@ -92,7 +122,12 @@ class _Run:
     """State of one case while it runs."""
 
     def __init__(
-        self, concrete: ConcreteScenario, settings: SimulationSettings, ads: Controller, step_timeout: float
+        self,
+        concrete: ConcreteScenario,
+        settings: SimulationSettings,
+        ads: Controller,
+        step_timeout: float,
+        seed: int = 0,
     ) -> None:
         self.concrete = concrete
         self.settings = settings
@@ -116,6 +151,12 @@ class _Run:
         self.acceleration = 0.0
         self.state: EgoState | None = None  # while the harness's vehicle model moves the ego
         self.handed_over = False  # from the vehicle model back to SUMO, in this step
+        self.plant: FmuPlant | None = None  # in place of the single-track model
+        self.actuation = Actuation(settings.conditions, self.clip)
+        self.senses: Senses | None = None  # of an ADS that is shown Observations
+        if isinstance(ads, ObservingController):
+            stream = f"{seed}/{concrete.scenario}/{concrete.label}"
+            self.senses = ads.senses = Senses(concrete.road, settings.conditions, stream)
         self.actors = {
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors
@@ -132,6 +173,7 @@ class _Run:
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
         scripted = [actor for actor in self.concrete.actors if actor.lane_changes or actor.brake]
+        GUARD.begin(self.actors, step, self.settings.conditions.interference)
         try:
             self._take_charge(traci)
             self._reset(traci)
@@ -154,6 +196,9 @@ class _Run:
         finally:
             try:
                 self.ads.close()
+                GUARD.end()
+                if self.plant is not None:
+                    self.plant.close()
             except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
                 self._keep_traceback(error)
                 sentence = f"The ADS raised in close: {said(error)}."
@@ -161,6 +206,8 @@ class _Run:
                     self.fail("ads_error", sentence)
                 else:  # no ADS undoes its collision by breaking down afterwards
                     self.error = sentence
+            for what, count in sorted(GUARD.touched.items()):
+                self.clips[what] = Clip(what, count, 0.0, float(count), float(count))
 
     def _take_charge(self, traci: Any) -> None:
         traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -174,42 +221,67 @@ class _Run:
     # -- the ADS -------------------------------------------------------------------------------------------------------
 
     def _reset(self, traci: Any) -> None:
+        conditions, road = self.settings.conditions, self.concrete.road
+        told = conditions.reveal_scenario
+        if self.senses is None and conditions != replace(conditions, **_SEEN_AS_IT_IS):
+            self.clip("perception_not_limited", 1.0, 0.0)  # TraCI shows everything
         briefing = Briefing(
-            self.concrete.scenario, self.concrete.road, self.settings.vehicle, self.settings.step
-        )  # fmt: skip
+            self.concrete.scenario if told else "",
+            road if told else replace(road, name="road"),
+            self.settings.vehicle,
+            self.settings.step,
+            self.concrete.values if told else None,
+            self.step_timeout,
+        )
         try:
-            self.ads.reset(briefing, traci, EGO)
+            self.ads.reset(briefing, TRACI, EGO)
+        except RefusedCallError as error:
+            self._keep_traceback(error)
+        except ControllerError as error:
+            raise type(error)(f"{error} in reset.") from error
         except (Exception, SystemExit) as error:
             self._keep_traceback(error)
+            self._check_refusal(0.0)
             raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
+        self._check_refusal(0.0)
         self._check_clock(traci, 0.0)
 
     def _ask(self, traci: Any, time: float) -> Command | None:
         """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
+        if self.senses is not None:
+            self.senses.take_in(time, self.ego, self.acceleration, self.actors)
         asked = clock.perf_counter()
         try:
-            answer = self.ads.step(traci, EGO, time)
-        except ControllerTimeoutError as error:  # interrupted
+            GUARD.heard()
+            answer = self.ads.step(TRACI, EGO, time)
+        except RefusedCallError as error:
+            self._keep_traceback(error)
+            answer = None
+        except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
             self.latency_max = max(self.latency_max, clock.perf_counter() - asked)
             self._keep_traceback(error)
-            raise self._too_slow(time) from error
+            raise type(error)(f"{error} at {time:.2f} s.") from error
         except (Exception, SystemExit) as error:
             self._keep_traceback(error)
+            self._check_refusal(time)
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
-        took = clock.perf_counter() - asked
+        took = clock.perf_counter() - asked + getattr(self.ads, "took", 0.0)
         self.answers += 1
         self.latency_sum += took
         self.latency_max = max(self.latency_max, took)
         if took > self.step_timeout:
-            raise self._too_slow(time)
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
+            )
+        self._check_refusal(time)
         self._check_clock(traci, time)
-        return None if answer is None else _checked(answer, time)
+        return self.actuation.pass_on(None if answer is None else _checked(answer, time), time, took)
 
-    def _too_slow(self, time: float) -> ControllerTimeoutError:
-        """Without the measured time, which no two runs share; it is kept as the case's latency."""
-        return ControllerTimeoutError(
-            f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
-        )
+    def _check_refusal(self, time: float) -> None:
+        """An ADS that swallows the exception of a refused call has made it all the same."""
+        if GUARD.refusal is not None:
+            deed, why = GUARD.refusal
+            raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
 
     def _check_clock(self, traci: Any, time: float) -> None:
         """The harness alone steps, starts and closes the simulation."""
@@ -241,6 +313,8 @@ class _Run:
             ) from error
 
     def _leave_to_sumo(self, traci: Any) -> None:
+        if self.plant is not None:
+            self.clip("vehicle_model_not_used", 1.0, 0.0)
         if self.state is not None:
             traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
             self.state = None
@@ -260,7 +334,10 @@ class _Run:
                 first[0] = (*first[0][:-1], 0.0)
             ego = self.ego
             before = EgoState(ego.x, ego.y, ego.heading, ego.speed, self.acceleration)
-        state, clips = advance(before, command, self.settings.vehicle, step)
+        if self.plant is None:
+            state, clips = advance(before, command, self.settings.vehicle, step)
+        else:
+            state, clips = self.plant.advance(before, command, step)
         for what, requested, applied in clips:
             self.clip(what, requested, applied)
         traci.vehicle.setSpeed(EGO, state.speed)
@@ -403,8 +480,15 @@ class _Run:
         for actor in self.concrete.actors:
             if actor.name in self.actors:
                 body = self.actors[actor.name]
+                self._check_actor(actor, body, time)
                 motion = (body.x, body.y, body.heading, body.speed, actor.acceleration(time))
                 self.tracks[actor.name].rows.append((time, *motion))
+
+    def _check_actor(self, actor: Actor, body: Body, time: float) -> None:
+        """Whatever way an ADS found to another vehicle, the vehicle then is not where its script has it."""
+        off = math.hypot(body.x - actor.x(time), body.y - actor.y(time))
+        if off > _SCRIPT_TOLERANCE:
+            self.clip("actor_off_its_script", 0.0, off)
 
     def end(self, reason: EndReason) -> None:
         """The case is over."""

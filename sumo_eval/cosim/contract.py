@@ -1,0 +1,132 @@
+"""The contract of the ADS door as a function: drive two cases again and again and say what an ADS should mend.
+
+In the manner of Gymnasium's `check_env`: what holds of every controller that ships is checked of yours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.cosim.controller import ControllerLike, load_controller
+from sumo_eval.cosim.simulate import simulate
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+_WORDS = {
+    "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
+    "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives {applied:.3g}",
+    "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
+    "touched_vehicle": "writes to other vehicles",
+    "stepped_the_clock": "steps SUMO's clock, which is left out",
+    "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
+}
+_OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
+                 "actor_off_its_script")  # fmt: skip
+_COMMANDS = ("acceleration", "steering_angle")
+_ABSURD = 3.0  # times what the vehicle can do: no ADS that knows its vehicle asks for that
+_WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One point of the contract. kind: `ok`, `note` (works, but look at it) or `FAIL`. mend: what to do about it."""
+
+    kind: str
+    text: str
+    mend: str = ""
+
+
+def check_controller(
+    controller: ControllerLike,
+    cases: Sequence[ConcreteScenario],
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = 1.0,
+) -> list[Finding]:
+    """Every point of the contract for an ADS, from two drives of each case. InputError if it cannot be loaded."""
+    asked = settings or SimulationSettings()
+    settings = replace(asked, record_interval=asked.step)
+    load_controller(controller, folder)
+    findings = [Finding("ok", "can be loaded")]
+
+    def drive(case: ConcreteScenario) -> Recording:
+        return simulate(case, controller, settings, folder=folder, step_timeout=step_timeout, seed=1)
+
+    first = [drive(case) for case in cases]
+    for case, recording in zip(cases, first, strict=True):
+        findings.append(_ends_well(case, recording))
+    if any(finding.kind == "FAIL" for finding in findings):
+        return findings
+    findings.append(Finding("ok", "commands are finite numbers"))
+    findings.append(_in_range(first))
+    again = [drive(case) for case in cases]
+    findings += [_same(case, one, two) for case, one, two in zip(cases, first, again, strict=True)]
+    findings.append(_latency((*first, *again), settings.step))
+    return findings
+
+
+def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
+    where = f"{case.scenario} ({case.label})"
+    if recording.error is None:
+        return Finding("ok", f"drives {where} to its end: {recording.end_reason} at {recording.simulated_time:.2f} s")
+    mend = {
+        "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
+        "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
+    }.get(recording.end_reason, "mend what the sentence names")
+    log = f"\n{recording.log.rstrip()}" if recording.log.strip() else ""
+    return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
+
+
+def _in_range(recordings: Sequence[Recording]) -> Finding:
+    worst = [clip for recording in recordings for clip in recording.clips if clip.what in _OUT_OF_RANGE]
+    if not worst:
+        return Finding("ok", "commands are within what the vehicle can do")
+    said = {clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied) for clip in worst}
+    text = "; ".join(said.values())
+    if any(clip.what in _COMMANDS and abs(clip.requested) > _ABSURD * abs(clip.applied) for clip in worst):
+        return Finding(
+            "FAIL", text, "acceleration is in m/s2, steering is the steering WHEEL's angle in rad: check units"
+        )
+    return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
+
+
+def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
+    """Whether two drives with one seed are one drive."""
+    where = f"{case.scenario} ({case.label})"
+    n = min(len(one.ego), len(two.ego))
+    rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
+    differ = np.flatnonzero(np.any((rows[0] != rows[1]) & ~(np.isnan(rows[0]) & np.isnan(rows[1])), axis=1))
+    clips = [tuple(clip for clip in r.clips if clip.what not in _WALL_CLOCK) for r in (one, two)]
+    if not differ.size and len(one.ego) == len(two.ego) and one.collision == two.collision and clips[0] == clips[1]:
+        return Finding("ok", f"drives {where} a second time as the first, with another case in between")
+    when = float(one.ego.time[differ[0]]) if differ.size else one.simulated_time
+    i = int(differ[0]) if differ.size else n - 1
+    return Finding(
+        "FAIL",
+        f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
+        f"then {two.ego.speed[i]:.4f} m/s",
+        "forget everything in reset (variables of the class and of the module too), draw random numbers from a seed, "
+        "do not read the wall clock",
+    )  # fmt: skip
+
+
+def _latency(recordings: Sequence[Recording], step: float) -> Finding:
+    mean = float(np.mean([recording.controller_latency[0] for recording in recordings]))
+    worst = max(recording.controller_latency[1] for recording in recordings)
+    text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"
+    if worst > step and math.isfinite(worst):
+        return Finding(
+            "note", text, "slower than real time at least once; [simulation.conditions] step_budget makes that count"
+        )
+    return Finding("ok", text)
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds * 1e6:.3g} us" if seconds < 1e-3 else f"{seconds * 1e3:.3g} ms"

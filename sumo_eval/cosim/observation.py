@@ -1,0 +1,248 @@
+"""What an ADS sees that does not ask TraCI: the ego, the other vehicles relative to it, lanes and road edges.
+
+Road coordinates: x along the road, y to the left, y = 0 on the centre line of the right-hand lane. `Senses` keeps what
+`ConditionSettings` put between the world and the ADS: delay, range, field of view, misses, noise.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from sumo_eval.cosim.contact import Body
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import ConditionSettings
+
+NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
+_COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
+
+
+@dataclass(frozen=True, slots=True)
+class SeenEgo:
+    """The ego's own state: centre x, y m, heading rad, speed m/s, acceleration m/s2, lane (0: right), body m."""
+
+    x: float
+    y: float
+    heading: float
+    speed: float
+    acceleration: float
+    lane: int
+    length: float
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class SeenVehicle:
+    """Another vehicle, relative to the ego at the instant it was seen.
+
+    number: 1, 2, ..., the same vehicle throughout a case. gap: free road along the road, m (ahead: from the ego's front
+    to its rear; behind: from its front to the ego's rear; negative beside the ego). ahead: whether its centre is.
+    relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer: negative). offset: its
+    centre to the left of the ego's, m. overlaps: whether its body reaches into the strip that the ego's body sweeps.
+    """
+
+    number: int
+    ahead: bool
+    gap: float
+    relative_speed: float
+    offset: float
+    overlaps: bool
+    speed: float
+    lateral_speed: float
+    lane: int
+    length: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One instant, worked out when it is asked for. time: s since the start of the case. road: lanes and edges."""
+
+    time: float
+    road: Road
+    _ego: Body
+    _acceleration: float
+    _look: Look
+
+    @cached_property
+    def ego(self) -> SeenEgo:
+        """The ego's own state, now."""
+        me = self._ego
+        lane = _lane(me.y, self.road)
+        return SeenEgo(me.x, me.y, me.heading, me.speed, self._acceleration, lane, me.length, me.width)
+
+    @cached_property
+    def vehicles(self) -> tuple[SeenVehicle, ...]:
+        """The other vehicles that are seen, the nearest along the road first."""
+        me, others = self._look
+        seen = [_seen(number, me, other, self.road) for number, other in others]
+        return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
+
+    @cached_property
+    def lead(self) -> SeenVehicle | None:
+        """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps straight ahead."""
+        return min((v for v in self.vehicles if v.ahead and v.overlaps), key=lambda v: v.gap, default=None)
+
+    @cached_property
+    def neighbours(self) -> Mapping[str, SeenVehicle | None]:
+        """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`, `behind`."""
+        places = {"left": self.ego.lane + 1, "right": self.ego.lane - 1, "": self.ego.lane}
+        found: dict[str, SeenVehicle | None] = {}
+        for side, lane in places.items():
+            for ahead in (True, False):
+                if side or not ahead:
+                    here = (v for v in self.vehicles if v.lane == lane and v.ahead == ahead)
+                    name = f"{side}_{'ahead' if ahead else 'behind'}".lstrip("_")
+                    found[name] = min(here, key=lambda v: v.gap, default=None)
+        return found
+
+    @cached_property
+    def lanes(self) -> tuple[float, ...]:
+        """The lanes' centre lines to the left of the ego's centre, m, the right-hand lane first."""
+        return tuple(self.road.lane_centre(lane) - self._ego.y for lane in range(self.road.lanes))
+
+    @property
+    def left_edge(self) -> float:
+        """From the ego's centre to the left edge of the road, m."""
+        return self.road.left_edge - self._ego.y
+
+    @property
+    def right_edge(self) -> float:
+        """From the ego's centre to the right edge of the road, m."""
+        return self._ego.y - self.road.right_edge
+
+    def plain(self) -> dict[str, Any]:
+        """Everything as plain values, ready for JSON."""
+        lead = self.lead
+        return {
+            "time": round(self.time, 6), "ego": asdict(self.ego), "lead": None if lead is None else asdict(lead),
+            "vehicles": [asdict(vehicle) for vehicle in self.vehicles], "lanes": list(self.lanes),
+            "left_edge": self.left_edge, "right_edge": self.right_edge,
+        }  # fmt: skip
+
+    def signals(self) -> dict[str, float]:
+        """Everything that is one number, by name. Without a lead: present 0, gap 1000 m, its speed the ego's."""
+        me, lead = self.ego, self.lead
+        return {
+            "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading, "ego_speed": me.speed,
+            "ego_acceleration": me.acceleration, "ego_lane": float(me.lane), "left_edge": self.left_edge,
+            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane],
+            "lead_present": 0.0 if lead is None else 1.0,
+            "lead_gap": NO_LEAD_GAP if lead is None else lead.gap,
+            "lead_speed": me.speed if lead is None else lead.speed,
+            "lead_relative_speed": 0.0 if lead is None else lead.relative_speed,
+            "lead_offset": 0.0 if lead is None else lead.offset,
+        }  # fmt: skip
+
+
+class Look(NamedTuple):
+    """The ego and the numbered others as they were perceived at one instant."""
+
+    me: Body
+    others: tuple[tuple[int, Body], ...]
+
+
+class Senses:
+    """The ADS's eyes in one case. `stream` names the random numbers: the same name, the same misses and noise."""
+
+    def __init__(self, road: Road, conditions: ConditionSettings, stream: str) -> None:
+        self._road = road
+        self._conditions = conditions
+        self._numbers: dict[str, int] = {}
+        self._random = {name: random.Random(f"{stream}/{name}") for name in ("dropout", "position", "speed")}  # noqa: S311
+        self._memory: deque[tuple[float, Look]] = deque()
+        self._now: tuple[float, Body, float] = (0.0, Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), 0.0)
+
+    def take_in(self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]) -> None:
+        """The world at a step; call once a step, before `observe`."""
+        for name in others:
+            self._numbers.setdefault(name, len(self._numbers) + 1)
+        self._now = time, ego, acceleration
+        look = Look(ego, tuple(self._perceived(ego, others)))
+        limit = time - self._conditions.perception_delay + 1e-9
+        self._memory.append((time, look))
+        while len(self._memory) > 1 and self._memory[1][0] <= limit:
+            self._memory.popleft()
+
+    def observe(self) -> Observation:
+        """The present step, as old as the perception delay makes it (at the start: as old as there is)."""
+        time, ego, acceleration = self._now
+        return Observation(time, self._road, ego, acceleration, self._memory[0][1])
+
+    def _perceived(self, ego: Body, others: Mapping[str, Body]) -> list[tuple[int, Body]]:
+        to, seen = self._conditions, []
+        for name, other in others.items():
+            missed = to.dropout > 0.0 and self._random["dropout"].random() < to.dropout
+            place, pace = self._random["position"], self._random["speed"]
+            errors = (
+                (place.gauss(0.0, to.position_noise), place.gauss(0.0, to.position_noise)) if to.position_noise else ()
+            )
+            faster = pace.gauss(0.0, to.speed_noise) if to.speed_noise else 0.0
+            if missed or not self._within_reach(ego, other) or (to.occlusion and _hidden(ego, name, others)):
+                continue
+            if errors:
+                other = other._replace(x=other.x + errors[0], y=other.y + errors[1])
+            if faster:
+                other = other._replace(speed=max(other.speed + faster, 0.0))
+            seen.append((self._numbers[name], other))
+        return seen
+
+    def _within_reach(self, ego: Body, other: Body) -> bool:
+        to = self._conditions
+        if to.sensor_range is not None and math.hypot(other.x - ego.x, other.y - ego.y) > to.sensor_range:
+            return False
+        if to.field_of_view_deg is None:
+            return True
+        x = ego.x + 0.5 * ego.length * math.cos(ego.heading)
+        y = ego.y + 0.5 * ego.length * math.sin(ego.heading)
+        half = math.radians(to.field_of_view_deg) / 2.0
+        points = ((other.x, other.y), *other.corners())
+        return any(abs(math.remainder(math.atan2(py - y, px - x) - ego.heading, math.tau)) <= half for px, py in points)
+
+
+def _hidden(ego: Body, name: str, others: Mapping[str, Body]) -> bool:
+    """Whether one nearer vehicle ahead covers more than 80 % of the width; lines of sight run along the road."""
+    other = others[name]
+    left, right = other.y + other.width / 2.0, other.y - other.width / 2.0
+    for nearer in others.values():
+        if ego.x < nearer.x < other.x:
+            shared = min(left, nearer.y + nearer.width / 2.0) - max(right, nearer.y - nearer.width / 2.0)
+            if shared > _COVERED * other.width:
+                return True
+    return False
+
+
+def _lane(y: float, road: Road) -> int:
+    return min(max(round(y / road.lane_width), 0), road.lanes - 1)
+
+
+def _extent(body: Body) -> tuple[float, float]:
+    """Half the extent of a turned body along and across the road, m."""
+    if body.heading == 0.0:
+        return 0.5 * body.length, 0.5 * body.width
+    c, s = abs(math.cos(body.heading)), abs(math.sin(body.heading))
+    return 0.5 * (body.length * c + body.width * s), 0.5 * (body.length * s + body.width * c)
+
+
+def _seen(number: int, me: Body, other: Body, road: Road) -> SeenVehicle:
+    half, half_width = _extent(other)
+    my_half, my_half_width = _extent(me)
+    (along, across), (my_along, _) = other.velocity, me.velocity
+    return SeenVehicle(
+        number=number,
+        ahead=other.x > me.x,
+        gap=abs(other.x - me.x) - half - my_half,
+        relative_speed=along - my_along,
+        offset=other.y - me.y,
+        overlaps=abs(other.y - me.y) < half_width + my_half_width,
+        speed=other.speed,
+        lateral_speed=across,
+        lane=_lane(other.y, road),
+        length=other.length,
+        width=other.width,
+    )

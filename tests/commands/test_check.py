@@ -1,0 +1,53 @@
+"""`sumo-eval check` as a user has it: what it prints and its exit status."""
+
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+
+
+def check(what, folder):
+    command = [sys.executable, "-m", "sumo_eval", "check", what]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+
+
+def test_a_good_controller(tmp_path):
+    (tmp_path / "mine.py").write_text("def acc(seen):\n    return -1.0 if seen.lead else 0.0\n")
+    done = check("mine.py:acc", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "mine.py:acc: keeps the contract" in done.stdout
+    assert "us a step" in done.stdout
+
+
+def test_a_bad_controller(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "memory = []\ndef acc(seen):\n    memory.append(1)\n    return -0.001 * len(memory)\n"
+    )
+    done = check("mine.py:acc", tmp_path)
+    assert done.returncode == 1
+    assert "FAIL" in done.stdout
+    assert "-> forget everything in reset" in done.stdout
+    assert "mine.py:acc: breaks the contract in 2 point(s)" in done.stdout
+
+
+def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
+    done = check("mine.py:acc", tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("sumo-eval: ADS `mine.py:acc`: there is no file")
+
+
+GOOD = 'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[[ads]]\nname = "a"\ncontroller = "{}"\n'
+
+
+@pytest.mark.parametrize(
+    ("controller", "status", "words"), [("idm", 0, "ok    ADS a: idm"), ("idn", 2, "Did you mean `idm`?")]
+)
+def test_an_evaluation_file(tmp_path, controller, status, words):
+    (tmp_path / "e.toml").write_text(GOOD.format(controller))
+    done = CliRunner().invoke(main, ["check", str(tmp_path / "e.toml")])
+    assert done.exit_code == status
+    assert words in done.output
+    assert "scenario front_vehicle_low_speed: 19 points of ego_speed, lead_speed" in done.output

@@ -1,0 +1,126 @@
+"""`fmu:`: FMUs of FMI 2.0 and 3.0 as the ADS and as the ego's vehicle model. They are built here."""
+
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval.config import settings_from, to_plain
+from sumo_eval.cosim import Command, simulate
+from sumo_eval.errors import InputError
+from sumo_eval.settings import PlantSettings, SimulationSettings
+
+pytest.importorskip("fmpy")
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+MAPPED = "fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleration=a_cmd"
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory):
+    """The folder with both examples, built."""
+    folder = tmp_path_factory.mktemp("fmus")
+    for builder, kind, source in (
+        ("pythonfmu", "FmuBuilder", "acc_fmu.py"),
+        ("pythonfmu3", "FmuBuilder", "car_fmu.py"),
+    ):
+        library = pytest.importorskip(f"{builder}.builder")
+        shutil.copy(EXAMPLES / source, folder)
+        getattr(library, kind).build_FMU(folder / source, dest=folder)
+    return folder
+
+
+def test_an_fmu_drives_as_the_same_formula_in_python_does(fmus):
+    def acc(seen):
+        gap, speed = (seen.lead.gap, seen.lead.speed) if seen.lead else (1000.0, seen.ego.speed)
+        wanted = 3.0 + 1.5 * seen.ego.speed
+        acceleration = 0.15 * (gap - wanted) + 0.9 * (speed - seen.ego.speed)
+        return min(max(acceleration, -6.0), 0.0 if gap > wanted else 2.0)
+
+    settings = SimulationSettings(time_limit=10.0)
+    fmu = simulate(case(lead(40.0, speed=10.0)), MAPPED, settings, folder=fmus)
+    python = simulate(case(lead(40.0, speed=10.0)), acc, settings)
+    assert (fmu.error, fmu.clips) == (None, python.clips)
+    assert fmu.ego.speed.tolist() == python.ego.speed.tolist()
+    assert fmu.ego.speed[-1] < 12.0
+
+
+def test_a_parameter_reaches_the_fmu_and_every_case_has_a_fresh_instance(fmus):
+    concrete = case(lead(60.0, speed=15.0))
+    settings = SimulationSettings(time_limit=5.0)
+    near, far, again = (
+        simulate(concrete, f"{MAPPED}&parameters.headway={headway}", settings, folder=fmus).ego.x[-1]
+        for headway in (1.0, 3.0, 1.0)
+    )
+    assert near > far + 5.0
+    assert near == again
+
+
+def test_an_fmi_3_car_is_the_egos_vehicle_model(fmus):
+    plant = PlantSettings(file="Car.fmu", parameters={"v0": "speed"})
+    settings = SimulationSettings(time_limit=2.0, plant=plant)
+    found = simulate(case(), lambda seen: -4.0, settings, folder=fmus)
+    assert (found.error, found.clips) == (None, ())
+    # a' = (u - a) / 4 a step: after 40 steps v = 20 - 4 * 0.05 * (40 - 3 (1 - 0.75^40)) = 12.6 m/s
+    assert found.ego.speed[-1] == pytest.approx(20.0 - 4.0 * 0.05 * (40.0 - 3.0 * (1.0 - 0.75**40)))
+    assert found.ego.x[0] == 50.0
+    assert found.ego.x[-1] == pytest.approx(50.0 + sum(found.ego.speed[:-1] + found.ego.speed[1:]) * 0.05, abs=0.01)
+    turning = simulate(case(), lambda seen: (0.0, 0.3), settings, folder=fmus)
+    assert turning.ego.heading[-1] == pytest.approx(40.0 * math.tan(0.3 / 16.0) / 2.7)
+
+
+def test_a_vehicle_model_that_does_not_start_at_the_cases_speed_is_a_sim_error(fmus):
+    settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu"))
+    found = simulate(case(), lambda *_: Command(0.0), settings, folder=fmus)
+    assert found.end_reason == "sim_error"
+    assert "must start at 20 m/s, got 0; map a parameter of it to `speed`" in found.error
+
+
+def test_that_sumo_moves_an_ego_that_has_a_vehicle_model_of_its_own_is_on_record(fmus):
+    settings = replace(HALF_SECOND, plant=PlantSettings(file="Car.fmu", parameters={"v0": "speed"}))
+    found = simulate(case(), lambda traci, ego, time: None, settings, folder=fmus)
+    assert [clip.what for clip in found.clips] == ["vehicle_model_not_used"]
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("fmu:nowhere.fmu", "there is no such file"),
+        ("fmu:acc_fmu.py", "cannot be read"),
+        ("fmu:Acc.fmu", "Input `v` of FMU `Acc.fmu` is no signal; `inputs` must map it."),
+        (f"{MAPPED}&inputs.gapp=lead_gap", "`inputs` `gapp`. Did you mean `gap`?"),
+        (f"{MAPPED}&outputs.steer=a_cmd", "`steer`. Did you mean `steering`?"),
+        ("fmu:Acc.fmu?inputs.v=ego_sped&inputs.gap=lead_gap", "`ego_sped`. Did you mean `ego_speed`?"),
+        ("fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap", "no output `acceleration`; `outputs` must map it"),
+        (f"{MAPPED}&parameters.tau=1", "`tau`"),
+        (f"{MAPPED}&input.v=x", "must be inputs.NAME, outputs.NAME or parameters.NAME"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_is_refused_before_anything_runs(fmus, locator, sentence):
+    with pytest.raises(InputError) as caught:
+        simulate(case(), locator, folder=fmus)
+    assert sentence in str(caught.value)
+
+
+EVALUATION = {
+    "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],
+    "ads": [{"name": "mine", "controller": "fmu:Acc.fmu", "fmu": {
+        "inputs": {"v": "ego_speed", "gap": "lead_gap"}, "outputs": {"acceleration": "a_cmd"},
+        "parameters": {"headway": 1.25}}}],
+}  # fmt: skip
+
+
+def test_the_mapping_in_the_evaluation_file_is_the_one_of_the_locator(fmus):
+    settings = settings_from(EVALUATION, "evaluation.toml")
+    assert settings_from(to_plain(settings), "again") == settings
+    written = simulate(case(lead(50.0)), settings.ads[0].locator, HALF_SECOND, folder=fmus)
+    typed = simulate(case(lead(50.0)), f"{MAPPED}&parameters.headway=1.25", HALF_SECOND, folder=fmus)
+    assert written.ego.speed.tolist() == typed.ego.speed.tolist()
+
+
+def test_unknown_keys_of_the_mapping_are_refused():
+    wrong = {**EVALUATION, "ads": [{**EVALUATION["ads"][0], "fmu": {"input": {}}}]}
+    with pytest.raises(InputError, match=r"`ads\[0\]\.fmu\.input`.*Did you mean `inputs`"):
+        settings_from(wrong, "evaluation.toml")

@@ -1,0 +1,127 @@
+"""`exec:`: a program in any language, its protocol, its deadline, its end."""
+
+import os
+import sys
+import time as clock
+from dataclasses import replace
+
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval.cosim import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.settings import ConditionSettings
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs process groups")
+
+
+def shell(text, step_timeout=5.0, settings=HALF_SECOND):
+    quoted = text.replace("'", "'\\''")
+    return simulate(case(lead(100.0)), f"exec:sh -c '{quoted}'", settings, step_timeout=step_timeout)
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as file:
+        return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+def test_a_shell_script_drives():
+    found = shell('read brief; echo "{}"; while read seen; do echo "{\\"acceleration\\": -2}"; done')
+    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert found.ego.speed[-1] == simulate(case(lead(100.0)), lambda seen: -2.0, HALF_SECOND).ego.speed[-1]
+
+
+def test_the_protocol_line_by_line(tmp_path):
+    log = tmp_path / "lines"
+    found = shell(
+        f'while read line; do echo "$line" >> {log}; echo "{{\\"acceleration\\": 0, \\"steering\\": 0}}"; done'
+    )
+    import json
+
+    assert found.error is None
+    brief, *steps = [json.loads(line) for line in log.read_text().splitlines()]
+    assert (brief["type"], brief["protocol"], brief["step"]) == ("reset", 1, 0.05)
+    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0}
+    assert brief["vehicle"]["wheelbase"] == 2.7
+    assert "scenario" not in brief
+    assert [step["time"] for step in steps] == pytest.approx([0.05 * i for i in range(10)])
+    assert steps[0]["ego"]["speed"] == 20.0
+    assert steps[0]["lead"]["gap"] == pytest.approx(100.0)
+    assert set(steps[0]) == {"type", "time", "ego", "lead", "vehicles", "lanes", "left_edge", "right_edge"}
+
+
+def test_the_scenario_is_told_when_it_is_revealed(tmp_path):
+    told = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
+    found = shell('read brief; echo "$brief" >&2; echo no', settings=told)
+    assert '"scenario":"test","values":{}' in found.log
+
+
+def test_a_hung_program_is_killed_at_its_deadline_with_everything_it_started(tmp_path):
+    pids = tmp_path / "pids"
+    began = clock.monotonic()
+    found = shell(f"read x; echo {{}}; echo $$ > {pids}; sleep 60 & echo $! >> {pids}; wait", step_timeout=0.3)
+    assert (found.end_reason, found.error) == (
+        "ads_timeout", "The ADS's program must answer within 0.3 s, and was ended at 0.00 s.",
+    )  # fmt: skip
+    assert clock.monotonic() - began < 30.0  # not the 60 s that it sleeps
+    if sys.platform == "linux":
+        assert not any(alive(int(pid)) for pid in pids.read_text().split())
+
+
+def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
+    pids = tmp_path / "pids"
+    text = f'echo $$ > {pids}; read x; echo {{}}; while read s; do echo "{{\\"acceleration\\":0}}"; done; sleep 60'
+    assert shell(text).error is None
+    if sys.platform == "linux":
+        assert not alive(int(pids.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("exit 3", "The ADS's program ended before its case did, with status 3 in reset."),
+        ("read x; echo {}; read x; echo oh >&2; exit 4", "ended before its case did, with status 4 at 0.00 s."),
+        ("read x; echo {}; read x; echo brake", "answer with a JSON object on one line, got 'brake' at 0.00 s."),
+        ("read x; echo {}; read x; echo 3", "answer with a JSON object on one line, got '3' at 0.00 s."),
+        ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
+        ('read x; echo {}; read x; echo "{\\"brake\\": 1}"', "unknown `brake`, and not only acceleration and steering"),
+        ('read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"', "must be a finite number, got nan at 0.00 s."),
+        (
+            'read x; echo {}; read x; echo "{\\"acceleration\\": \\"1\\"}"',
+            "must be a finite number, got '1' at 0.00 s.",
+        ),
+        ("read x; printf '{}\\n{}\\n'; sleep 5", "must answer with one line, got more"),
+    ],
+)
+def test_what_is_no_answer_is_the_adss_error(text, sentence):
+    found = shell(text)
+    assert found.end_reason == "ads_error"
+    assert sentence in found.error
+
+
+def test_what_a_program_says_on_stderr_is_in_the_log():
+    assert "oh dear" in shell("echo oh dear >&2; exit 1").log
+
+
+def test_every_case_has_a_program_of_its_own():
+    text = 'n=0; read x; echo {}; while read s; do n=$((n+1)); echo "{\\"acceleration\\": -$n}"; done'
+    assert shell(text).ego.speed.tolist() == shell(text).ego.speed.tolist()
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("exec:", "must be a program and its arguments"),
+        ("exec:no_such_program_here --fast", "there is no program `no_such_program_here`"),
+        ("exec:./not_here", "there is no program `./not_here`"),
+        ("exec:sh -c 'x", "one that a shell could split"),
+    ],
+)
+def test_a_command_that_cannot_be_run_is_refused_before_anything_runs(locator, sentence):
+    with pytest.raises(InputError) as caught:
+        simulate(case(), locator)
+    assert sentence in str(caught.value)

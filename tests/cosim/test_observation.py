@@ -1,0 +1,264 @@
+"""What an ADS sees without TraCI, and what the conditions put in between."""
+
+import math
+from dataclasses import FrozenInstanceError, replace
+
+import pytest
+from cosim_cases import HALF_SECOND, ROAD, case, lead
+
+from sumo_eval.config import settings_from
+from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim.contact import Body
+from sumo_eval.cosim.observation import Observation, Senses
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Actor, Start
+from sumo_eval.settings import ConditionSettings
+
+EGO = Body(50.0, 0.0, 0.0, 20.0, 4.5, 1.8)
+
+
+def car(x, y=0.0, speed=10.0, heading=0.0):
+    return Body(x, y, heading, speed, 4.5, 1.8)
+
+
+def look(others, conditions=None, stream="1"):
+    senses = Senses(ROAD, conditions or ConditionSettings(), stream)
+    senses.take_in(0.0, EGO, -1.0, others)
+    return senses.observe()
+
+
+def seen_by(ads, concrete, **conditions):
+    """The recording, and every observation that the ADS was shown."""
+    shown = []
+
+    def act(observation):
+        shown.append(observation)
+        return ads(observation) if ads else 0.0
+
+    return simulate(concrete, act, replace(HALF_SECOND, conditions=ConditionSettings(**conditions))), shown
+
+
+def test_a_lead_and_its_neighbours_by_hand():
+    # gaps: 84.5 - 50 - 4.5 = 30 m ahead; 50 - 30 - 4.5 = 15.5 m behind; 70 - 50 - 4.5 = 15.5 m ahead in the left lane
+    seen = look({"lead": car(84.5), "left": car(70.0, 3.5, 25.0), "behind": car(30.0, 0.0, 20.0)})
+    assert (seen.lead.gap, seen.lead.relative_speed, seen.lead.offset) == (30.0, -10.0, 0.0)
+    assert seen.neighbours["left_ahead"].gap == 15.5
+    assert seen.neighbours["left_ahead"].relative_speed == 5.0
+    assert seen.neighbours["behind"].gap == 15.5
+    assert seen.neighbours["left_behind"] is seen.neighbours["right_ahead"] is None
+    assert (seen.ego.speed, seen.ego.acceleration, seen.ego.lane) == (20.0, -1.0, 0)
+    assert seen.lanes == (0.0, 3.5)
+    assert (seen.left_edge, seen.right_edge) == (5.25, 1.75)
+
+
+def test_a_vehicle_that_leaves_the_strip_is_no_lead_once_its_body_is_out_of_it():
+    assert look({"lead": car(84.5, 1.79)}).lead is not None
+    assert look({"lead": car(84.5, 1.81)}).lead is None
+
+
+def test_speeds_are_along_and_across_the_road():
+    seen = look({"lead": car(84.5, 0.0, 10.0, math.radians(30.0))}).lead
+    assert (seen.relative_speed + 20.0, seen.lateral_speed) == (pytest.approx(8.660254), pytest.approx(5.0))
+
+
+def test_an_observation_is_frozen_and_worked_out_once_when_asked():
+    seen = look({"lead": car(84.5)})
+    assert "lead" not in vars(seen)
+    assert seen.lead is seen.lead
+    with pytest.raises(FrozenInstanceError):
+        seen.time = 1.0
+
+
+def test_a_controller_that_takes_traci_is_shown_no_observation_and_none_is_made(monkeypatch):
+    made = []
+    monkeypatch.setattr(Senses, "take_in", lambda *_: made.append(1))
+    simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
+    assert made == []
+
+
+@pytest.mark.parametrize("action", [-2.0, -2, (-2.0, 0.0), [-2.0], Command(-2.0)])
+def test_a_function_of_the_observation_or_an_object_with_act_will_do(action):
+    class Policy:
+        def act(self, observation):
+            return action
+
+    def function(observation):
+        return action
+
+    drives = [simulate(case(), ads, HALF_SECOND) for ads in (Policy, Policy(), function)]
+    assert {d.ego.speed[-1] for d in drives} == {simulate(case(), lambda *_: Command(-2.0), HALF_SECOND).ego.speed[-1]}
+
+
+@pytest.mark.parametrize("action", ["brake", None, (1.0, 2.0, 3.0), {"a": 1}])
+def test_an_action_that_is_none_is_the_adss_error(action):
+    found = simulate(case(), lambda observation: action, HALF_SECOND)
+    assert found.end_reason == "ads_error"
+    assert "must be a Command, an acceleration or (acceleration, steering)" in found.error
+
+
+def test_a_policy_is_told_the_road_and_its_vehicle_but_not_the_scenario():
+    told = []
+
+    class Policy:
+        def reset(self, scenario):
+            told.append(scenario)
+
+        def act(self, observation):
+            return 0.0
+
+    secret = replace(case(lead(50.0)), scenario="secret", values={"gap": 50.0})
+    simulate(secret, Policy(), HALF_SECOND)
+    open_ = replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=True))
+    simulate(secret, Policy(), open_)
+    assert (told[0].scenario, told[0].values, told[0].road.name) == ("", None, "road")
+    assert (told[1].scenario, told[1].values, told[1].road) == ("secret", {"gap": 50.0}, ROAD)
+
+
+def test_sumos_files_do_not_tell_the_future_unless_the_scenario_is_revealed():
+    import libsumo
+
+    told = []
+
+    def spy(traci, ego, time):
+        from pathlib import Path
+
+        told.append(Path(libsumo.simulation.getOption("route-files")).read_text())
+
+    secret = replace(case(lead(50.0)), scenario="secret", values={"gap": 50.0})
+    for reveal in (False, True):
+        simulate(secret, spy, replace(HALF_SECOND, conditions=ConditionSettings(reveal_scenario=reveal)))
+    assert "secret" not in told[0]
+    assert "secret: gap=50" in told[-1]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"sensor_range": 0.0}, {"field_of_view_deg": 361.0}, {"dropout": 1.5}, {"step_budget": -1.0}]
+)
+def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
+    with pytest.raises(InputError):
+        ConditionSettings(**wrong)
+    with pytest.raises(InputError, match=r"simulation\.conditions"):
+        settings_from(
+            {
+                "name": "x", "scenario": [{"use": "cut_in"}], "ads": [{"name": "a", "controller": "idm"}],
+                "simulation": {"conditions": wrong},
+            },
+            "evaluation.toml",
+        )  # fmt: skip
+
+
+# --- conditions -------------------------------------------------------------------------------------------------------
+
+
+def test_a_perception_delay_shows_the_world_as_it_was():
+    _, shown = seen_by(None, case(lead(50.0)), perception_delay=0.2)
+    # 1 m a step of 0.05 s at 20 m/s towards a standing lead
+    assert [round(seen.lead.gap, 6) for seen in shown] == [50, 50, 50, 50, 50, 49, 48, 47, 46, 45]
+    assert [round(seen.ego.x, 6) for seen in shown][:3] == [50, 51, 52]  # its own state is the present one
+
+
+def test_what_is_beyond_the_sensors_range_is_not_seen():
+    others = {"near": car(100.0), "far": car(101.0)}
+    assert [v.number for v in look(others, ConditionSettings(sensor_range=50.5)).vehicles] == [1]
+
+
+def test_what_is_outside_the_field_of_view_is_not_seen():
+    # 60 deg: from the front bumper at 52.25 m, a body whose nearest corner lies within 30 deg of straight ahead
+    others = {"ahead": car(80.0), "beside": car(53.0, 3.5), "behind": car(30.0)}
+    assert [v.number for v in look(others, ConditionSettings(field_of_view_deg=60.0)).vehicles] == [1]
+    assert len(look(others, ConditionSettings(field_of_view_deg=360.0)).vehicles) == 3
+
+
+def test_a_vehicle_behind_a_nearer_one_is_hidden_until_a_fifth_of_it_shows():
+    hidden = ConditionSettings(occlusion=True)
+    assert [v.number for v in look({"lead": car(70.0), "obstacle": car(100.0)}, hidden).vehicles] == [1]
+    assert len(look({"lead": car(70.0, 0.35), "obstacle": car(100.0)}, hidden).vehicles) == 1
+    assert len(look({"lead": car(70.0, 0.37), "obstacle": car(100.0)}, hidden).vehicles) == 2
+
+
+def test_misses_and_noise_have_the_stated_size_and_leave_the_truth_alone():
+    conditions = ConditionSettings(dropout=0.3, position_noise=0.5, speed_noise=0.2)
+    senses, gaps, speeds = Senses(ROAD, conditions, "1"), [], []
+    for step in range(4000):
+        senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
+        for vehicle in senses.observe().vehicles:
+            gaps.append(vehicle.gap - 30.0)
+            speeds.append(vehicle.speed - 10.0)
+    deviation = lambda values: math.sqrt(sum(v * v for v in values) / len(values))  # noqa: E731
+    assert len(gaps) / 4000 == pytest.approx(0.7, abs=0.03)
+    assert deviation(gaps) == pytest.approx(0.5, abs=0.03)
+    assert deviation(speeds) == pytest.approx(0.2, abs=0.01)
+
+
+def test_one_seed_is_one_drive_and_another_seed_another():
+    noisy = replace(HALF_SECOND, conditions=ConditionSettings(position_noise=1.0, dropout=0.1))
+    ads = lambda seen: -0.1 * seen.lead.gap if seen.lead else 0.0  # noqa: E731
+    drives = [simulate(case(lead(50.0)), ads, noisy, seed=seed).ego.speed.tolist() for seed in (1, 1, 2)]
+    assert drives[0] == drives[1] != drives[2]
+
+
+def test_noise_does_not_depend_on_what_the_ads_looks_at():
+    noisy = ConditionSettings(position_noise=1.0)
+    one, two = Senses(ROAD, noisy, "1"), Senses(ROAD, noisy, "1")
+    for step in range(3):
+        for senses in (one, two):
+            senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
+        one.observe().plain()
+    assert one.observe().lead.gap == two.observe().lead.gap
+
+
+def test_that_traci_shows_everything_is_on_record_when_conditions_were_asked_for():
+    limited = replace(HALF_SECOND, conditions=ConditionSettings(sensor_range=30.0))
+    clips = simulate(case(), lambda traci, ego, time: None, limited).clips
+    assert [clip.what for clip in clips] == ["perception_not_limited"]
+    assert simulate(case(), lambda observation: 0.0, limited).clips == ()
+
+
+def test_an_actuation_delay_holds_each_command_back():
+    now, _ = seen_by(lambda seen: -4.0, case())
+    late, _ = seen_by(lambda seen: -4.0, case(), actuation_delay=0.2)
+    assert late.ego.speed[:3].tolist() == [20.0, 20.0, 20.0]
+    assert late.ego.speed[2:].tolist() == pytest.approx(now.ego.speed[:-2].tolist())
+
+
+def test_a_late_command_is_dropped_the_last_one_holds_and_it_is_counted():
+    import time as clock
+
+    def slow(observation):
+        if observation.time > 0.24:
+            clock.sleep(0.03)
+            return 4.0
+        return -4.0
+
+    found = simulate(case(), slow, replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02)))
+    late = {clip.what: clip.count for clip in found.clips}["late_command"]
+    assert late >= 5
+    assert (found.ego.acceleration[2:] == -4.0).all()  # as at 0.2 s
+
+
+def test_what_an_ads_tells_sumo_itself_cannot_be_held_back_and_that_is_on_record():
+    delayed = replace(HALF_SECOND, conditions=ConditionSettings(actuation_delay=0.2))
+    found = simulate(case(), lambda traci, ego, time: traci.vehicle.setSpeed(ego, 15.0), delayed)
+    assert {clip.what: clip.count for clip in found.clips}["actuation_not_delayed"] == 10
+
+
+def test_the_flat_signals_and_the_plain_form_say_the_same():
+    others = {"lead": car(84.5), "left": car(70.0, 3.5, 25.0)}
+    seen = look(others)
+    signals, plain = seen.signals(), seen.plain()
+    assert signals["lead_gap"] == plain["lead"]["gap"] == 30.0
+    assert signals["ego_speed"] == plain["ego"]["speed"] == 20.0
+    assert len(plain["vehicles"]) == 2
+    nobody = look({})
+    assert (nobody.signals()["lead_present"], nobody.signals()["lead_gap"], nobody.plain()["lead"]) == (
+        0.0,
+        1000.0,
+        None,
+    )
+
+
+def test_numbers_stay_with_their_vehicles():
+    actors = Actor("b", Start(100.0, 0.0, 25.0)), Actor("a", Start(90.0, 3.5, 10.0))
+    _, shown = seen_by(None, case(*actors))
+    assert {(v.number, v.speed) for seen in shown for v in seen.vehicles} == {(1, 25.0), (2, 10.0)}
+    assert isinstance(shown[0], Observation)

@@ -1,0 +1,187 @@
+"""The `traci` that an ADS sees: TraCI code as it is, the ego its own, everything else guarded."""
+
+import sys
+from dataclasses import replace
+
+import libsumo
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim.traci_module import GUARD, TRACI
+from sumo_eval.settings import ConditionSettings
+
+RECORD = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
+
+
+def once(action):
+    """An ADS that does something at 0.3 s, and otherwise nothing."""
+    return lambda traci, ego, time: action(traci) if abs(time - 0.3) < 1e-9 else None
+
+
+def counts(recording):
+    return {clip.what: clip.count for clip in recording.clips}
+
+
+def ads_file(folder, text):
+    (folder / "script.py").write_text(text)
+    return simulate(case(lead(50.0)), "script.py:drive", HALF_SECOND, folder=folder)
+
+
+def test_code_that_imports_traci_drives_the_running_simulation(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    found = ads_file(
+        tmp_path,
+        "import traci\nimport traci.constants as tc\nfrom traci.exceptions import TraCIException\n"
+        "def drive(_, ego, time):\n"
+        "    traci.vehicle.subscribe(ego, (tc.VAR_SPEED,))\n"
+        "    try:\n        traci.vehicle.getSpeed('nobody')\n    except TraCIException:\n"
+        "        traci.vehicle.setSpeed('ego', 15.0)\n",
+    )
+    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert found.ego.speed[-1] == pytest.approx(20.0 - 0.5 * 9.0)
+
+
+def test_an_import_while_driving_is_the_running_simulation_too():
+    def drive(_, ego, time):
+        import traci
+
+        traci.vehicle.setSpeed(ego, 15.0)
+
+    assert simulate(case(), drive, HALF_SECOND).ego.speed[-1] == pytest.approx(15.5)
+
+
+def test_what_was_imported_as_traci_before_is_there_again_afterwards():
+    before = sys.modules["traci"]
+    simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
+    simulate(case(), lambda traci, ego, time: 1 / 0, HALF_SECOND)
+    assert sys.modules["traci"] is before
+
+
+def test_reading_is_libsumos_own_function_and_costs_nothing():
+    for call in ("getSpeed", "getPosition", "getLeader", "getIDList", "subscribe", "getNeighbors"):
+        assert getattr(TRACI.vehicle, call) is getattr(libsumo.vehicle, call)
+    assert TRACI.simulation.getTime is libsumo.simulation.getTime
+
+
+class Listener(TRACI.StepListener):
+    """Counts and slows down."""
+
+    def __init__(self):
+        self.calls = self.cleaned = 0
+
+    def step(self, t=0):
+        self.calls += 1
+        TRACI.vehicle.setSpeed("ego", 20.0 - 0.1 * self.calls)
+        return True
+
+    def cleanUp(self):
+        self.cleaned += 1
+
+
+def test_a_step_listener_is_a_controller_and_is_called_every_step():
+    listener = Listener()
+    found = simulate(case(), listener, HALF_SECOND)
+    assert found.error is None
+    assert (listener.calls, listener.cleaned) == (10, 1)
+    assert found.ego.speed[-1] == pytest.approx(19.0)
+
+
+def test_a_listener_that_a_script_adds_is_called_each_step_until_it_says_no():
+    class Until(Listener):
+        def step(self, t=0):
+            return super().step(t) and self.calls < 4
+
+    listener = Until()
+
+    class Script:
+        def reset(self, scenario, traci, ego):
+            assert traci.addStepListener(listener) == 0
+
+        def step(self, traci, ego, time):
+            """The listener drives."""
+
+    simulate(case(), Script(), HALF_SECOND)
+    assert (listener.calls, listener.cleaned) == (4, 1)
+    simulate(case(), lambda traci, ego, time: None, HALF_SECOND)
+    assert listener.calls == 4  # gone with its case
+
+
+def test_a_listener_that_raises_is_the_adss_error():
+    class Broken(TRACI.StepListener):
+        def step(self, t=0):
+            raise RuntimeError("no")
+
+    found = simulate(case(), Broken(), HALF_SECOND)
+    assert (found.end_reason, found.error) == ("ads_error", "The ADS raised at 0.00 s: RuntimeError: no.")
+
+
+TOUCHES = [
+    (lambda traci: traci.vehicle.setSpeed("lead", 1.0), "vehicle.setSpeed for `lead`", "touched_vehicle"),
+    (lambda traci: traci.vehicle.setSpeed(vehID="lead", speed=1.0), "vehicle.setSpeed for `lead`", "touched_vehicle"),
+    (lambda traci: traci.vehicle.add("mine", "along"), "vehicle.add for `mine`", "touched_vehicle"),
+    (lambda traci: traci.vehicletype.setLength("lead", 1.0), "vehicletype.setLength for `lead`", "touched_vehicletype"),
+    (lambda traci: traci.lane.setMaxSpeed("road_0", 9.0), "lane.setMaxSpeed for `road_0`", "touched_lane"),
+    (lambda traci: traci.simulation.setScale(2.0), "simulation.setScale for `2.0`", "touched_simulation"),
+]
+
+
+@pytest.mark.parametrize(("action", "sentence", "what"), TOUCHES, ids=[sentence for _, sentence, _ in TOUCHES])
+def test_who_touches_what_is_not_the_egos_is_refused_or_put_on_record(action, sentence, what):
+    found = simulate(case(lead(50.0)), once(action), HALF_SECOND)
+    assert found.end_reason == "ads_error"
+    assert f"The ADS called traci.{sentence} at 0.30 s" in found.error
+    assert found.ego.time[-1] == pytest.approx(0.3)
+    found = simulate(case(lead(50.0)), once(action), RECORD)
+    assert (found.end_reason, found.error) == ("time_limit", None)
+    assert counts(found)[what] == 1
+
+
+def test_a_refused_call_has_no_effect_and_cannot_be_swallowed():
+    def sly(traci, ego, time):
+        try:
+            traci.vehicle.setSpeed("lead", 0.0)
+        except Exception:  # noqa: BLE001 - as such scripts do
+            return Command(0.0)
+
+    found = simulate(case(lead(50.0, speed=20.0)), sly, HALF_SECOND)
+    assert "The ADS called traci.vehicle.setSpeed for `lead` at 0.00 s" in found.error
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        lambda traci: traci.simulationStep(),
+        lambda traci: traci.simulation.step(),
+        lambda traci: traci.close(),
+        lambda traci: traci.load(["-n", "nothing"]),
+    ],
+)
+def test_stepping_and_closing_on_record_are_left_out(action):
+    found = simulate(case(lead(50.0)), once(action), RECORD)
+    assert (found.end_reason, found.simulated_time) == ("time_limit", pytest.approx(0.5))
+    assert set(counts(found)) & {"stepped_the_clock", "started_or_closed"}
+
+
+def test_nothing_that_one_case_did_is_counted_in_the_next():
+    simulate(case(lead(50.0)), once(TOUCHES[0][0]), HALF_SECOND)
+    found = simulate(case(lead(50.0)), lambda traci, ego, time: None, HALF_SECOND)
+    assert (found.error, found.clips, GUARD.touched) == (None, (), {})
+
+
+def test_the_egos_own_type_and_new_types_are_the_adss():
+    def own(traci):
+        traci.vehicletype.setTau("ego", 0.7)
+        traci.vehicletype.copy("lead", "like_the_lead")
+        traci.vehicletype.setTau("like_the_lead", 0.7)
+        traci.vehicle.setColor("ego", (1, 2, 3, 255))
+
+    found = simulate(case(lead(50.0)), once(own), HALF_SECOND)
+    assert (found.error, found.clips) == (None, ())
+
+
+def test_whoever_goes_round_the_door_is_noticed_where_the_other_vehicle_then_is():
+    found = simulate(
+        case(lead(50.0, speed=20.0)), once(lambda traci: libsumo.vehicle.setSpeed("lead", 1.0)), HALF_SECOND
+    )
+    assert "actor_off_its_script" in counts(found)

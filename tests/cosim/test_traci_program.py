@@ -1,0 +1,89 @@
+"""`traci:`: a program of its own as a TraCI client of a real sumo process."""
+
+import sys
+
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.traci_program import sumo_binary
+from sumo_eval.errors import InputError
+from sumo_eval.settings import SimulationSettings
+
+try:
+    sumo_binary()
+except InputError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+DRIVE = """
+def drive(traci, ego):
+    speed = traci.vehicle.getSpeed(ego)
+    leader = traci.vehicle.getLeader(ego, 200.0)
+    if leader and leader[0] and leader[1] < 3.0 * (speed - traci.vehicle.getSpeed(leader[0])):
+        traci.vehicle.setSpeed(ego, max(speed - 0.2, 0.0))
+
+def step(traci, ego, time):
+    drive(traci, ego)
+"""
+CLIENT = """
+import os, traci
+from the_drive import drive
+traci.init(int(os.environ["SUMO_EVAL_PORT"]))
+traci.setOrder(2)
+try:
+    while True:
+        traci.simulationStep()
+        drive(traci, "ego")
+except traci.FatalTraCIError:
+    pass
+"""
+
+
+def run(folder, text, settings=HALF_SECOND, step_timeout=10.0):
+    (folder / "client.py").write_text(text)
+    locator = f"traci:{sys.executable} client.py"
+    return simulate(case(lead(60.0, speed=10.0)), locator, settings, folder=folder, step_timeout=step_timeout)
+
+
+def test_a_client_and_the_same_script_in_process_make_the_same_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "the_drive.py").write_text(DRIVE)
+    settings = SimulationSettings(time_limit=9.0)
+    there = run(tmp_path, CLIENT, settings)
+    here = simulate(case(lead(60.0, speed=10.0)), "the_drive.py:step", settings, folder=tmp_path)
+    assert (there.end_reason, there.error, there.clips) == (here.end_reason, None, here.clips)
+    assert here.ego.speed[-1] < 15.0  # it did brake
+    for one, two in ((there.ego, here.ego), (there.actors["lead"], here.actors["lead"])):
+        for channel in ("time", "x", "y", "heading", "speed", "acceleration"):
+            assert getattr(one, channel).tolist() == getattr(two, channel).tolist()
+    assert there.controller_latency[0] > 0.0
+
+
+def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path):
+    found = run(tmp_path, "import sys\nprint('on stdout')\nsys.exit('no map')\n")
+    assert (found.end_reason, found.error) == (
+        "ads_error", "The ADS's program ended before its case did, with status 1.",
+    )  # fmt: skip
+    assert "no map" in found.log
+    assert "on stdout" in found.log
+
+
+def test_a_client_that_hangs_is_ended(tmp_path):
+    hangs = CLIENT.replace("from the_drive import drive", "import time").replace(
+        'drive(traci, "ego")', "time.sleep(60)"
+    )
+    found = run(tmp_path, hangs, step_timeout=0.5)
+    assert found.end_reason == "ads_timeout"
+    assert "each within 0.5 s; it was ended." in found.error
+
+
+def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):
+    (tmp_path / "the_drive.py").write_text("def drive(traci, ego):\n    traci.vehicle.setSpeed('lead', 0.0)\n")
+    assert "actor_off_its_script" in {clip.what for clip in run(tmp_path, CLIENT).clips}
+
+
+def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(InputError, match=r"pip install 'sumo_eval\[gui\]'"):
+        simulate(case(), "traci:python client.py")
