@@ -101,6 +101,24 @@ class AnthropomorphicSettings(Checked):
     """Anthropomorphic index D, Eqs. 11-13."""
 
     field: FieldSettings = field(default_factory=FieldSettings)
+    mode: Annotated[
+        Literal["gaussian", "mixture"],
+        About(
+            "one Gaussian over all drivers (the paper), or one for each manoeuvre, times how usual the manoeuvre is",
+            equation="11",
+        ),
+    ] = "gaussian"
+    manoeuvre_time: Annotated[
+        float, Positive, About("time a lane must be kept to be part of a manoeuvre (mixture)", "s", equation="11")
+    ] = 1.0
+    pooled_drivers: Annotated[
+        float,
+        Positive,
+        About("drivers that the deviation pooled over all manoeuvres counts as (mixture)", equation="11"),
+    ] = 2.0
+    band_slice_spacing: Annotated[
+        float, Positive, About("distance between slices where drivers are scored against each other", "m", equation="11")
+    ] = 2.5
     slice_spacing: Annotated[float, Positive, About("distance between slices along the road", "m", equation="11")] = 0.5
     side_width: Annotated[float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")] = (
         1.5
