@@ -248,9 +248,26 @@ class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
     count: Annotated[int, Ge(2), About("number of drivers in each concrete scenario")] = 10
-    source: Annotated[str, About("`synthetic`, or package.module:function from concrete scenario to trajectories")] = (
-        "synthetic"
-    )
+    source: Annotated[
+        str,
+        About("`synthetic`, `recorded`, or package.module:function from concrete scenario to trajectories"),
+    ] = "synthetic"
+    recordings: Annotated[
+        tuple[str, ...], About("canonical tables of recorded driving, as `sumo-eval humans import` writes them")
+    ] = ()
+    cases: Annotated[str, About("folder of drives recorded in named cases, with its cases.csv; empty: none")] = ""
+    tolerance: Annotated[
+        dict[str, float] | None,
+        About("how far an event's parameter may be from the concrete scenario's, by parameter; others keep their own"),
+    ] = None
+    least: Annotated[int, Ge(2), About("recorded drivers below which a reference is too thin")] = 10
+    too_thin: Annotated[
+        Literal["fill", "leave_out"],
+        About("a reference that is too thin is filled from the synthetic population, or its case gets no D_i"),
+    ] = "fill"
+    coverage: Annotated[
+        float, Positive, Le(1.0), About("share of the road that a recorded drive must cover to be compared with")
+    ] = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,11 +311,45 @@ class SamplingSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class DeclaredDistribution(Checked):
+    """How one parameter is distributed on the road, as somebody declares it."""
+
+    distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
+    first: Annotated[float, About("mean; mean of the logarithm; low")]
+    second: Annotated[float, About("deviation; deviation of the logarithm; high")]
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.distribution == "uniform" and not self.second > self.first:
+            raise must_be("`second`", "a uniform distribution", f"greater than `first` ({self.first:g})", self.second)
+        if self.distribution != "uniform" and not self.second > 0.0:
+            raise must_be("`second`", f"a {self.distribution} distribution", "greater than 0", self.second)
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureSettings(Checked):
+    """How often the concrete scenarios of a space are met on the road: p_i of Eq. 13."""
+
+    kind: Annotated[
+        Literal["scenario", "uniform", "recorded", "declared"],
+        About("the scenario's own, uniform, from recorded events, or declared", symbol="p_i", equation="13"),
+    ] = "scenario"
+    recordings: Annotated[tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")] = ()
+    bandwidth: Annotated[
+        Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")
+    ] = "scott"
+    declared: Annotated[
+        dict[str, DeclaredDistribution] | None, About("distribution by parameter; others are uniform")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
     use: Annotated[str, About("a shipped name or module:name")]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    exposure: ExposureSettings = field(default_factory=ExposureSettings)
 
 
 @dataclass(frozen=True, slots=True)
