@@ -10,7 +10,15 @@ import numpy as np
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
-from sumo_eval.scenario.logical import Approach, Constraint, LogicalScenario, NamedSample, Parameter, Values
+from sumo_eval.scenario.logical import (
+    Approach,
+    Constraint,
+    LogicalScenario,
+    NamedSample,
+    Parameter,
+    Values,
+    ZoneCoordinates,
+)
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 BODY_LENGTH = 4.5  # m, every vehicle of the paper's scenarios
@@ -131,9 +139,12 @@ _R157 = "UN Regulation No. 157, performance models; ranges cover the grids of JR
 def _r157_actor(
     name: str, gap: float, speed: float, y: float = 0.0, move: ConstantLateral | None = None, brake: Brake | None = None
 ) -> Actor:
-    """A vehicle `gap` m (bumper to bumper) ahead of the ego."""
+    """A vehicle `gap` m (bumper to bumper) ahead of the ego. It slides across: dx0, dy0 and the known outcomes of the
+    regulation's scenarios are those of rectangles along the road.
+    """
     start = Start(EGO_START + gap + R157_BODY.length, y, speed)
-    return Actor(name, start, () if move is None else (move,), R157_BODY.length, R157_BODY.width, brake)
+    moves = () if move is None else (move,)
+    return Actor(name, start, moves, R157_BODY.length, R157_BODY.width, brake, slides=True)
 
 
 LEAD_BRAKING_DELAY = 1.0  # s before ideal braking: the paper's for a danger that has to be noticed first
@@ -183,6 +194,15 @@ def _cut_in_approach(values: Values) -> Approach:
     )
 
 
+_FAR = 100.0  # m
+
+
+def _cut_in_coordinates(values: Values) -> tuple[FloatArray, ...]:
+    closing = values["ego_speed"] - values["cut_in_speed"]
+    left = values["gap"] - closing * CUT_IN_APART / values["lateral_speed"]
+    return closing, np.tanh(left / _FAR)  # far ahead and long past are each all alike
+
+
 def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
     lane = R157_ROAD.lane_width
     move = ConstantLateral(begin=0.0, speed=values["lateral_speed"], offset=-lane)
@@ -192,10 +212,6 @@ def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]
 
 def _other_slower(values: Values) -> BoolArray:
     return np.asarray(values["cut_in_speed"] < values["ego_speed"])
-
-
-def _other_drives_forward(values: Values) -> BoolArray:
-    return np.asarray(values["lateral_speed"] <= values["cut_in_speed"])
 
 
 CUT_IN = LogicalScenario(
@@ -208,16 +224,11 @@ CUT_IN = LogicalScenario(
         Parameter("gap", 0.0, 100.0, 10.0, "m", "dx0: bumper to bumper along the road when the lateral motion begins"),
         Parameter("lateral_speed", 0.2, 3.0, 0.7, "m/s", "Vy: lateral speed of the other until the lane centre"),
     ),
-    constraints=(
-        Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),
-        Constraint(
-            "one where the other drives forward rather than sideways (lateral_speed <= cut_in_speed)",
-            _other_drives_forward,
-        ),
-    ),
+    constraints=(Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),),
     road=R157_ROAD,
     place=_cut_in_place,
     approach=_cut_in_approach,
+    zone_coordinates=ZoneCoordinates(("closing speed", "gap left when the lane is entered"), _cut_in_coordinates),
     ego_body=R157_BODY,
     time_limit=R157_TIME,
 )
