@@ -17,8 +17,10 @@ import numpy as np
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.recording import Progress, quiet, record
 from sumo_eval.batch.store import open_store
+from sumo_eval.comparison import human_bands, reference_sentences, references, with_people
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation, with_changes
 from sumo_eval.cosim.controller import find_controller
+from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
@@ -53,12 +55,25 @@ def evaluate(
     for ads in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
         find_controller(ads.controller, source)
     spaces = [choose_points(entry, source) for entry in settings.scenario]
+    exposures = [
+        exposure_of(logical, entry.exposure, settings.drivers, source)
+        for entry, (logical, _) in zip(settings.scenario, spaces, strict=True)
+    ]
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
+    run_folder.write_exposures(
+        folder,
+        {
+            logical.name: exposure.plain(points.points)
+            for (logical, points), exposure in zip(spaces, exposures, strict=True)
+        },
+    )
     with open_store(folder / run_folder.FACTS, create=True) as store:
-        for logical, points in spaces:
+        for (logical, points), exposure in zip(spaces, exposures, strict=True):
             hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
-            record(logical, points.points, hazardous, settings, source, store, progress)
+            record(
+                replace(logical, exposure=exposure.density), points.points, hazardous, settings, source, store, progress
+            )
     return score(folder, progress=progress)
 
 
@@ -74,6 +89,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     settings = with_changes(run_folder.read_settings(folder), changes)
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
+    exposures = run_folder.read_exposures(folder)
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
@@ -82,6 +98,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             logical, points = choose_points(entry, source)
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
+            compared = references(logical, store, settings.drivers)
+            bands = human_bands(logical, compared, list(compared), store, settings, progress)
+            exposure = exposures.get(logical.name, {})
             for ads in settings.ads:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
                 if not facts:
@@ -90,13 +109,17 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 safe = [fact for fact, dangerous in zip(facts, hazardous, strict=True) if not dangerous]
                 indexes, notes = {}, drivers_left_out(logical, store)
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
-                    indexes = human_likeness(logical, safe, store, settings, progress)  # step 4: D_i
+                    indexes = human_likeness(logical, safe, compared, store, settings, progress)  # step 4: D_i
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
                 measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
                 rows = tabulate(facts, hazardous, indexes, collisions, ideal_outcomes(logical, store), measured)
+                rows = with_people(rows, facts, indexes, compared, bands, exposure, settings.drivers)
+                notes += reference_sentences(rows)
                 cases += rows
                 scores.append(combine(ads.name, logical.name, rows, method, notes))  # step 6: C, D, S
-    return Evaluation(settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases))
+    return Evaluation(
+        settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
+    )
 
 
 def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:

@@ -117,7 +117,9 @@ class AnthropomorphicSettings(Checked):
         About("drivers that the deviation pooled over all manoeuvres counts as (mixture)", equation="11"),
     ] = 2.0
     band_slice_spacing: Annotated[
-        float, Positive, About("distance between slices where drivers are scored against each other", "m", equation="11")
+        float,
+        Positive,
+        About("distance between slices where drivers are scored against each other", "m", equation="11"),
     ] = 2.5
     slice_spacing: Annotated[float, Positive, About("distance between slices along the road", "m", equation="11")] = 0.5
     side_width: Annotated[float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")] = (
@@ -337,10 +339,12 @@ class ExposureSettings(Checked):
         Literal["scenario", "uniform", "recorded", "declared"],
         About("the scenario's own, uniform, from recorded events, or declared", symbol="p_i", equation="13"),
     ] = "scenario"
-    recordings: Annotated[tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")] = ()
-    bandwidth: Annotated[
-        Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")
-    ] = "scott"
+    recordings: Annotated[
+        tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")
+    ] = ()
+    bandwidth: Annotated[Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")] = (
+        "scott"
+    )
     declared: Annotated[
         dict[str, DeclaredDistribution] | None, About("distribution by parameter; others are uniform")
     ] = None

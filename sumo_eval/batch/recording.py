@@ -8,12 +8,16 @@ from pathlib import Path
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import run_cases
 from sumo_eval.batch.store import Store
+from sumo_eval.drivers.reference import People, open_people, reference
 from sumo_eval.errors import InputError
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
+
+RECORDED = "recorded"
+"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
@@ -52,21 +56,40 @@ def record(
     ]
     keep("ideal vehicle", run_cases(runs, setup), len(runs))
     if settings.drivers.source == "synthetic":
-        runs = _synthetic_drivers(safe, settings)
+        runs = _synthetic_drivers(safe, settings, settings.drivers.count)
         keep("drivers", run_cases(runs, setup), len(runs))
+    elif settings.drivers.source == RECORDED:
+        runs = []
+        people = open_people(settings.drivers, source)
+        for number, concrete in safe:
+            outcomes = list(_people(number, concrete, people, settings))
+            keep("recorded drivers", outcomes, len(outcomes))
+            if settings.drivers.too_thin == "fill" and len(outcomes) < settings.drivers.least:
+                missing = settings.drivers.least - len(outcomes)
+                runs += _synthetic_drivers([(number, concrete)], settings, missing)
+        keep("drivers where too few are recorded", run_cases(runs, setup), len(runs))
     else:
         for number, concrete in safe:
             outcomes = list(_recorded_drivers(number, concrete, settings.drivers.source, source))
             keep("drivers", outcomes, len(outcomes))
 
 
-def _synthetic_drivers(safe: Sequence[tuple[int, ConcreteScenario]], settings: EvaluationSettings) -> list[Case]:
-    count = settings.drivers.count
+def _synthetic_drivers(
+    safe: Sequence[tuple[int, ConcreteScenario]], settings: EvaluationSettings, count: int
+) -> list[Case]:
     return [
         Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, settings.seed)
         for number, concrete in safe
         for index in range(count)
     ]
+
+
+def _people(number: int, concrete: ConcreteScenario, people: People, settings: EvaluationSettings) -> Iterator[Outcome]:
+    """The recorded drives in a concrete scenario, as cases beside the simulated ones; their log says who drove."""
+    found = reference(concrete, people, settings.drivers)
+    for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
+        case = Case(number, concrete, "human", f"recorded_{index:02d}", RECORDED)
+        yield Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who)
 
 
 def _recorded_drivers(number: int, concrete: ConcreteScenario, locator: str, source: Path) -> Iterator[Outcome]:

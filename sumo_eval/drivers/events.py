@@ -4,8 +4,8 @@ Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; leader: th
 
 - approach: t = 0 at the first sample of a stretch behind one leader with a closing speed of at least 2 m/s, a gap of at
   most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of the stretch is at most 20 s.
-- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number changes. `revealed` is
-  the next vehicle ahead within 300 m.
+- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number changes. `revealed`
+  is the next vehicle ahead within 300 m.
 - cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it.
 - lead_braking: a leader brakes with at least 1 m/s2 and loses at least 2 m/s.
 
@@ -15,7 +15,8 @@ lateral speed over 2 m/s.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -69,7 +70,9 @@ class Events:
 
     def sentences(self) -> list[str]:
         """What was found, in words."""
-        counts = ", ".join(f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)" for kind in KINDS)
+        counts = ", ".join(
+            f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)" for kind in KINDS
+        )
         return [
             f"{self.vehicles_in_events} of {self.vehicles} motor vehicles are in an event: {counts}.",
             f"{len(self.lane_changes)} lane changes.",
@@ -91,6 +94,7 @@ class Traffic:
         rows["lane"] = np.concatenate(settled) if settled else rows["lane"]
         rows["across"] = np.concatenate(across) if across else 0.0
         self.rows = rows
+        self.frame = rows["frame"].to_numpy()
         order = rows.sort_values(["frame", "lane", "x"], kind="stable")
         ahead = order.index.to_series().shift(-1)
         same = (order["frame"] == order["frame"].shift(-1)) & (order["lane"] == order["lane"].shift(-1))
@@ -108,12 +112,14 @@ class Traffic:
     def row_of(self, vehicle: str, frame: int) -> int | None:
         """The row of a vehicle at a frame; None where it is not recorded."""
         part = self.slices[vehicle]
-        row = part.start + frame - int(self.rows["frame"].iat[part.start])
+        row = part.start + frame - int(self.frame[part.start])
         return row if part.start <= row < part.stop else None
 
 
 def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
-    """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t = 0)."""
+    """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t =
+    0).
+    """
     tables: dict[str, list[pd.DataFrame]] = {kind: [] for kind in KINDS}
     changes: list[pd.DataFrame] = []
     vehicles, involved = 0, set()
@@ -127,7 +133,7 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
             "cut_in": _cut_ins(traffic, rules, lane_changes),
             "lead_braking": _braking_leaders(traffic, rules),
         }
-        changes.append(lane_changes.assign(recording=recording))
+        changes.append(pd.DataFrame([asdict(change) for change in lane_changes]).assign(recording=recording))
         for kind, rows in found.items():
             if rows:
                 events = pd.DataFrame(rows)
@@ -137,18 +143,22 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
     ghosts: dict[str, int] = {}
     kept: dict[str, pd.DataFrame] = {}
     for kind, parts in tables.items():
-        events = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["recording", "ego", "t", "ghost"])
+        events = (
+            pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["recording", "ego", "t", "ghost"])
+        )
         suspect = events["ghost"].astype(bool)
         ghosts[kind] = int(suspect.sum())
         events = events[~suspect].drop(columns="ghost").reset_index(drop=True)
         events.insert(0, "event", [f"{kind}-{number:05d}" for number in range(len(events))])
         kept[kind] = events
-    lane_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame()
-    return Events(kept, lane_changes, vehicles, len(involved), ghosts)
+    all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame()
+    return Events(kept, all_changes, vehicles, len(involved), ghosts)
 
 
 def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:
-    """Lane numbers without visits shorter than `shortest` samples: these stay with the lane before (at first, after)."""
+    """Lane numbers without visits shorter than `shortest` samples: these stay with the lane before (at first,
+    after).
+    """
     settled = lane.copy()
     starts = np.flatnonzero(np.append(True, np.diff(settled) != 0))
     ends = np.append(starts[1:], len(settled))
@@ -163,11 +173,30 @@ def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:
     return settled
 
 
-def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> pd.DataFrame:
-    """Every lane change that is kept: vehicle, t (crossing), origin, to, onset and end (s), duration, time from 10 to 90 %
-    of the offset, largest lateral speed, and whether beginning and end were both recorded.
+@dataclass(frozen=True, slots=True)
+class RecordedLaneChange:
+    """A lane change that is kept. t: crossing; onset, end: of the lateral motion; duration: between them; middle: from
+    10 to 90 % of the offset, all s. lateral_speed: the largest, m/s. row: of the crossing in `Traffic.rows`. complete:
+    whether beginning and end were both recorded.
     """
-    rows, found = traffic.rows, []
+
+    vehicle: str
+    t: float
+    row: int
+    origin: int
+    to: int
+    onset: float
+    end: float
+    duration: float
+    middle: float | None
+    lateral_speed: float
+    complete: bool
+
+
+def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> list[RecordedLaneChange]:
+    """Every lane change of a recording that is kept, by vehicle."""
+    rows = traffic.rows
+    found: list[RecordedLaneChange] = []
     lane, across, y, time = (rows[name].to_numpy() for name in ("lane", "across", "y", "t"))
     for vehicle, part in traffic.slices.items():
         for crossing in part.start + 1 + np.flatnonzero(np.diff(lane[part])):
@@ -182,24 +211,23 @@ def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> pd.DataFra
             moved = side * (y[first : last + 1] - y[first])
             share = moved / moved[-1] if moved[-1] > 0.5 else None
             found.append(
-                {
-                    "vehicle": vehicle,
-                    "t": time[crossing],
-                    "row": int(crossing),
-                    "origin": int(lane[crossing - 1]),
-                    "to": int(lane[crossing]),
-                    "onset": time[first],
-                    "end": time[last],
-                    "duration": time[last] - time[first],
-                    "middle": float(np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL
-                    if share is not None
-                    else np.nan,
-                    "lateral_speed": float(np.max(side * across[first : last + 1])),
-                    "complete": bool(first > part.start and last < part.stop - 1),
-                }
+                RecordedLaneChange(
+                    vehicle=vehicle,
+                    t=float(time[crossing]),
+                    row=int(crossing),
+                    origin=int(lane[crossing - 1]),
+                    to=int(lane[crossing]),
+                    onset=float(time[first]),
+                    end=float(time[last]),
+                    duration=float(time[last] - time[first]),
+                    middle=None
+                    if share is None
+                    else float(np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL,
+                    lateral_speed=float(np.max(side * across[first : last + 1])),
+                    complete=bool(first > part.start and last < part.stop - 1),
+                )
             )
-    columns = ["vehicle", "t", "row", "origin", "to", "onset", "end", "duration", "middle", "lateral_speed", "complete"]
-    return pd.DataFrame(found, columns=columns)
+    return found
 
 
 def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
@@ -215,17 +243,17 @@ def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if has[a]]
 
 
-def _approaches(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> list[dict[str, Any]]:
+def _approaches(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
     speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
-    names = rows["vehicle"].to_numpy()
+    names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
     ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
     begun = (
         (closing >= rules.closing_speed)
         & (gap <= np.maximum(rules.approach_headway * speed, rules.approach_gap))
         & (gap > rules.least_gap)
     )
-    onsets = {(row.vehicle, row.row): row for row in changes.itertuples()}
+    onsets = {(change.vehicle, change.row): change for change in changes}
     found = []
     for start, end in _stretches(traffic):
         hits = np.flatnonzero(begun[start:end])
@@ -242,18 +270,22 @@ def _approaches(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> l
             outcome, until = "follow", float(time[row + followed[0]] - time[row])
         elif leaves:
             outcome, until = "lane_change", float(time[end] - time[row])
-        elif end < part.stop and (after := traffic.row_of(lead, int(rows["frame"].iat[end]))) is not None:
+        elif end < part.stop and (after := traffic.row_of(lead, int(frames[end]))) is not None:
             outcome = "leader_left" if lane[after] != lane[end] else "cut_in"
             until = float(time[end] - time[row])
         else:
             outcome, until = "censored", float(time[end - 1] - time[row])
-        if row > start and gap[row - 1] > rules.approach_headway * speed[row - 1] and closing[row - 1] >= rules.closing_speed:
+        if (
+            row > start
+            and gap[row - 1] > rules.approach_headway * speed[row - 1]
+            and closing[row - 1] >= rules.closing_speed
+        ):
             kind = "range_crossing"
         elif row == start:
             kind = "dataset_edge" if first_of_either else "lane_entry_or_cut_in"
         else:
             kind = "closing_builds_up"
-        at = None if change is None else max(int(round((change.onset - time[row]) / INTERVAL)) + row, start)
+        at = None if change is None else max(round((change.onset - time[row]) / INTERVAL) + row, start)
         hardest = float(acceleration[row:end].min())
         found.append(
             {
@@ -284,12 +316,14 @@ def _approaches(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> l
     return found
 
 
-def _cut_outs(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> list[dict[str, Any]]:
+def _cut_outs(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap = traffic.rows, traffic.gap
-    speed, acceleration, time = (rows[name].to_numpy() for name in ("speed", "acceleration", "t"))
+    speed, acceleration, time, x, length = (
+        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "x", "length")
+    )
     names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
     found = []
-    for change in changes.itertuples():
+    for change in changes:
         before = int(change.row) - 1
         behind = int(traffic.follower[before])
         if behind < 0:
@@ -301,15 +335,15 @@ def _cut_outs(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> lis
         revealed = int(traffic.leader[now])
         if revealed < 0 or gap[now] > rules.revealed_within or names[revealed] == change.vehicle:
             revealed = -1
-        begin = traffic.row_of(ego, int(round(change.onset / INTERVAL)))
+        begin = traffic.row_of(ego, round(change.onset / INTERVAL))
         begin = now if begin is None else begin
         start = {"start": float(time[begin]), "obstacle_speed": np.nan, "gap": np.nan}
         if revealed >= 0:
             ahead = traffic.row_of(str(names[revealed]), int(frames[begin]))
             if ahead is not None:
-                body = (rows["length"].iat[begin] + rows["length"].iat[ahead]) / 2
+                body = (length[begin] + length[ahead]) / 2
                 start["obstacle_speed"] = float(speed[ahead])
-                start["gap"] = float(rows["x"].iat[ahead] - rows["x"].iat[begin] - body)
+                start["gap"] = float(x[ahead] - x[begin] - body)
         window = slice(now, min(now + 100, traffic.slices[ego].stop))
         found.append(
             {
@@ -334,19 +368,19 @@ def _cut_outs(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> lis
     return found
 
 
-def _cut_ins(traffic: Traffic, rules: EventRules, changes: pd.DataFrame) -> list[dict[str, Any]]:
+def _cut_ins(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
     rows, gap = traffic.rows, traffic.gap
-    speed, acceleration, time = (rows[name].to_numpy() for name in ("speed", "acceleration", "t"))
+    speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
     names = rows["vehicle"].to_numpy()
     found = []
-    for change in changes.itertuples():
+    for change in changes:
         ego_row = int(traffic.follower[int(change.row)])
         if ego_row < 0 or gap[ego_row] > max(rules.cut_in_headway * speed[ego_row], rules.cut_in_gap):
             continue
         ego = str(names[ego_row])
         part = traffic.slices[ego]
         before = ego_row - 1
-        if before < part.start or rows["lane"].iat[before] != rows["lane"].iat[ego_row]:
+        if before < part.start or lane[before] != lane[ego_row]:
             continue
         window = slice(ego_row, min(ego_row + 100, part.stop))
         found.append(
@@ -419,13 +453,17 @@ def write_events(events: Events, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for kind, table in events.tables.items():
             table.round(4).to_csv(folder / f"{kind}.csv", index=False)
-        events.lane_changes.drop(columns="row", errors="ignore").round(4).to_csv(folder / "lane_change.csv", index=False)
+        events.lane_changes.drop(columns="row", errors="ignore").round(4).to_csv(
+            folder / "lane_change.csv", index=False
+        )
     except OSError as error:
         raise InputError(f"The events cannot be written to {folder}: {error}.") from error
 
 
 def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:
     """Median y of the vehicles in each lane of each recording, m."""
-    middle: pd.Series = table.groupby(["recording", "lane"])["y"].median()
-    return {(str(recording), int(lane)): float(y) for (recording, lane), y in middle.items()}  # type: ignore[misc]
-
+    centres = {}
+    for recording, rows in table.groupby("recording", sort=False):
+        for lane, middle in rows.groupby("lane")["y"].median().items():
+            centres[str(recording), int(str(lane))] = float(middle)
+    return centres

@@ -29,7 +29,8 @@ class RecordedExposure:
     """A Gaussian KDE over the parameters of recorded events.
 
     names: parameters, in the order of the columns of points (n, k). factor: bandwidth over the data's deviation.
-    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what it is compared with.
+    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what it is compared
+    with.
     """
 
     names: tuple[str, ...]
@@ -78,7 +79,9 @@ class Exposure:
         return found
 
 
-def exposure_of(logical: LogicalScenario, settings: ExposureSettings, drivers: DriverSettings, source: Path) -> Exposure:
+def exposure_of(
+    logical: LogicalScenario, settings: ExposureSettings, drivers: DriverSettings, source: Path
+) -> Exposure:
     """The exposure that the settings ask for. `source`: where relative paths start."""
     if settings.kind == "scenario":
         return Exposure(logical.exposure, logical.exposure_about)
@@ -100,8 +103,9 @@ def exposure_of(logical: LogicalScenario, settings: ExposureSettings, drivers: D
     words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())
     return Exposure(
         model.density,
-        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of the data's deviation); "
-        f"held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of the space lies outside its support",
+        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of the data's "
+        f"deviation); held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of the space lies outside "
+        "its support",
         model,
         share,
     )
@@ -170,7 +174,9 @@ def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribut
             product = product * _frozen(distribution).pdf(values[name])
         return np.asarray(product)
 
-    words = ", ".join(f"{name} {item.distribution} ({item.first:g}, {item.second:g})" for name, item in declared.items())
+    words = ", ".join(
+        f"{name} {item.distribution} ({item.first:g}, {item.second:g})" for name, item in declared.items()
+    )
     return Exposure(density, f"declared: {words}; other parameters uniform")
 
 

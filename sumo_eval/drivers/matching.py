@@ -1,4 +1,6 @@
-"""Which recorded events are a shipped logical scenario met on the road, and which of their columns are its parameters."""
+"""Which recorded events are a shipped logical scenario met on the road, and which of their columns are its
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +57,8 @@ def match_of(scenario: str) -> Match:
     """The match of a scenario; refuses one that no recorded event corresponds to."""
     if scenario not in MATCHES:
         raise InputError(
-            f"There is no recorded event that corresponds to scenario `{scenario}`; recordings serve {', '.join(MATCHES)}."
+            f"There is no recorded event that corresponds to scenario `{scenario}`; "
+            f"recordings serve {', '.join(MATCHES)}."
         )
     return MATCHES[scenario]
 

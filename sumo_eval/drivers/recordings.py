@@ -39,7 +39,17 @@ INTERVAL = 0.1  # s between samples
 LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
 MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
 
-_DECIMALS = {"t": 3, "x": 3, "y": 3, "heading": 5, "speed": 3, "acceleration": 3, "length": 3, "width": 3, "steering": 5}
+_DECIMALS = {
+    "t": 3,
+    "x": 3,
+    "y": 3,
+    "heading": 5,
+    "speed": 3,
+    "acceleration": 3,
+    "length": 3,
+    "width": 3,
+    "steering": 5,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +68,8 @@ class Recordings:
 def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     """A table of samples at any rate as a canonical one: one clock of 0.1 s, holes split, columns complete, sorted.
 
-    table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`, `lane`; `acceleration`,
-    `driver` and `steering` may be missing.
+    table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`, `lane`;
+    `acceleration`, `driver` and `steering` may be missing.
     """
     rows = table.copy()
     for name, value in (("driver", ""), ("steering", np.nan), ("acceleration", np.nan)):
@@ -80,7 +90,9 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
                 parts.append(even)
     said = list(notes)
     if holes:
-        said.append(f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its own.")
+        said.append(
+            f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its own."
+        )
     if double.any():
         said.append(f"{int(double.sum())} samples with a time that their vehicle already had were left out.")
     if not parts:
@@ -142,7 +154,8 @@ def write_csv(recordings: Recordings, path: Path) -> None:
 
 def read_csv(path: Path) -> Recordings:
     """A canonical table from CSV (or .csv.gz). `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may
-    be missing: no driver is named, headings and accelerations follow from the motion, all are cars, lanes follow from y.
+    be missing: no driver is named, headings and accelerations follow from the motion, all are cars, lanes follow from
+    y.
     """
     table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
     checked_numbers(table, [name for name in NUMBERS if name in table], path)

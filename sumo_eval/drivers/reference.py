@@ -48,7 +48,9 @@ class Reference:
 
 
 def open_people(settings: DriverSettings, source: Path) -> People:
-    """The recorded people that the settings name, paths relative to `source`. Raises InputError where there are none."""
+    """The recorded people that the settings name, paths relative to `source`. Raises InputError where there are
+    none.
+    """
     if not settings.recordings and not settings.cases:
         raise InputError("`drivers.recordings` or `drivers.cases` must name what was recorded, got neither.")
     paths = tuple((source / name).resolve() for name in settings.recordings)
@@ -73,9 +75,9 @@ def _recorded(paths: tuple[Path, ...]) -> People:
 def reference(concrete: ConcreteScenario, people: People, settings: DriverSettings) -> Reference:
     """Everybody who was recorded in a concrete scenario: named drives as they are, else events like it, nearest first.
 
-    An event counts when each parameter is within its tolerance, and when its recording covers `settings.coverage` of the
-    road or ends in standstill. A driver counts once. Positions begin at the ego's start; lateral ones are stretched from
-    the recorded lanes' width to the scenario's.
+    An event counts when each parameter is within its tolerance, and when its recording covers `settings.coverage` of
+    the road or ends in standstill. A driver counts once. Positions begin at the ego's start; lateral ones are
+    stretched from the recorded lanes' width to the scenario's.
     """
     named = _named_drives(concrete, people)
     if named is not None:
@@ -87,9 +89,7 @@ def reference(concrete: ConcreteScenario, people: People, settings: DriverSettin
     for name, value in (settings.tolerance or {}).items():
         if name in tolerance:
             tolerance[name] = value
-    off = np.column_stack(
-        [(events[name] - concrete.values[name]).abs() / within for name, within in tolerance.items()]
-    )
+    off = np.column_stack([(events[name] - concrete.values[name]).abs() / within for name, within in tolerance.items()])
     near = np.flatnonzero(np.all(off <= 1.0, axis=1))
     near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
     drives: dict[str, Trajectory] = {}
@@ -167,7 +167,9 @@ def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | Non
 
 
 def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
-    """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is known, by driver."""
+    """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is known, by
+    driver.
+    """
     table = read_table(path, ("t", "x", "y"))
     channels = [name for name in ("heading", "speed", "acceleration") if name in table]
     checked_numbers(table, ["t", "x", "y", *channels], path)
@@ -176,9 +178,16 @@ def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
     drives = []
     for who, rows in table.groupby("driver", sort=False):
         wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
+        known = {name: rows[name] for name in channels}
         try:
             drive = Trajectory(
-                rows["t"], rows["x"], rows["y"], steering_wheel_angle=wheel, **{name: rows[name] for name in channels}
+                rows["t"],
+                rows["x"],
+                rows["y"],
+                heading=known.get("heading"),
+                speed=known.get("speed"),
+                acceleration=known.get("acceleration"),
+                steering_wheel_angle=wheel,
             )
         except InputError as error:
             raise InputError(f"Driver `{who}` in {path}: {error}") from error

@@ -1,9 +1,9 @@
 """From positions on a map to road coordinates, without a map: roads and lanes are read off the traffic itself.
 
 Stream by stream: the longest track left is the axis; every vehicle that drives along it belongs to its stream, and what
-drives along none is left out and counted. Across the axis, traffic gathers in lanes of one width: the width is the one at
-which positions, taken modulo it, agree best; where the lanes lie is the circular mean of that, tracked along the road.
-So the axis may itself change lanes.
+drives along none is left out and counted. Across the axis, traffic gathers in lanes of one width: the width is the
+one at which positions, taken modulo it, agree best; where the lanes lie is the circular mean of that, tracked along
+the road. So the axis may itself change lanes.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ LANE_COVER = 0.5  # share of a stream's road on which a lane of the main road is
 def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Samples in map coordinates as samples in road coordinates with lanes; a recording may become several streams.
 
-    table: columns as in `canonical`, x, y, heading on a map; `offset` where a map says how far to the left of its lane's
-    centre a vehicle is, m. Returns the table and whole sentences on what was done.
+    table: columns as in `canonical`, x, y, heading on a map; `offset` where a map says how far to the left of its
+    lane's centre a vehicle is, m. Returns the table and whole sentences on what was done.
     Raises InputError where nothing moves.
     """
     parts: list[pd.DataFrame] = []
@@ -48,7 +48,9 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             lanes = "lanes not visible, 3.5 m assumed" if width is None else f"lanes {width:.2f} m wide"
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
         if lost:
-            notes.append(f"{recording}: {lost} vehicles that drive along no path of others or hardly move are left out.")
+            notes.append(
+                f"{recording}: {lost} vehicles that drive along no path of others or hardly move are left out."
+            )
     if not parts:
         raise InputError(f"At least one vehicle must move {SHORTEST_AXIS:g} m, got none that does.")
     return pd.concat(parts, ignore_index=True), tuple(notes)
@@ -61,7 +63,7 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int]:
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
     moved[(rows["vehicle"] != rows["vehicle"].shift()).to_numpy()] = 0.0
     lengths = pd.Series(moved, index=rows.index).groupby(rows["vehicle"]).sum().sort_values(ascending=False)
-    left = dict.fromkeys(lengths[lengths >= SHORTEST_AXIS].index)
+    left = {str(vehicle): None for vehicle, length in lengths.to_dict().items() if float(length) >= SHORTEST_AXIS}
     paths = {name: points[index] for name, index in rows.reset_index().groupby("vehicle").indices.items()}
     while left:
         longest = next(iter(left))
@@ -82,8 +84,8 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int]:
 def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
     """The axis of a stream: the longest path, carried on at both ends by the paths that overlap it and reach furthest.
 
-    A path that is joined on is shifted sideways to where the axis ends, so the axis keeps to its lane. The axis does not
-    come back to a place where it has been.
+    A path that is joined on is shifted sideways to where the axis ends, so the axis keeps to its lane. The axis does
+    not come back to a place where it has been.
     """
     line = _line(paths[longest])
     for _ in range(2):  # ahead, then (turned round) behind
@@ -181,7 +183,10 @@ def _laned(stream: pd.DataFrame) -> tuple[pd.DataFrame, float | None]:
     driven = pd.Series(stretch).groupby(lane).nunique()
     right = int(driven.index[driven >= min(LANE_COVER * len(np.unique(stretch)), driven.max())].min())
     laned = stream.assign(
-        x=s - s.min(), y=d + aside - phase - right * spacing, lane=lane - right, heading=stream["heading"] - np.arctan(bend)
+        x=s - s.min(),
+        y=d + aside - phase - right * spacing,
+        lane=lane - right,
+        heading=stream["heading"] - np.arctan(bend),
     )
     return laned, width
 

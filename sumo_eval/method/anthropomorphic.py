@@ -36,6 +36,7 @@ SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; and less far
 MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
+BIMODAL = "Bimodal:"  # begins the note on drivers who did two different things
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
 
@@ -49,8 +50,8 @@ class AnthropomorphicIndex:
     slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: whole sentences on where a
     reading or a floor had to step in.
 
-    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the most
-    usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
+    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
+    most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
     """
 
     value: float
@@ -297,7 +298,9 @@ def _centre_term(
     outside = (ads < road.right_edge) | (ads > road.left_edge)
     return term, [
         *_note(deviation < floor, "Deviation floor of the centre applied at {} of {} slices."),
-        *_note(split, "Bimodal: at {} of {} slices one Gaussian spans two groups of drivers over half a lane apart."),
+        *_note(
+            split, f"{BIMODAL} at {{}} of {{}} slices one Gaussian spans two groups of drivers over half a lane apart."
+        ),
         *_note(~got_there.all(axis=0), "At {} of {} slices some drivers had not got that far."),
         *_note(alone, "At {} of {} slices fewer than two drivers had got that far; the others hold their last y."),
         *_note(outside, "At {} of {} slices the ADS's centre is off the road; that side's points collapse on it."),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sumo_eval.errors import must_be
-from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.anthropomorphic import DEFAULTS, anthropomorphic_index
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import Trajectory
@@ -41,12 +41,11 @@ class HumanBand:
         return max(self.values)
 
 
-def human_band(
-    drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings = AnthropomorphicSettings()
-) -> HumanBand:
+def human_band(drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> HumanBand:
     """Eqs. 11-12 for each driver as if it were the ADS, against all the others, in the mode of the settings.
 
-    Slices lie `band_slice_spacing` apart. drivers: at least three, in one concrete scenario. Raises InputError for fewer.
+    Slices lie `band_slice_spacing` apart. drivers: at least three, in one concrete scenario. Raises InputError for
+    fewer.
     """
     if len(drivers) < 3:
         raise must_be("The number of drivers", "a leave-one-driver-out band", "at least 3", len(drivers))

@@ -1,9 +1,9 @@
 """Which manoeuvre a driver chose, so that those who overtake and those who follow are not averaged into one.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is so wide that a car
-which drives straight on through the slower one counts as human (docs/method.md). A manoeuvre is the lanes that a vehicle
-visits, in order; a lane counts once it is kept for `manoeuvre_time`. Everything known of a trajectory counts, also what
-lies past the end of the road that is judged: there it shows what a driver was about to do.
+which drives straight on through the slower one counts as human (docs/method.md). A manoeuvre is the lanes that a
+vehicle visits, in order; a lane counts once it is kept for `manoeuvre_time`. Everything known of a trajectory counts,
+also what lies past the end of the road that is judged: there it shows what a driver was about to do.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Manoeuvre = tuple[int, ...]
 class Choice:
     """The manoeuvre of an ADS among those of the drivers.
 
-    members: which drivers made the same one, (k,); all where none did. groups: every driver's manoeuvre as a number, (k,).
-    share: of the drivers who made it; usual: share over that of the most usual manoeuvre, 0..1.
+    members: which drivers made the same one, (k,); all where none did. groups: every driver's manoeuvre as a number,
+    (k,). share: of the drivers who made it; usual: share over that of the most usual manoeuvre, 0..1.
     """
 
     manoeuvre: Manoeuvre

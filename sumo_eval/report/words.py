@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.method.anthropomorphic import BIMODAL
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
@@ -57,7 +58,6 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
-BIMODAL = "Bimodal:"  # begins the note of `method.anthropomorphic` on drivers who did two different things
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 

@@ -68,7 +68,9 @@ def _lane_centres(root: Any, path: Path) -> FloatArray:
     points = []
     for lanelet in root.iterchildren("lanelet"):
         sides = [
-            np.array([(_value(point, "x", path), _value(point, "y", path)) for point in lanelet.iterfind(f"{side}/point")])
+            np.array(
+                [(_value(point, "x", path), _value(point, "y", path)) for point in lanelet.iterfind(f"{side}/point")]
+            )
             for side in ("leftBound", "rightBound")
         ]
         if min(len(side) for side in sides) < 2:
@@ -103,7 +105,9 @@ def _evenly(line: FloatArray, count: int) -> FloatArray:
 def parse_xml(path: Path) -> Any:
     """The root of an XML file; a damaged one is refused with its line."""
     try:
-        return etree.parse(str(path), etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)).getroot()
+        return etree.parse(
+            str(path), etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+        ).getroot()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
     except etree.XMLSyntaxError as error:
@@ -118,4 +122,6 @@ def _number(text: str | None, path: Path, element: Any, what: str) -> float:
     try:
         return float(text or "")
     except ValueError:
-        raise InputError(f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got {text!r}.") from None
+        raise InputError(
+            f"`{what}` of the element in row {element.sourceline} of {path} must be a number, got {text!r}."
+        ) from None

@@ -37,6 +37,7 @@ def _read_one(path: Path) -> Found:
     kinds = np.array(_CLASSES)[[np.bincount(likely[index]).argmax() for index in rows.groupby("id").indices.values()]]
     kind = dict(zip(rows.groupby("id").indices, kinds, strict=True))
     vx, vy = rows["velocity_easting"], rows["velocity_northing"]
+    ax, ay = rows["acceleration_easting"], rows["acceleration_northing"]
     speed = np.hypot(vx, vy)
     table = pd.DataFrame(
         {
@@ -47,7 +48,7 @@ def _read_one(path: Path) -> Found:
             "y": rows["center_northing"] - rows["center_northing"].iloc[0],
             "heading": np.radians(rows["yaw"]),
             "speed": speed,
-            "acceleration": (vx * rows["acceleration_easting"] + vy * rows["acceleration_northing"]) / np.maximum(speed, 0.1),
+            "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
             "length": rows["dimension_length"],
             "width": rows["dimension_width"],
             "class": rows["id"].map(kind).replace("motorbike", "motorcycle"),

@@ -1,4 +1,5 @@
-"""highD: bird's-eye recordings of German motorways (25 Hz; `NN_tracks.csv`, `NN_tracksMeta.csv`, `NN_recordingMeta.csv`).
+"""highD: bird's-eye recordings of German motorways (25 Hz; `NN_tracks.csv`, `NN_tracksMeta.csv`,
+`NN_recordingMeta.csv`).
 
 Traps: `width` is the vehicle's length and `height` its width; x, y is the upper left corner of its box; y points down;
 direction 1 drives to the left on the upper lanes, direction 2 to the right on the lower ones. Each direction becomes a
@@ -35,7 +36,9 @@ def _read_one(path: Path) -> list[Found]:
     about = read_table(about_path, ("frameRate", "upperLaneMarkings", "lowerLaneMarkings"))
     checked_numbers(about, ("frameRate",), about_path)
     unknown = ~tracks["id"].isin(meta["id"])
-    require(not unknown.any(), path, f"must hold vehicles of {meta_path.name} only, got id {tracks['id'][unknown].min()}")
+    require(
+        not unknown.any(), path, f"must hold vehicles of {meta_path.name} only, got id {tracks['id'][unknown].min()}"
+    )
     direction = tracks["id"].map(meta.set_index("id")["drivingDirection"])
     found = []
     for name, upper in (("upper", True), ("lower", False)):

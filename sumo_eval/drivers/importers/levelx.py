@@ -1,4 +1,5 @@
-"""The levelX family, inD, exiD, rounD and uniD: drone recordings in metres with centres and headings (`NN_tracks.csv` ...).
+"""The levelX family, inD, exiD, rounD and uniD: drone recordings in metres with centres and headings (`NN_tracks.csv`
+...).
 
 They share one layout: x to the east, y to the north, heading in degrees counter-clockwise. Roads may be curved, so the
 samples are straightened along the paths that vehicles drive.
@@ -51,5 +52,9 @@ def _read_one(path: Path) -> Found:
     if "lonAcceleration" in tracks:
         table["acceleration"] = tracks["lonAcceleration"]
     left_out = int(tracks.loc[~bodies, "trackId"].nunique())
-    notes = (f"{left_out} road users without a box (on foot, on bicycles) in {path.name} are left out.",) if left_out else ()
+    notes = (
+        (f"{left_out} road users without a box (on foot, on bicycles) in {path.name} are left out.",)
+        if left_out
+        else ()
+    )
     return Found(table[bodies], planar=True, notes=notes)

@@ -1,8 +1,9 @@
 """NGSIM trajectories in feet: the original 18 columns without a heading, and the 25 columns of data.transportation.gov.
 
-Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y along the road; lane 1
-is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used again, in other recordings of the same file and
-within one; speeds and accelerations are rough differences, so accelerations are derived anew from smoothed positions.
+Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y along the road;
+lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used again, in other recordings of the
+same file and within one; speeds and accelerations are rough differences, so accelerations are derived anew from
+smoothed positions.
 """
 
 from __future__ import annotations
@@ -21,7 +22,18 @@ _ORIGINAL = (
     "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X", "Global_Y", "v_length",
     "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway",
 )  # fmt: skip
-_NEEDED = ("Vehicle_ID", "Frame_ID", "Global_Time", "Local_X", "Local_Y", "v_length", "v_Width", "v_Class", "v_Vel", "Lane_ID")
+_NEEDED = (
+    "Vehicle_ID",
+    "Frame_ID",
+    "Global_Time",
+    "Local_X",
+    "Local_Y",
+    "v_length",
+    "v_Width",
+    "v_Class",
+    "v_Vel",
+    "Lane_ID",
+)
 _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 
@@ -34,7 +46,9 @@ def _read_one(path: Path) -> Found:
     has_heading = _begins_with_letters(path)
     if has_heading:
         rows = read_table(path, ())
-        rows = rows.rename(columns={name: known for name in rows for known in _NEEDED if name.lower() == known.lower()})
+        rows = rows.rename(
+            columns={name: known for name in rows for known in _NEEDED if str(name).lower() == known.lower()}
+        )
         require_columns(rows, _NEEDED, path)
     else:
         rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
@@ -65,7 +79,9 @@ def _read_one(path: Path) -> Found:
     right = table.loc[table["lane"] == table["lane"].clip(lower=0).min(), "y"]
     table["y"] -= right.median()
     reused = int(again.sum())
-    notes = [f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are auxiliary lanes and ramps."]
+    notes = [
+        f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are auxiliary lanes and ramps."
+    ]
     if reused:
         notes.append(f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own.")
     return Found(table, notes=tuple(notes))

@@ -1,8 +1,9 @@
 """OpenACC (JRC): platoons on test tracks, one row an instant, columns numbered by place in the platoon.
 
-Position k has Speed{k}, E{k}, N{k}; IVS{k} is the bumper gap between vehicle k and the one behind it. The vehicles drive
-one behind the other, so x is the distance along the leader's path and follows from the gaps: x_(k+1) = x_k - IVS_k - length.
-Lateral positions are those of a point on a curved track and are not read: y = 0. Only runs whose `ACC` is 0 are people.
+Position k has Speed{k}, E{k}, N{k}; IVS{k} is the bumper gap between vehicle k and the one behind it. The vehicles
+drive one behind the other, so x is the distance along the leader's path and follows from the gaps: x_(k+1) = x_k -
+IVS_k - length. Lateral positions are those of a point on a curved track and are not read: y = 0. Only runs whose
+`ACC` is 0 are people.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.drivers.importers.found import Found, files_in
-from sumo_eval.drivers.importers.tables import checked_numbers, read_table
-from sumo_eval.drivers.importers.tables import require as require_that
+from sumo_eval.drivers.importers.tables import checked_numbers, read_table, require
+from sumo_eval.errors import InputError
 
 LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
 _HEAD_ROWS = 5
@@ -30,15 +31,14 @@ def _read_one(path: Path) -> Found:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             head = {row[0]: row[1:] for row, _ in zip(csv.reader(file), range(_HEAD_ROWS), strict=False) if row}
-    except UnicodeDecodeError as error:
-        raise_from = f"must be text, got {error.reason}"
-        require_that(False, path, raise_from)
-    require_that("Vehicle_order" in head and "ACC" in head, path, "must begin with the five rows of OpenACC's head")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from error
+    require("Vehicle_order" in head and "ACC" in head, path, "must begin with the five rows of OpenACC's head")
     names = [name for name in head["Vehicle_order"] if name]
     rows = read_table(path, ("Time",), skiprows=_HEAD_ROWS)
     checked_numbers(rows, ("Time",), path, first_row=_HEAD_ROWS + 2)
-    places = sorted(int(name.removeprefix("Speed")) for name in rows if str(name).startswith("Speed"))
-    require_that(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
+    places = sorted(int(str(name).removeprefix("Speed")) for name in rows if str(name).startswith("Speed"))
+    require(bool(places), path, "must have columns Speed1, Speed2, ..., got none")
     parts: list[pd.DataFrame] = []
     chains = 0
     ahead: pd.Series | None = None

@@ -50,7 +50,9 @@ def _read_one(path: Path) -> Found:
         table["acceleration"] = rows["acceleration"]
     if "posLat" in rows:
         table["offset"] = pd.to_numeric(rows["posLat"], errors="coerce").fillna(0.0)
-    note = f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x {WIDTH:g} m for a car)."
+    note = (
+        f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x {WIDTH:g} m for a car)."
+    )
     return Found(table, planar=True, notes=(note,))
 
 
@@ -65,7 +67,9 @@ def _from_csv(path: Path) -> pd.DataFrame:
 def _from_xml(path: Path) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     try:
-        for _, step in etree.iterparse(str(path), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True):
+        for _, step in etree.iterparse(
+            str(path), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True
+        ):
             if step.tag == "timestep":
                 for vehicle in step.iterchildren("vehicle"):
                     rows.append({**vehicle.attrib, "time": step.get("time"), "row": vehicle.sourceline})
@@ -82,13 +86,14 @@ def _from_xml(path: Path) -> pd.DataFrame:
     for name in ("id", "time", *_NEEDED):
         missing = table.index[table[name].isna()] if name in table else table.index
         if len(missing):
-            raise InputError(f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have `{name}`, got none.")
+            raise InputError(
+                f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have `{name}`, got none."
+            )
     for name in [name for name in ("time", *_NEEDED, "acceleration") if name in table]:
         numbers = pd.to_numeric(table[name], errors="coerce")
         if numbers.isna().any():
             worst = int(np.flatnonzero(numbers.isna())[0])
-            raise InputError(
-                f"`{name}` in row {table['row'].iloc[worst]} of {path} must be a number, got {table[name].iloc[worst]!r}."
-            )
+            row, got = table["row"].iloc[worst], table[name].iloc[worst]
+            raise InputError(f"`{name}` in row {row} of {path} must be a number, got {got!r}.")
         table[name] = numbers.to_numpy(dtype=np.float64)
     return table

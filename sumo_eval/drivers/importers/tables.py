@@ -15,7 +15,7 @@ from sumo_eval.errors import InputError, did_you_mean
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas. Raises InputError with one sentence."""
     try:
-        table = pd.read_csv(path, low_memory=False, **options)
+        table: pd.DataFrame = pd.read_csv(path, low_memory=False, **options)
     except FileNotFoundError:
         raise InputError(f"There is no file {path}.") from None
     except (OSError, UnicodeDecodeError, EOFError) as error:
