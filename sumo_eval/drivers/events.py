@@ -16,7 +16,7 @@ lateral speed over 2 m/s.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
@@ -133,7 +133,11 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
             "cut_in": _cut_ins(traffic, rules, lane_changes),
             "lead_braking": _braking_leaders(traffic, rules),
         }
-        changes.append(pd.DataFrame([asdict(change) for change in lane_changes]).assign(recording=recording))
+        changes.append(
+            pd.DataFrame([asdict(change) for change in lane_changes], columns=_CHANGE_COLUMNS).assign(
+                recording=recording
+            )
+        )
         for kind, rows in found.items():
             if rows:
                 events = pd.DataFrame(rows)
@@ -151,7 +155,7 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
         events = events[~suspect].drop(columns="ghost").reset_index(drop=True)
         events.insert(0, "event", [f"{kind}-{number:05d}" for number in range(len(events))])
         kept[kind] = events
-    all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame()
+    all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame(columns=_CHANGE_COLUMNS)
     return Events(kept, all_changes, vehicles, len(involved), ghosts)
 
 
@@ -191,6 +195,9 @@ class RecordedLaneChange:
     middle: float | None
     lateral_speed: float
     complete: bool
+
+
+_CHANGE_COLUMNS: Final = [item.name for item in fields(RecordedLaneChange)]
 
 
 def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> list[RecordedLaneChange]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.matching import matching_events
+from sumo_eval.drivers.matching import match_of, matching_events
 from sumo_eval.drivers.reference import open_people
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
@@ -95,6 +95,7 @@ def exposure_of(
             f"The exposure of scenario `{logical.name}` must name recordings, in `scenario.exposure.recordings` or "
             "`drivers.recordings`, got none."
         )
+    match_of(logical.name)
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
     events = matching_events(people.events, logical.name)

@@ -7,15 +7,17 @@ lane whose gap passes through 3.5 s. The synthetic drivers approach at the recor
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
-from sumo_eval.drivers.events import Events, RecordedLaneChange, Traffic, find_lane_changes
+from sumo_eval.drivers.events import Events, extract_events
 from sumo_eval.drivers.population import draw_driver
+from sumo_eval.drivers.recordings import Recordings
 from sumo_eval.drivers.synthetic import synthetic_reference
+from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import FloatArray, Recording
@@ -62,36 +64,35 @@ def compare_population(
 ) -> list[Comparison]:
     """Every quantity of the recorded people and of `drivers` synthetic ones who approach as they did.
 
-    Recorded: cars and vans in the right lane. Synthetic: driver i in an event drawn at random (seeded), speeds held
-    within the range of `front_vehicle_low_speed`.
+    Recorded: every motor vehicle in the right lane. Synthetic: driver i at the speeds of an event drawn at random
+    (seeded). Raises InputError where nobody approaches.
     """
     approaches = events.tables["approach"]
     theirs = approaches[(approaches["start_kind"] == "range_crossing") & (approaches["lane"] == 0)]
-    recorded = _measured(theirs)
-    changes = events.lane_changes[events.lane_changes["complete"].astype(bool) & (events.lane_changes["to"] > 0)]
-    recorded["duration"] = changes["duration"].to_numpy(dtype=np.float64)
-    recorded["middle"] = changes["middle"].to_numpy(dtype=np.float64)
+    recorded = _measured(theirs, events.lane_changes)
 
-    logical = catalogue.load("front_vehicle_low_speed")
+    shipped = catalogue.load("front_vehicle_low_speed")
+    wide = tuple(replace(item, low=1.0, high=60.0) for item in shipped.parameters)
+    logical = replace(shipped, parameters=wide)  # the recorded events' own speeds, also where they leave the space
     stream = np.random.default_rng(seed)
     rows = theirs.sort_values(["recording", "ego", "t"]).reset_index(drop=True)
-    drives: list[dict[str, float]] = []
+    if rows.empty:
+        raise InputError("The recordings must hold at least one approach in the right lane through 3.5 s, got none.")
+    made, changes = [], []
     for index in range(drivers):
         event = rows.iloc[int(stream.integers(len(rows)))]
-        values = {
-            name: float(np.clip(event[name], item.low, item.high))
-            for name, item in zip(("ego_speed", "lead_speed"), logical.parameters, strict=True)
-        }
-        if values["ego_speed"] - values["lead_speed"] < 2.0:
-            continue
-        concrete = logical.concrete(**values)
+        concrete = logical.concrete(ego_speed=float(event["ego_speed"]), lead_speed=float(event["lead_speed"]))
         recording = synthetic_reference(concrete, [draw_driver(index, seed)], SimulationSettings(), seed=seed)[0]
-        drives.append(_approach(recording, concrete.road.lane_width))
+        approach, change = _approach(recording, concrete.road.lane_width)
+        made.append(approach)
+        changes.append(change)
         progress(index + 1, drivers)
-    return _table(recorded, pd.DataFrame(drives), theirs, len(drives))
+    approaches = pd.concat(made, ignore_index=True)
+    return _table(recorded, _measured(approaches, pd.concat(changes, ignore_index=True)), theirs, approaches)
 
 
-def _measured(approaches: pd.DataFrame) -> dict[str, FloatArray]:
+def _measured(approaches: pd.DataFrame, changes: pd.DataFrame) -> dict[str, FloatArray]:
+    to_left = changes[changes["complete"].astype(bool) & (changes["to"] > changes["origin"])]
     changed = approaches[approaches["outcome"] == "lane_change"]
     followed = approaches[approaches["outcome"] == "follow"]
     return {
@@ -99,11 +100,13 @@ def _measured(approaches: pd.DataFrame) -> dict[str, FloatArray]:
         "onset_headway": changed["headway_at_onset"].to_numpy(dtype=np.float64),
         "onset_ttc": changed["ttc_at_onset"].to_numpy(dtype=np.float64),
         "min_acceleration": approaches["min_acceleration"].to_numpy(dtype=np.float64),
+        "duration": to_left["duration"].to_numpy(dtype=np.float64),
+        "middle": to_left["middle"].to_numpy(dtype=np.float64),
     }
 
 
-def _approach(recording: Recording, lane_width: float) -> dict[str, float]:
-    """What one synthetic drive shows, by the rules for recorded ones. nan: does not apply."""
+def _approach(recording: Recording, lane_width: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The approach and the first lane change of one synthetic drive, found by the rules for recorded ones."""
     ego, lead = recording.ego, recording.actors["lead"]
     n = min(len(ego), len(lead))
     tracks = []
@@ -121,67 +124,53 @@ def _approach(recording: Recording, lane_width: float) -> dict[str, float]:
                 **{"class": "car"},
             )
         )
-    traffic = Traffic(pd.concat(tracks, ignore_index=True))
-    change: RecordedLaneChange | None = next(
-        (item for item in find_lane_changes(traffic) if item.vehicle == "ego" and item.to == 1), None
-    )
-    part = traffic.slices["ego"]
-    end = part.stop if change is None else change.row
-    gap, closing = traffic.gap[part.start : end], traffic.closing[part.start : end]
-    speed = traffic.rows["speed"].to_numpy()[part.start : end]
-    acceleration = traffic.rows["acceleration"].to_numpy()[part.start : end]
-    found = dict.fromkeys(QUANTITIES, np.nan) | {
-        "overtakes": float(change is not None),
-        "min_acceleration": float(acceleration.min()),
-    }
-    if change is None:
-        found["headway"] = float(gap.min() / speed[0])
-        return found
-    at = max(round(change.onset / 0.1), 0)
-    found["onset_headway"] = float(gap[at] / max(speed[at], 0.1))
-    found["onset_ttc"] = float(gap[at] / closing[at]) if closing[at] > 0 else np.nan
-    found["duration"] = change.duration if change.complete else np.nan
-    found["middle"] = change.middle if change.complete and change.middle is not None else np.nan
-    return found
+    events = extract_events(Recordings(pd.concat(tracks, ignore_index=True).assign(recording="synthetic")))
+    mine = events.tables["approach"]
+    return mine[mine["ego"] == "ego"].head(1), events.lane_changes[events.lane_changes["vehicle"] == "ego"].head(1)
 
 
 def _table(
-    recorded: dict[str, FloatArray], synthetic: pd.DataFrame, approaches: pd.DataFrame, drives: int
+    recorded: dict[str, FloatArray], synthetic: dict[str, FloatArray], theirs: pd.DataFrame, made: pd.DataFrame
 ) -> list[Comparison]:
     rows = []
     for name, about in QUANTITIES.items():
-        real, made = (_finite(values) for values in (recorded[name], synthetic[name].to_numpy(dtype=np.float64)))
-        enough = len(real) >= 5 and len(made) >= 5
-        test = stats.ks_2samp(real, made) if enough else None
+        real, fake = (_finite(values) for values in (recorded[name], synthetic[name]))
+        enough = len(real) >= 5 and len(fake) >= 5
+        test = stats.ks_2samp(real, fake) if enough else None
         rows.append(
             Comparison(
                 name,
                 about,
                 _quantiles(real),
-                _quantiles(made),
+                _quantiles(fake),
                 len(real),
-                len(made),
+                len(fake),
                 float(test.statistic) if test else float("nan"),
                 float(test.pvalue) if test else float("nan"),
             )
         )
-    decided = approaches[approaches["outcome"].isin(["lane_change", "follow"])]
-    overtook = int((decided["outcome"] == "lane_change").sum())
-    made_overtake = int(synthetic["overtakes"].sum())
-    table = [[overtook, len(decided) - overtook], [made_overtake, drives - made_overtake]]
+    shares = [_share_overtaking(approaches) for approaches in (theirs, made)]
+    (real_share, real_n), (made_share, made_n) = shares
+    table = np.array([[share * n, (1.0 - share) * n] for share, n in shares]).round().astype(int)
     rows.append(
         Comparison(
             "overtakes",
             "share of approaches that end in a lane change rather than in following",
-            (overtook / max(len(decided), 1),),
-            (made_overtake / max(drives, 1),),
-            len(decided),
-            drives,
-            abs(overtook / max(len(decided), 1) - made_overtake / max(drives, 1)),
-            float(stats.fisher_exact(np.array(table)).pvalue),
+            (real_share,),
+            (made_share,),
+            real_n,
+            made_n,
+            abs(real_share - made_share),
+            float(stats.fisher_exact(table).pvalue),
         )
     )
     return rows
+
+
+def _share_overtaking(approaches: pd.DataFrame) -> tuple[float, int]:
+    """Share of decided approaches that end in a lane change, and how many were decided."""
+    decided = approaches[approaches["outcome"].isin(["lane_change", "follow"])]
+    return float((decided["outcome"] == "lane_change").mean()) if len(decided) else float("nan"), len(decided)
 
 
 def _finite(values: FloatArray) -> FloatArray:

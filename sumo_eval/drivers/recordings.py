@@ -172,6 +172,7 @@ def read_csv(path: Path) -> Recordings:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
     for name in ("recording", "vehicle", "driver", "class"):
         table[name] = table[name].astype(str)
+    table["lane"] = table["lane"].round().astype(np.int64)
     return Recordings(table[list(COLUMNS)]) if _is_canonical(table) else canonical(table)
 
 
