@@ -160,8 +160,10 @@ def read_csv(path: Path) -> Recordings:
     table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
     checked_numbers(table, [name for name in NUMBERS if name in table], path)
     table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
-    for name, value in (("class", "car"), ("driver", ""), ("steering", np.nan)):
-        table[name] = table[name].fillna(value) if name in table else value
+    for name, value in (("class", "car"), ("driver", "")):
+        table[name] = table[name].astype(object).where(table[name].notna(), value) if name in table else value
+    if "steering" not in table:
+        table["steering"] = np.nan
     missing = [name for name in ("heading", "speed", "acceleration") if name not in table]
     if missing:
         for _, track in table.groupby(["recording", "vehicle"], sort=False):
