@@ -46,12 +46,13 @@ def runs(tmp_path_factory):
     """A run in which a thin reference is filled, and one in which it is left out; what each said at the end."""
     folder = tmp_path_factory.mktemp("people")
     speeds = np.concatenate([np.linspace(29.0, 31.0, 6), np.linspace(20.0, 26.0, 6)])
-    write_people(folder / "people.csv", speeds.tolist())
+    write_people(folder / "people.csv", speeds.tolist(), lead_step=0.8)
     found = {}
     for too_thin in ("fill", "leave_out"):
         (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
         out = folder / too_thin
         result = CliRunner().invoke(main, ["run", str(folder / "evaluation.toml"), "--out", str(out), "--workers", "1"])
+        assert (out / "cases.csv").is_file(), result.output + repr(result.exception)
         with (out / "cases.csv").open() as file:
             found[too_thin] = out, result, list(csv.DictReader(file))
     return found
@@ -159,6 +160,7 @@ def test_the_ranking_under_other_constants(runs):
     assert all(row.ranking[0] == "lane_changer" for row in a)
 
 
+@pytest.mark.campaign  # tslearn compiles for half a minute
 def test_dtw_and_lcss_beside_every_index(runs):
     pytest.importorskip("tslearn")
     out, _, rows = runs["fill"]

@@ -115,12 +115,16 @@ def exposure_of(
 def fit_exposure(points: FloatArray, names: Sequence[str], *, bandwidth: str = "scott") -> RecordedExposure:
     """A KDE over events (n, k). bandwidth: `scott`, or `cross_validated` for the best of `FACTORS` on held-out events.
 
-    Raises InputError for fewer than 5 events a parameter, which show no distribution.
+    Raises InputError for fewer than 5 events a parameter, which show no distribution, and for events on a line.
     """
     events = np.asarray(points, dtype=np.float64)
     n, k = events.shape
     if n < 5 * k:
         raise must_be("The number of recorded events", "an exposure", f"at least {5 * k}", n)
+    if np.linalg.matrix_rank(events - events.mean(axis=0), tol=1e-6) < k:
+        raise InputError(
+            f"The recorded events of an exposure must vary in each of {', '.join(names)} on its own; they do not."
+        )
     scott = float(n ** (-1.0 / (k + 4)))
     best = max(FACTORS, key=lambda factor: _held_out(events, lambda train: _kde(train, float(factor))))
     factor = scott if bandwidth == "scott" else float(best)

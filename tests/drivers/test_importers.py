@@ -16,6 +16,7 @@ from sumo_eval.drivers.importing import FORMATS, import_recordings
 from sumo_eval.drivers.recordings import COLUMNS, read_csv, write_csv
 from sumo_eval.errors import InputError
 
+OWN = "recording,vehicle,t,x,y,length,width\n"
 NO_ANGLE = "<fcd-export><timestep time='0'><vehicle id='a' x='1' y='2' speed='3'/></timestep></fcd-export>"
 
 
@@ -71,7 +72,7 @@ def test_ngsim_feet_front_centre_and_lanes_from_the_left():
 
 def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
     rows = [
-        [7, frame, 20, 1118846980000 + 100 * frame, 18.0, 100.0 + 4.0 * frame, 0, 0, length, 6.0, 2, 40.0, 0.0, 2, *[0] * 4]
+        [7, frame, 20, 1118846980000 + 100 * frame, 18.0, 100.0 + 4.0 * frame, 0, 0, length, 6, 2, 40, 0, 2, 0, 0, 0, 0]
         for length, frames in ((15.0, range(10)), (20.0, range(500, 510)))
         for frame in frames
     ]  # fmt: skip
@@ -202,7 +203,7 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("form", "name", "text", "words"),
     [
-        ("csv", "x.csv", "recording,vehicle,t,x,y,length,width\nr,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
+        ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
         ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n", "must have a column `t`"),
         ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
         ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have a column `y`"),

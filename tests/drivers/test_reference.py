@@ -20,12 +20,15 @@ from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSet
 LOGICAL = catalogue.load("front_vehicle_low_speed")
 
 
-def write_people(path, speeds, *, seconds=60.0, same_driver=()):
-    """A recording for each speed: somebody at it approaches a leader at 15 m/s, and overtakes at 14 s."""
+def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0):
+    """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to two steps), and
+    overtakes at 12 s.
+    """
     parts = []
     for number, speed in enumerate(speeds):
-        ego = track("ego", 0.0, speed, move=(14.0, 5.0, 3.75), seconds=seconds)
-        lead = track("lead", 3.5 * speed + 10.0 * (speed - 15.0) + 5.0, 15.0, seconds=seconds)
+        ego = track("ego", 0.0, speed, move=(12.0, 5.0, 3.75), seconds=seconds)
+        slow = 15.0 + lead_step * (number % 3)
+        lead = track("lead", 3.5 * speed + 10.0 * (speed - slow) + 5.0, slow, seconds=seconds)
         driver = "anna" if number in same_driver else ""
         parts.append(pd.concat([ego, lead]).assign(recording=f"r{number}", driver=driver))
     table = pd.concat(parts, ignore_index=True)
@@ -46,7 +49,7 @@ def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_s
     (drive,) = found.drives
     assert (drive.time[0], drive.x[0], drive.y[0]) == (0.0, concrete.ego.x, pytest.approx(concrete.ego.y, abs=1e-6))
     assert drive.x[-2] < concrete.road.length <= drive.x[-1]
-    # The event begins 10 s into the recording; the lane change ends at 19 s: 9 s later it is one lane to the left.
+    # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one lane to the left.
     assert np.interp(9.0, drive.time, drive.y) == pytest.approx(3.75, abs=0.3)
     assert found.names == ("r0/ego",)
 
@@ -128,6 +131,12 @@ def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
         exposure_of(LOGICAL, wrong, DriverSettings(), tmp_path)
     with pytest.raises(InputError, match="greater than 0"):
         DeclaredDistribution("normal", 25.0, 0.0)
+
+
+def test_events_that_do_not_vary_are_refused():
+    events = np.column_stack([np.arange(20.0), np.full(20, 15.0)])
+    with pytest.raises(InputError, match="must vary in each of ego_speed, lead_speed"):
+        fit_exposure(events, ("ego_speed", "lead_speed"))
 
 
 def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
