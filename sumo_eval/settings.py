@@ -249,10 +249,23 @@ class SimulationSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class PopulationSettings(Checked):
+    """The synthetic drivers, as far as they may be told to differ from the recorded ones that they were fitted to."""
+
+    overtake_share: Annotated[float, NotNegative, Le(1.0), About("share who overtake a slower leader")] = 0.771
+    headway_scale: Annotated[float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")] = (
+        1.0
+    )
+    reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
+    lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
     count: Annotated[int, Ge(2), About("number of drivers in each concrete scenario")] = 10
+    population: PopulationSettings = field(default_factory=PopulationSettings)
     source: Annotated[
         str,
         About("`synthetic`, `recorded`, or package.module:function from concrete scenario to trajectories"),

@@ -78,7 +78,17 @@ def _synthetic_drivers(
     safe: Sequence[tuple[int, ConcreteScenario]], settings: EvaluationSettings, count: int
 ) -> list[Case]:
     return [
-        Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, settings.seed)
+        Case(
+            number,
+            concrete,
+            "human",
+            f"driver_{index:02d}",
+            "synthetic",
+            index,
+            count,
+            settings.seed,
+            settings.drivers.population,
+        )
         for number, concrete in safe
         for index in range(count)
     ]

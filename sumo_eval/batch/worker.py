@@ -51,7 +51,7 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 
 def _simulate(case: Case, setup: Setup) -> Recording:
     if case.role == "human":
-        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete)
+        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
         return simulate(case.concrete, driver, setup.simulation)
     if case.role == "ideal":
         settings = _ideal_vehicle(setup.simulation)

@@ -1,9 +1,11 @@
 """Which manoeuvre a driver chose, so that those who overtake and those who follow are not averaged into one.
 
 The paper puts one Gaussian over all drivers. Where some overtake and some follow, that Gaussian is so wide that a car
-which drives straight on through the slower one counts as human (docs/method.md). A manoeuvre is the lanes that a
-vehicle visits, in order; a lane counts once it is kept for `manoeuvre_time`. Everything known of a trajectory counts,
-also what lies past the end of the road that is judged: there it shows what a driver was about to do.
+which drives straight on through the slower one counts as human (docs/method.md). A manoeuvre is the lane in
+which a vehicle begins and the first one to which it changes, if it does; a lane counts once it is kept for
+`manoeuvre_time`. What comes after (back to the right, or to the left again for the next vehicle) makes no manoeuvre of
+its own: it depends on how long somebody is watched. Everything known of a trajectory counts, also what lies past the
+end of the road that is judged: there it shows what a driver was about to do.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 Manoeuvre = tuple[int, ...]
-"""Lanes in the order in which they were visited; 0 is the right one."""
+"""The lane of the start, and the first other one; 0 is the right lane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,13 +40,15 @@ class Choice:
 
 
 def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Manoeuvre:
-    """The lanes that a vehicle visits, in order; visits shorter than `keeping_time` (s) do not count."""
+    """The lane in which a vehicle begins and the first to which it changes; visits shorter than `keeping_time` (s) do
+    not count.
+    """
     lane = np.round(trajectory.y / road.lane_width).astype(np.int64)
     starts = np.flatnonzero(np.append(True, np.diff(lane) != 0))
     ends = np.append(starts[1:], lane.size - 1)
     kept = trajectory.time[ends] - trajectory.time[starts] >= keeping_time
     visited = [int(lane[start]) for start, long in zip(starts, kept, strict=True) if long] or [int(lane[0])]
-    return tuple(now for place, now in enumerate(visited) if place == 0 or now != visited[place - 1])
+    return (visited[0], *[lane for lane in visited if lane != visited[0]][:1])
 
 
 def choose(ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings) -> Choice:
@@ -88,10 +92,10 @@ def pooled_deviation(
 
 
 def words(manoeuvre: Manoeuvre) -> str:
-    """`keeps lane 0`, `lane 0, 1, 0`."""
+    """`keeps lane 0`, `changes from lane 0 to 1`."""
     if len(manoeuvre) == 1:
         return f"keeps lane {manoeuvre[0]}"
-    return "lane " + ", ".join(str(lane) for lane in manoeuvre)
+    return f"changes from lane {manoeuvre[0]} to {manoeuvre[1]}"
 
 
 def _like(flags: BoolArray, values: FloatArray) -> BoolArray:

@@ -35,12 +35,12 @@ OVERTAKERS = [drive(begin=1.0 + 0.3 * n, speed=25.0 + 0.2 * n, y=0.05 * n) for n
 FOLLOWERS = [drive(speed=25.0, slow=2.0 + 0.1 * n, y=-0.1 * n) for n in range(2)]
 
 
-def test_a_manoeuvre_is_the_lanes_visited_in_order_and_a_touch_does_not_count():
+def test_a_manoeuvre_is_the_first_change_of_lane_and_a_touch_does_not_count():
     assert manoeuvre_of(drive(), ROAD, 1.0) == (0,)
     assert manoeuvre_of(drive(begin=2.0), ROAD, 1.0) == (0, 1)
     there_and_back = drive(begin=1.0)
     y = there_and_back.y - 3.5 * smooth_step((there_and_back.time - 10.0) / 5.0)
-    assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, y), ROAD, 1.0) == (0, 1, 0)
+    assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, y), ROAD, 1.0) == (0, 1)
     touch = np.where((there_and_back.time > 5.0) & (there_and_back.time < 5.8), 2.0, 0.0)
     assert manoeuvre_of(Trajectory(there_and_back.time, there_and_back.x, touch), ROAD, 1.0) == (0,)
 
