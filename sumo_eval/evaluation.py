@@ -59,6 +59,9 @@ def evaluate(
         exposure_of(logical, entry.exposure, settings.drivers, source)
         for entry, (logical, _) in zip(settings.scenario, spaces, strict=True)
     ]
+    for logical, _ in spaces:
+        for name in settings.report.axes.get(logical.name, ()):
+            logical.column(name)
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     run_folder.write_exposures(
