@@ -9,10 +9,21 @@ from typing import Any, Final, NoReturn
 import click
 
 from sumo_eval.commands.exit_status import INPUT_WRONG, INTERRUPTED
-from sumo_eval.errors import SumoEvalError, did_you_mean
+from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
 
-# sumo_eval/commands/NAME.py defines NAME
-COMMANDS: Final = ("run", "score", "report", "humans", "calibrate", "sensitivity", "scenarios", "partition")
+COMMANDS: Final = (
+    "run",
+    "score",
+    "report",
+    "humans",
+    "calibrate",
+    "sensitivity",
+    "verify",
+    "merge",
+    "export",
+    "scenarios",
+    "partition",
+)  # sumo_eval/commands/NAME.py defines NAME
 
 
 class _Group(click.Group):
@@ -38,6 +49,9 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except StoppedError as stop:
+            click.echo(f"sumo-eval: {stop}", err=True)
+            sys.exit(INTERRUPTED)
         except SumoEvalError as error:
             _refuse(str(error))
         except KeyboardInterrupt:
