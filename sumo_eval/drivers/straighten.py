@@ -88,10 +88,8 @@ def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:
     not come back to a place where it has been.
     """
     line = _line(paths[longest])
-    for _ in range(2):  # ahead, then (turned round) behind
-        lines = {name: _line(path) for name, path in paths.items() if name != longest}
-        if _:
-            lines = {name: other[::-1] for name, other in lines.items()}
+    for order in (1, -1):  # ahead, then (turned round) behind
+        lines = {name: _line(path)[::order] for name, path in paths.items() if name != longest}
         while (part := _continuation(line, lines)) is not None:
             line = np.vstack((line, part))
         line = line[::-1]
