@@ -16,6 +16,7 @@ from sumo_eval.batch import run_folder
 from sumo_eval.batch.engines import Stopping, never
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.store import open_store
+from sumo_eval.comparison import human_bands, reference_sentences, references, with_people
 from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
 from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
@@ -72,6 +73,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     settings = with_changes(run_folder.read_settings(folder), changes)
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
+    exposures = run_folder.read_exposures(folder)
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
@@ -81,6 +83,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             logical, points = choose_points(entry, source)
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
+            compared = references(logical, store, settings.drivers)
+            bands = human_bands(logical, compared, list(compared), store, settings, progress)
+            exposure = exposures.get(logical.name, {})
             for ads in settings.ads:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
                 if not facts:
@@ -89,14 +94,18 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 safe = [fact for fact, dangerous in zip(facts, hazardous, strict=True) if not dangerous]
                 indexes, notes = {}, drivers_left_out(logical, store)
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
-                    indexes = human_likeness(logical, safe, store, settings, progress)  # step 4: D_i
+                    indexes = human_likeness(logical, safe, compared, store, settings, progress)  # step 4: D_i
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
                 measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
                 rows = tabulate(facts, hazardous, indexes, collisions, ideal_outcomes(logical, store), measured)
                 unknown = missing_weights(logical, zones, facts)
+                rows = with_people(rows, facts, indexes, compared, bands, exposure, settings.drivers)
+                notes += reference_sentences(rows)
                 cases += rows
                 scores.append(combine(ads.name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
-    return Evaluation(settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases))
+    return Evaluation(
+        settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
+    )
 
 
 def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:

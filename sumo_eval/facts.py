@@ -17,6 +17,7 @@ from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, 
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.cosim.controller import find_controller, from_here
+from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.results import EVALUATED
@@ -111,6 +112,7 @@ def record_facts(
     spaces = _spaces(evaluation, source, shard)
     with run_folder.only_writer(folder, resume=resume):
         run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
+        run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
         with open_store(folder / run_folder.FACTS, create=True) as store:
             _check_shard(store, shard, folder)
             refuse_to_lose_cases(store, spaces, evaluation, folder)
@@ -163,8 +165,9 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         raise InputError(f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}.")
     source = Path(manifest["source_folder"])
     with run_folder.only_writer(out, resume=False):
-        examples = [_middle(space) for space in _spaces(settings, source, WHOLE)]
-        run_folder.create(out, settings, source, examples)
+        spaces = _spaces(settings, source, WHOLE)
+        run_folder.create(out, settings, source, [_middle(space) for space in spaces])
+        run_folder.write_exposures(out, {space.logical.name: space.exposure for space in spaces})
         with open_store(out / run_folder.FACTS, create=True) as store:
             for shard in sorted(found):
                 store.take_over(found[shard] / run_folder.FACTS)
@@ -277,7 +280,9 @@ def _spaces(settings: EvaluationSettings, source: Path, shard: tuple[int, int]) 
         hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
         index, count = shard
         numbers = range((index - 1 - offset) % count, len(points.points), count)
-        spaces.append(Space(logical, points.points, hazardous, numbers))
+        exposure = exposure_of(logical, entry.exposure, settings.drivers, source)
+        weighted = replace(logical, exposure=exposure.density)
+        spaces.append(Space(weighted, points.points, hazardous, numbers, exposure.plain(points.points)))
     return spaces
 
 

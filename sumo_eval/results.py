@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,11 @@ class CaseResult:
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
     delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound.
+
+    Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
+    few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
+    fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
+    exposure_note: whether the point lies outside the support of recorded events.
     """
 
     case: str
@@ -65,6 +70,16 @@ class CaseResult:
     max_deceleration: float | None = None
     max_jerk: float | None = None
     delta_v: float | None = None
+    drivers: int | None = None
+    recorded_drivers: int | None = None
+    reference_note: str = ""
+    human_low: float | None = None
+    human_mean: float | None = None
+    human_high: float | None = None
+    bimodal: bool = False
+    manoeuvre: str = ""
+    manoeuvre_share: float | None = None
+    exposure_note: str = ""
 
     @property
     def evaluated(self) -> bool:
@@ -135,6 +150,9 @@ class Evaluation:
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
     cases: tuple[CaseResult, ...]
+    exposures: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # by scenario, as `drivers.exposure.Exposure.plain` has it
 
     @property
     def not_evaluated(self) -> int:

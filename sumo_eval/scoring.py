@@ -12,6 +12,7 @@ import numpy as np
 from sumo_eval.batch.indexes import IndexJob, compute_indexes
 from sumo_eval.batch.recording import Progress
 from sumo_eval.batch.store import EGO, Fact, Store
+from sumo_eval.comparison import PointReference
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -28,8 +29,6 @@ from sumo_eval.scenario.sampling import Sample
 from sumo_eval.settings import EvaluationSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray
 
-FEWEST_DRIVERS = 2  # a deviation needs two
-
 
 @dataclass(frozen=True, slots=True)
 class CollisionTerms:
@@ -42,17 +41,18 @@ class CollisionTerms:
 
 
 def human_likeness(
-    logical: LogicalScenario, safe: Sequence[Fact], store: Store, settings: EvaluationSettings, progress: Progress
+    logical: LogicalScenario,
+    safe: Sequence[Fact],
+    compared: Mapping[int, PointReference],
+    store: Store,
+    settings: EvaluationSettings,
+    progress: Progress,
 ) -> dict[str, AnthropomorphicIndex]:
     """D_i of every evaluated safe-zone case that has enough drivers to compare with, by case."""
-    drivers: dict[int, list[str]] = {}
-    for fact in store.facts("human", logical.name):
-        if fact.status == "ok":
-            drivers.setdefault(fact.point, []).append(fact.case)
     jobs = [
-        IndexJob(fact.case, tuple(drivers[fact.point]), logical.road)
+        IndexJob(fact.case, compared[fact.point].cases, logical.road)
         for fact in safe
-        if fact.status in EVALUATED and len(drivers.get(fact.point, ())) >= FEWEST_DRIVERS
+        if fact.status in EVALUATED and fact.point in compared and compared[fact.point].usable
     ]
     stage = f"{logical.name}: human-likeness of {safe[0].driver}" if safe else ""
     indexes = compute_indexes(
@@ -235,6 +235,8 @@ def combine(
         reason = "not computed: no case lies in the safe zone"
     elif not indexed:
         reason = "not computed: no safe case could be evaluated and compared with drivers"
+    elif not sum(exposure for _, exposure in indexed) > 0.0:
+        reason = "not computed: every safe case with a D_i has exposure 0"
     else:
         d = exposure_weighted_index(*np.array(indexed).T)
     missing = {case.case for case in cases if not case.evaluated}

@@ -105,6 +105,26 @@ class AnthropomorphicSettings(Checked):
     """Anthropomorphic index D, Eqs. 11-13."""
 
     field: FieldSettings = field(default_factory=FieldSettings)
+    mode: Annotated[
+        Literal["gaussian", "mixture"],
+        About(
+            "one Gaussian over all drivers (the paper), or one for each manoeuvre, times how usual the manoeuvre is",
+            equation="11",
+        ),
+    ] = "gaussian"
+    manoeuvre_time: Annotated[
+        float, Positive, About("time a lane must be kept to be part of a manoeuvre (mixture)", "s", equation="11")
+    ] = 1.0
+    pooled_drivers: Annotated[
+        float,
+        Positive,
+        About("drivers that the deviation pooled over all manoeuvres counts as (mixture)", equation="11"),
+    ] = 2.0
+    band_slice_spacing: Annotated[
+        float,
+        Positive,
+        About("distance between slices where drivers are scored against each other", "m", equation="11"),
+    ] = 2.5
     slice_spacing: Annotated[float, Positive, About("distance between slices along the road", "m", equation="11")] = 0.5
     side_width: Annotated[float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")] = (
         1.5
@@ -294,13 +314,43 @@ class SimulationSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class PopulationSettings(Checked):
+    """The synthetic drivers, as far as they may be told to differ from the recorded ones that they were fitted to."""
+
+    overtake_share: Annotated[float, NotNegative, Le(1.0), About("share who overtake a slower leader")] = 0.771
+    headway_scale: Annotated[float, Positive, About("factor on everybody's desired time headway (IDM)", symbol="T")] = (
+        1.0
+    )
+    reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
+    lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
     count: Annotated[int, Ge(2), Le(10_000), About("number of drivers in each concrete scenario")] = 10
-    source: Annotated[str, About("`synthetic`, or package.module:function from concrete scenario to trajectories")] = (
-        "synthetic"
-    )
+    population: PopulationSettings = field(default_factory=PopulationSettings)
+    source: Annotated[
+        str,
+        About("`synthetic`, `recorded`, or package.module:function from concrete scenario to trajectories"),
+    ] = "synthetic"
+    recordings: Annotated[
+        tuple[str, ...], About("canonical tables of recorded driving, as `sumo-eval humans import` writes them")
+    ] = ()
+    cases: Annotated[str, About("folder of drives recorded in named cases, with its cases.csv; empty: none")] = ""
+    tolerance: Annotated[
+        dict[str, float] | None,
+        About("how far an event's parameter may be from the concrete scenario's, by parameter; others keep their own"),
+    ] = None
+    least: Annotated[int, Ge(2), About("recorded drivers below which a reference is too thin")] = 10
+    too_thin: Annotated[
+        Literal["fill", "leave_out"],
+        About("a reference that is too thin is filled from the synthetic population, or its case gets no D_i"),
+    ] = "fill"
+    coverage: Annotated[
+        float, Positive, Le(1.0), About("share of the road that a recorded drive must cover to be compared with")
+    ] = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,11 +411,47 @@ class SamplingSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class DeclaredDistribution(Checked):
+    """How one parameter is distributed on the road, as somebody declares it."""
+
+    distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
+    first: Annotated[float, About("mean; mean of the logarithm; low")]
+    second: Annotated[float, About("deviation; deviation of the logarithm; high")]
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.distribution == "uniform" and not self.second > self.first:
+            raise must_be("`second`", "a uniform distribution", f"greater than `first` ({self.first:g})", self.second)
+        if self.distribution != "uniform" and not self.second > 0.0:
+            raise must_be("`second`", f"a {self.distribution} distribution", "greater than 0", self.second)
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureSettings(Checked):
+    """How often the concrete scenarios of a space are met on the road: p_i of Eq. 13."""
+
+    kind: Annotated[
+        Literal["scenario", "uniform", "recorded", "declared"],
+        About("the scenario's own, uniform, from recorded events, or declared", symbol="p_i", equation="13"),
+    ] = "scenario"
+    recordings: Annotated[
+        tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")
+    ] = ()
+    bandwidth: Annotated[Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")] = (
+        "scott"
+    )
+    declared: Annotated[
+        dict[str, DeclaredDistribution] | None, About("distribution by parameter; others are uniform")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
     use: Annotated[str, About("a shipped name or module:name")]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    exposure: ExposureSettings = field(default_factory=ExposureSettings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
 
 Role = Literal["ads", "ideal", "human"]
@@ -31,6 +31,7 @@ class Case:
     driver_index: int = 0
     driver_count: int = 0
     seed: int = 0
+    population: PopulationSettings = PopulationSettings()  # noqa: RUF009 - frozen
     fingerprint: str = ""
 
     @property

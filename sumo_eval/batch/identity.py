@@ -17,7 +17,7 @@ from sumo_eval.batch.cases import Case
 from sumo_eval.cosim.controller import find_controller
 from sumo_eval.errors import InputError
 from sumo_eval.locators import load_object
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import DriverSettings, SimulationSettings
 
 _PACKAGE = Path(__file__).parent.parent
 _NOT_PYTHON = ("exec", "traci", "fmu", "sumo")  # locators of commands and files, not of Python objects
@@ -55,6 +55,14 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
     return _text({"locator": locator, "version": _version(base, module), "sources": sources})
+
+
+def people_identity(settings: DriverSettings, source: Path) -> str:
+    """How recorded people are chosen, and hashes of the files that they are in."""
+    folder = source / settings.cases
+    files = [source / name for name in settings.recordings]
+    files += sorted(folder.rglob("*.csv")) if settings.cases else []
+    return _text({"settings": repr(settings), "files": {str(file): _hash(file) for file in files if file.is_file()}})
 
 
 def with_fingerprint(case: Case, simulation: SimulationSettings, identity: str, harness: str) -> Case:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import Stopping, identify, never, run_cases
-from sumo_eval.batch.identity import harness_identity, with_fingerprint
+from sumo_eval.batch.identity import harness_identity, people_identity, with_fingerprint
 from sumo_eval.batch.store import Store
 from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.drivers.reference import open_people, reference
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.locators import load_object
 from sumo_eval.results import EVALUATED
@@ -21,6 +22,9 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
+
+RECORDED = "recorded"
+"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
 
 
 class Progress(Protocol):
@@ -42,6 +46,7 @@ class Space:
     points: FloatArray
     hazardous: BoolArray
     numbers: Sequence[int]
+    exposure: Mapping[str, Any] = field(default_factory=dict)  # what the run keeps of it
 
     def concrete(self, number: int) -> ConcreteScenario:
         """The concrete scenario at a point; made when asked for, because a space can have a million of them."""
@@ -84,12 +89,20 @@ class Planner:
 
     def humans(self, space: Space) -> Iterator[Case]:
         """Every synthetic driver at every safe point."""
-        count, seed = self.settings.drivers.count, self.settings.seed
         for number in space.safe:
-            concrete = space.concrete(number)
-            for index in range(count):
-                case = Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed)
-                yield self._finished(case)
+            yield from self.synthetic(number, space.concrete(number), self.settings.drivers.count)
+
+    def synthetic(self, number: int, concrete: ConcreteScenario, count: int) -> Iterator[Case]:
+        """The first `count` synthetic drivers at one point."""
+        seed, population = self.settings.seed, self.settings.drivers.population
+        for index in range(count):
+            yield self._finished(
+                Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed, population)
+            )
+
+    def recorded_person(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
+        """Somebody whose drive was recorded in events like the concrete scenario."""
+        return self._finished(Case(number, concrete, "human", f"recorded_{index:02d}", RECORDED))
 
     def recorded_human(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
         """A driver whose trajectory the user's own reference has."""
@@ -103,15 +116,14 @@ class Planner:
 def planner(settings: EvaluationSettings, source: Path) -> Planner:
     """Find every ADS and the human reference. Raises InputError when one of them cannot be loaded."""
     named = [("ADS", ads.locator) for ads in settings.ads]
-    if settings.drivers.source != "synthetic":
+    if settings.drivers.source not in ("synthetic", RECORDED):
         named.append(("Human reference", settings.drivers.source))
     setup = Setup(settings.simulation, settings.run, source)
-    return Planner(
-        settings,
-        source,
-        harness_identity() + _plant_identity(settings, source),
-        identify(list(dict.fromkeys(named)), setup),
-    )
+    harness = harness_identity() + _plant_identity(settings, source)
+    identities = dict(identify(list(dict.fromkeys(named)), setup))
+    if settings.drivers.source == RECORDED:
+        identities[RECORDED] = people_identity(settings.drivers, source)
+    return Planner(settings, source, harness, identities)
 
 
 def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
@@ -140,6 +152,9 @@ def record(space: Space, plan: Planner, store: Store, progress: Progress, stoppi
         safe = set(space.safe)
         _forget(store, (c for c, p, who in store.names("human", name) if p not in safe or who not in drivers))
         return
+    if settings.drivers.source == RECORDED:
+        _record_people(space, plan, store, work, progress)
+        return
     known: set[str] = set()
     for done, number in enumerate(space.safe, start=1):
         for outcome in _recorded_drivers(plan, number, space.concrete(number)):
@@ -148,6 +163,30 @@ def record(space: Space, plan: Planner, store: Store, progress: Progress, stoppi
                 store.add(outcome)
         work.check()
         progress(f"{name}: drivers", done, len(space.safe))
+    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+
+
+def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
+    """Recorded drives at every safe point, and synthetic drivers where they are too few and shall be filled up."""
+    name, settings = space.logical.name, plan.settings.drivers
+    people = open_people(settings, plan.source)
+    known: set[str] = set()
+    fill: list[Case] = []
+    for done, number in enumerate(space.safe, start=1):
+        concrete = space.concrete(number)
+        found = reference(concrete, people, settings)
+        for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
+            case = plan.recorded_person(number, concrete, index)
+            known.add(case.key)
+            if not store.holds(case):
+                store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who))
+        if settings.too_thin == "fill" and len(found.drives) < settings.least:
+            fill += plan.synthetic(number, concrete, settings.least - len(found.drives))
+        work.check()
+        progress(f"{name}: recorded drivers", done, len(space.safe))
+    if fill:
+        work.do(f"{name}: drivers where too few are recorded", fill, len(fill))
+    known |= {case.key for case in fill}
     _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
 
 

@@ -24,12 +24,14 @@ from sumo_eval.settings import EvaluationSettings
 FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
+EXPOSURES = "exposure.json"
 LOCK = ".lock"
 _HALF_MADE = {
     EVALUATION,
     MANIFEST,
     FACTS,
     LOCK,
+    EXPOSURES,
     "networks",
     "routes",
 }
@@ -144,6 +146,22 @@ def create(folder: Path, settings: EvaluationSettings, source: Path, examples: S
         _write(folder / MANIFEST, json.dumps(manifest, indent=2) + "\n")
     except OSError as error:
         raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
+
+
+def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
+    """Keep what the exposure of every scenario was made of: the recordings need not be there when scores are."""
+    _write(folder / EXPOSURES, json.dumps(exposures, indent=2) + "\n")
+
+
+def read_exposures(folder: Path) -> dict[str, Any]:
+    """What `write_exposures` kept; nothing where a run has none."""
+    try:
+        exposures: dict[str, Any] = json.loads((folder / EXPOSURES).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise InputError(f"The exposures of run {folder} cannot be read: {error}.") from error
+    return exposures
 
 
 def _write(path: Path, text: str) -> None:

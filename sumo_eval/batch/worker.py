@@ -60,7 +60,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         simulation = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
         setup = replace(setup, simulation=simulation)
     if case.role == "human":
-        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete)
+        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
         return simulate(case.concrete, driver, setup.simulation)
     if case.role == "ideal":
         settings = _ideal_vehicle(setup.simulation)

@@ -45,6 +45,7 @@ def _check_evaluation(path: Path) -> None:
     """Parse the file; find its scenarios, ADSs and drivers; name every mistake, not only the first."""
     from sumo_eval.cosim.controller import load_controller
     from sumo_eval.cosim.fmu import FmuPlant
+    from sumo_eval.drivers.reference import open_people
     from sumo_eval.errors import InputError
     from sumo_eval.facts import resolve
     from sumo_eval.locators import load_object
@@ -81,7 +82,9 @@ def _check_evaluation(path: Path) -> None:
         return f": {wiring.file}"
 
     def drivers() -> str:
-        if settings.drivers.source != "synthetic":
+        if settings.drivers.source == "recorded":
+            open_people(settings.drivers, source)
+        elif settings.drivers.source != "synthetic":
             load_object(settings.drivers.source, source, "Human reference")
         return f": {settings.drivers.source}"
 

@@ -11,7 +11,7 @@ Every distribution is cut off at bounds, so that ten skilled drivers hold no fre
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,7 @@ from sumo_eval.ads.car_following import IdmParameters
 from sumo_eval.ads.lane_change import share_of_duration
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import must_be
+from sumo_eval.settings import PopulationSettings
 
 
 class LogNormal(NamedTuple):
@@ -61,7 +62,9 @@ ALERTED_SHARE = 0.56
 LANE_OFFSET_DEVIATION = 0.19  # m, between drivers, of the mean position in the lane
 LANE_OFFSET_BOUND = 0.45  # m
 
-OVERTAKE_SHARE = 0.771  # of the drivers who come up to a slower leader in the right lane
+AS_RECORDED = PopulationSettings()
+"""As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane overtake it."""
+
 ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which the lane change begins
 ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which it begins
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
@@ -102,32 +105,32 @@ class Driver:
         return speed * (1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION)
 
 
-def draw_population(count: int, seed: int) -> tuple[Driver, ...]:
+def draw_population(count: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> tuple[Driver, ...]:
     """The first `count` drivers of the population `seed`: a larger population begins with the same drivers."""
     if isinstance(count, bool) or not isinstance(count, int) or count < 1:
         raise must_be("`count`", "a population of drivers", "a whole number of at least 1", count)
-    return tuple(draw_driver(index, seed) for index in range(count))
+    return tuple(draw_driver(index, seed, settings) for index in range(count))
 
 
-def draw_driver(index: int, seed: int) -> Driver:
-    """Driver number `index` (from 0) of the population `seed`."""
+def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> Driver:
+    """Driver number `index` (from 0) of the population `seed`. A setting changes what it names and nothing else."""
     if isinstance(index, bool) or not isinstance(index, int) or index < 0:
         raise must_be("`index`", "a driver", "a whole number of at least 0", index)
     stream = random_stream(seed, "population", index)
     return Driver(
         index=index,
-        idm=_draw_idm(stream),
+        idm=_with_headway(_draw_idm(stream), settings.headway_scale),
         free_speed=_draw_normal(stream, FREE_SPEED_MEAN, FREE_SPEED_DEVIATION, *FREE_SPEED_BOUNDS),
-        reaction_time=_draw(stream, REACTION),
+        reaction_time=settings.reaction_scale * _draw(stream, REACTION),
         lane_offset=_draw_normal(stream, 0.0, LANE_OFFSET_DEVIATION, -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND),
-        overtakes=_overtakes(index, seed),
+        overtakes=_overtakes(index, seed, settings.overtake_share),
         onset_headway=_draw(stream, ONSET_HEADWAY),
         onset_ttc=_draw(stream, ONSET_TTC),
-        lane_change_10_90=_draw(stream, LANE_CHANGE_10_90),
+        lane_change_10_90=settings.lane_change_scale * _draw(stream, LANE_CHANGE_10_90),
     )
 
 
-def _overtakes(index: int, seed: int) -> bool:
+def _overtakes(index: int, seed: int, share: float) -> bool:
     """Whether a driver is one of those who overtake, drawn by systematic sampling.
 
     Over the seeds every driver is with the recorded share; within a population any n drivers in a row hold that share
@@ -136,7 +139,11 @@ def _overtakes(index: int, seed: int) -> bool:
     deviations from their mean line, beyond what D tolerates (2), and each of two followers 1.9.
     """
     phase = random_stream(seed, "inclination").uniform()
-    return bool((phase + index * OVERTAKE_SHARE) % 1.0 < OVERTAKE_SHARE)
+    return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
+
+
+def _with_headway(idm: IdmParameters, scale: float) -> IdmParameters:
+    return replace(idm, headway=scale * idm.headway)
 
 
 def _draw_idm(stream: np.random.Generator) -> IdmParameters:

@@ -12,11 +12,11 @@ from sumo_eval.ads.perception import Mover, Scene, Sensor, visible
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.simulate import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.drivers.population import Driver, draw_driver
+from sumo_eval.drivers.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.wander import SmoothNoise, random_stream
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import PopulationSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
@@ -148,14 +148,16 @@ class SyntheticDriver:
         )
 
 
-def human_controller(index: int, count: int, seed: int, concrete: ConcreteScenario) -> SyntheticDriver:
+def human_controller(
+    index: int, count: int, seed: int, concrete: ConcreteScenario, population: PopulationSettings = AS_RECORDED
+) -> SyntheticDriver:
     """Driver number `index` of the `count` drivers of the population `seed`, ready for a concrete scenario.
 
-    Everything is made from these four, so a pool of processes can run each human run as a case of its own.
+    Everything is made from these, so a pool of processes can run each human run as a case of its own.
     """
     if not 0 <= index < count:
         raise must_be("`index`", f"a population of {count} drivers", f"within 0..{count - 1}", index)
-    return SyntheticDriver(draw_driver(index, seed), concrete, seed)
+    return SyntheticDriver(draw_driver(index, seed, population), concrete, seed)
 
 
 def synthetic_reference(

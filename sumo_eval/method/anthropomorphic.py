@@ -9,6 +9,8 @@ Readings of the paper (docs/METHOD.md) that this file is built on:
   with their last lateral position, as a deviation needs two.
 - The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
   the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
+- In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre (`method.manoeuvres`), and the
+  similarity is multiplied by how usual that manoeuvre is.
 - A trajectory without any steering wheel angle has one steering operation per lateral manoeuvre: a move to one side at
   more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m.
 """
@@ -22,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.method.manoeuvres import Choice, Manoeuvre, choose, pooled_deviation, words
 from sumo_eval.method.trajectory_field import SAME_TIME, trajectory_fields
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -33,6 +36,7 @@ SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; and less far
 MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
+BIMODAL = "Bimodal:"  # begins the note on drivers who did two different things
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
 
@@ -45,6 +49,9 @@ class AnthropomorphicIndex:
     centre term times field term; centre_similarity and field_similarity: the mean of each alone. slices: x of the m
     slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: whole sentences on where a
     reading or a floor had to step in.
+
+    In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
+    most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
     """
 
     value: float
@@ -60,6 +67,9 @@ class AnthropomorphicIndex:
     ads_operations: int
     driver_operations: tuple[int, ...]
     notes: tuple[str, ...]
+    manoeuvre: Manoeuvre = ()
+    share: float = 1.0
+    usual: float = 1.0
 
 
 def anthropomorphic_index(
@@ -81,20 +91,24 @@ def anthropomorphic_index(
     if start >= road.length:
         raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
 
+    choice = choose(ads, drivers, road, settings) if settings.mode == "mixture" else None
     everyone = [_up_to_the_end(trajectory, road) for trajectory in (ads, *drivers)]
     ads_length, *driver_lengths = (driven_length(trajectory, road, settings) for trajectory in everyone)
     ads_operations, *driver_operations = (count_operations(trajectory, settings) for trajectory in everyone)
-    length_factor = _capped_ratio(ads_length, np.mean(driver_lengths))
-    operation_factor = _capped_ratio(np.mean(driver_operations), ads_operations)
+    compared = np.ones(len(drivers), dtype=np.bool_) if choice is None else choice.members
+    mean_length = float(np.mean(np.array(driver_lengths)[compared]))
+    length_factor = _capped_ratio(ads_length, mean_length)
+    operation_factor = _capped_ratio(np.mean(np.array(driver_operations)[compared]), ads_operations)
 
-    slices = slice_positions(start, min(ads_length, float(np.mean(driver_lengths))), settings.slice_spacing)
+    slices = slice_positions(start, min(ads_length, mean_length), settings.slice_spacing)
     centres = np.array([lateral_position(trajectory, slices) for trajectory in everyone])
     ends = np.array([driver.x[0] for driver in drivers]) + driver_lengths
-    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings)
+    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, choice)
     points = slice_points(slices, centres[0], road, settings)
-    field_term, field_notes = _field_term(points, everyone, settings)
+    field_term, field_notes = _field_term(points, everyone, settings, choice)
+    usual = 1.0 if choice is None else choice.usual
     terms = centre_term[:, None] * field_term
-    similarity = float(terms.mean())
+    similarity = usual * float(terms.mean())
 
     return AnthropomorphicIndex(
         value=length_factor * operation_factor * similarity,
@@ -110,6 +124,7 @@ def anthropomorphic_index(
         ads_operations=ads_operations,
         driver_operations=tuple(driver_operations),
         notes=(
+            *_choice_notes(choice),
             *centre_notes,
             *field_notes,
             *_trajectory_notes(ads, drivers, road, settings),
@@ -117,6 +132,9 @@ def anthropomorphic_index(
                 operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
             ),
         ),
+        manoeuvre=() if choice is None else choice.manoeuvre,
+        share=1.0 if choice is None else choice.share,
+        usual=usual,
     )
 
 
@@ -248,17 +266,27 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 
 def _centre_term(
-    centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings
+    centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings, choice: Choice | None
 ) -> tuple[FloatArray, list[str]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. centres: y of the ADS and of the k drivers,
     (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
     """
     ads, humans = centres[0], centres[1:]
-    alone = np.count_nonzero(got_there, axis=0) < 2
+    fewest = 2
+    if choice is not None:  # the drivers of other manoeuvres only lend their deviation
+        everybody = humans, got_there
+        humans, got_there, fewest = humans[choice.members], got_there[choice.members], 1
+    alone = np.count_nonzero(got_there, axis=0) < fewest
     counted = got_there | alone
     number = np.count_nonzero(counted, axis=0)
-    mean = np.sum(humans, axis=0, where=counted) / number
-    deviation = np.sqrt(np.sum((humans - mean) ** 2, axis=0, where=counted) / (number - 1))
+    if choice is None:
+        mean = np.sum(humans, axis=0, where=counted) / number
+        deviation = np.sqrt(np.sum((humans - mean) ** 2, axis=0, where=counted) / (number - 1))
+    else:
+        values, there = everybody
+        mean, deviation = pooled_deviation(
+            values, there | (alone & choice.members[:, None]), choice, settings.pooled_drivers
+        )
     floor = settings.centre_deviation_floor
     term = gaussian_similarity(ads, mean, np.maximum(deviation, floor))
 
@@ -270,7 +298,9 @@ def _centre_term(
     outside = (ads < road.right_edge) | (ads > road.left_edge)
     return term, [
         *_note(deviation < floor, "Deviation floor of the centre applied at {} of {} slices."),
-        *_note(split, "Bimodal: at {} of {} slices one Gaussian spans two groups of drivers over half a lane apart."),
+        *_note(
+            split, f"{BIMODAL} at {{}} of {{}} slices one Gaussian spans two groups of drivers over half a lane apart."
+        ),
         *_note(~got_there.all(axis=0), "At {} of {} slices some drivers had not got that far."),
         *_note(alone, "At {} of {} slices fewer than two drivers had got that far; the others hold their last y."),
         *_note(outside, "At {} of {} slices the ADS's centre is off the road; that side's points collapse on it."),
@@ -278,7 +308,7 @@ def _centre_term(
 
 
 def _field_term(
-    points: FloatArray, everyone: Sequence[Trajectory], settings: AnthropomorphicSettings
+    points: FloatArray, everyone: Sequence[Trajectory], settings: AnthropomorphicSettings, choice: Choice | None
 ) -> tuple[FloatArray, list[str]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. points: (m, 7, 2), m. everyone: ADS first."""
     constants = settings.field
@@ -290,10 +320,26 @@ def _field_term(
         sample_interval=constants.sample_interval,
         superposition=constants.superposition,
     ).reshape(len(everyone), *points.shape[:-1])
-    mean, deviation = fields[1:].mean(axis=0), fields[1:].std(axis=0, ddof=1)
+    if choice is None:
+        mean, deviation = fields[1:].mean(axis=0), fields[1:].std(axis=0, ddof=1)
+    else:
+        mean, deviation = pooled_deviation(
+            fields[1:], np.ones(fields[1:].shape, dtype=np.bool_), choice, settings.pooled_drivers
+        )
     floor = settings.field_deviation_floor * mean
     term = gaussian_similarity(fields[0], mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
+
+
+def _choice_notes(choice: Choice | None) -> list[str]:
+    """What mixture mode compared with."""
+    if choice is None:
+        return []
+    done = words(choice.manoeuvre)
+    if choice.usual == 0.0:
+        return [f"No driver made the ADS's manoeuvre ({done}), so its similarity is 0."]
+    number = int(np.count_nonzero(choice.members))
+    return [f"Compared with the {number} of {choice.members.size} drivers who made the same manoeuvre ({done})."]
 
 
 # --- what is known of a trajectory ------------------------------------------------------------------------------------

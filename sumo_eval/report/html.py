@@ -16,6 +16,7 @@ from plotly.offline import get_plotlyjs
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.page_data import choose_view, page_data
+from sumo_eval.report.people import people_context
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.words import (
@@ -109,6 +110,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) ->
             for case, sentence in missing
         ],
         "index_notes": index_notes(evaluation),
+        "people": people_context(evaluation),
         "synthetic": drivers_are_synthetic(settings),
         "drivers_sentence": drivers_sentence(settings),
         "score_settings": settings.method.score,

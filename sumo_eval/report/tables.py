@@ -56,6 +56,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
             "reference": reference_ads(settings) or "ideal vehicle",
             "rows": [asdict(row) for row in preventability(evaluation)],
         },
+        "exposure": dict(evaluation.exposures),
         "zones": [asdict(zone) for zone in evaluation.zones],
     }
     plain: dict[str, Any] = _plain(content)

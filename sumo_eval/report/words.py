@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sumo_eval.method.anthropomorphic import BIMODAL
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
@@ -57,7 +58,6 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
-BIMODAL = "Bimodal:"  # begins the note of `method.anthropomorphic` on drivers who did two different things
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
@@ -118,6 +118,13 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
             f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: drawn from "
             "distributions fitted to recorded traffic. They are not recorded people."
         )
+    if settings.drivers.source == "recorded":
+        thin = "filled with synthetic drivers" if settings.drivers.too_thin == "fill" else "left out"
+        source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
+        return (
+            f"The human drivers are recorded people ({source}). "
+            f"Where fewer than {settings.drivers.least} were recorded, the concrete scenario is {thin}."
+        )
     return f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as its reference."
 
 
@@ -139,7 +146,11 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
             elif case.collided and case.ideal_severity is None:
                 missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
             elif case.zone == "safe" and score.safe_collisions == 0 and case.index is None:
-                why = case.index_note or "Fewer than two human drivers could be compared with here."
+                why = (
+                    case.index_note
+                    or case.reference_note
+                    or "Fewer than two human drivers could be compared with here."
+                )
                 missing.append((case, f"There is no D_i: {why}"))
     return missing
 

@@ -1,0 +1,136 @@
+"""Whom each safe case is compared with, what these people score among themselves, and what that tells of the case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sumo_eval.batch.bands import BandJob, compute_bands
+from sumo_eval.batch.recording import RECORDED, Progress
+from sumo_eval.batch.store import Fact, Store
+from sumo_eval.method.anthropomorphic import BIMODAL, AnthropomorphicIndex
+from sumo_eval.method.leave_one_out import HumanBand
+from sumo_eval.method.manoeuvres import words
+from sumo_eval.results import CaseResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import DriverSettings, EvaluationSettings
+
+FEWEST_DRIVERS = 2  # a deviation needs two
+FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
+
+
+@dataclass(frozen=True, slots=True)
+class PointReference:
+    """The drivers of one concrete scenario. cases: their drives that ended well. recorded: how many of these are
+    recorded people. note: where the reference is too thin. usable: whether a D_i may be computed from it.
+    """
+
+    cases: tuple[str, ...]
+    recorded: int
+    note: str
+    usable: bool
+
+
+def references(logical: LogicalScenario, store: Store, settings: DriverSettings) -> dict[int, PointReference]:
+    """The drivers of every concrete scenario that has some, or should have some, by point."""
+    drives: dict[int, list[Fact]] = {}
+    for fact in store.facts("human", logical.name):
+        if fact.status == "ok":
+            drives.setdefault(fact.point, []).append(fact)
+    found = {}
+    for point, facts in drives.items():
+        recorded = sum(fact.controller == RECORDED for fact in facts)
+        note, usable = "", len(facts) >= FEWEST_DRIVERS
+        if settings.source == RECORDED and recorded < settings.least:
+            note = f"Reference too thin: {recorded} of at least {settings.least} recorded drivers"
+            if settings.too_thin == "fill":
+                note += f"; filled with {len(facts) - recorded} synthetic ones."
+            else:
+                note, usable = f"{note}; left out.", False
+        found[point] = PointReference(tuple(fact.case for fact in facts), recorded, note, usable)
+    return found
+
+
+def human_bands(
+    logical: LogicalScenario,
+    compared: Mapping[int, PointReference],
+    points: Sequence[int],
+    store: Store,
+    settings: EvaluationSettings,
+    progress: Progress,
+) -> dict[int, HumanBand]:
+    """What the drivers of each of the points score among themselves, each left out once, by point."""
+    wanted = [
+        point
+        for point in sorted(set(points))
+        if point in compared and compared[point].usable and len(compared[point].cases) >= FEWEST_FOR_A_BAND
+    ]
+    jobs = [BandJob(compared[point].cases, logical.road) for point in wanted]
+    stage = f"{logical.name}: drivers against each other"
+    bands = compute_bands(
+        store.path,
+        jobs,
+        settings.method.anthropomorphic,
+        settings.run.workers,
+        lambda done: progress(stage, done, len(jobs)),
+    )
+    return dict(zip(wanted, bands, strict=True))
+
+
+def with_people(
+    rows: Sequence[CaseResult],
+    facts: Sequence[Fact],
+    indexes: Mapping[str, AnthropomorphicIndex],
+    compared: Mapping[int, PointReference],
+    bands: Mapping[int, HumanBand],
+    exposure: Mapping[str, Any],
+    settings: DriverSettings,
+) -> list[CaseResult]:
+    """The rows with what is known of their human reference and of their exposure."""
+    outside = set(exposure.get("outside_support", ()))
+    full = []
+    for row, fact in zip(rows, facts, strict=True):
+        note = ""
+        if fact.point in outside:
+            note = "Outside the data's support: no recorded event is like this concrete scenario."
+        if row.zone == "hazardous":
+            full.append(replace(row, exposure_note=note))
+            continue
+        reference, band, index = compared.get(fact.point), bands.get(fact.point), indexes.get(fact.case)
+        thin = reference.note if reference else ""
+        if reference is None and settings.source == RECORDED:
+            thin = f"Reference too thin: 0 of at least {settings.least} recorded drivers; left out."
+        full.append(
+            replace(
+                row,
+                drivers=len(reference.cases) if reference else 0,
+                recorded_drivers=reference.recorded if reference else 0,
+                reference_note=thin,
+                human_low=band.low if band else None,
+                human_mean=band.mean if band else None,
+                human_high=band.high if band else None,
+                bimodal=bool(index and any(text.startswith(BIMODAL) for text in index.notes)),
+                manoeuvre=words(index.manoeuvre) if index and index.manoeuvre else "",
+                manoeuvre_share=index.share if index and index.manoeuvre else None,
+                exposure_note=note,
+            )
+        )
+    return full
+
+
+def reference_sentences(rows: Sequence[CaseResult]) -> tuple[str, ...]:
+    """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
+    safe = [row for row in rows if row.zone == "safe"]
+    thin = [row for row in safe if row.reference_note]
+    left_out = sum(row.reference_note.endswith("left out.") for row in thin)
+    outside = sum(bool(row.exposure_note) for row in rows)
+    said = []
+    if thin:
+        said.append(
+            f"Reference too thin in {len(thin)} of {len(safe)} safe cases: {len(thin) - left_out} filled with "
+            f"synthetic drivers, {left_out} left out of D."
+        )
+    if outside:
+        said.append(f"{outside} of {len(rows)} cases lie outside the support of the recorded exposure.")
+    return tuple(said)

@@ -1,0 +1,1 @@
+"""One file a format: each turns a source's own layout into samples in SI units (`found.Found`)."""

@@ -1,0 +1,54 @@
+"""Read a table that somebody else wrote; whatever is wrong with it is named with file and row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.errors import InputError, did_you_mean
+
+
+def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
+    """A CSV file with at least the `required` columns; `options` go to pandas. Raises InputError with one sentence."""
+    try:
+        table: pd.DataFrame = pd.read_csv(path, low_memory=False, **options)
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path}.") from None
+    except (OSError, UnicodeDecodeError, EOFError) as error:
+        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
+        raise InputError(f"{path} is no such table: {str(error).strip().rstrip('.')}.") from error
+    require_columns(table, required, path)
+    if table.empty:
+        raise InputError(f"{path} must have at least one row, got none.")
+    return table
+
+
+def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
+    """Refuse a table that lacks one of the `required` columns."""
+    for name in required:
+        if name not in table:
+            known = [str(column) for column in table.columns]
+            raise InputError(f"{path} must have a column `{name}`.{did_you_mean(name, known)}")
+
+
+def checked_numbers(table: pd.DataFrame, columns: Sequence[str], path: Path, *, first_row: int = 2) -> None:
+    """Make `columns` finite numbers in place. `first_row`: the line of the file in which the first row stands."""
+    for name in columns:
+        numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64)
+        bad = np.flatnonzero(~np.isfinite(numbers))
+        if bad.size:
+            got = table[name].iloc[bad[0]]
+            what = "nothing" if pd.isna(got) else repr(str(got))
+            raise InputError(f"`{name}` in row {first_row + int(bad[0])} of {path} must be a number, got {what}.")
+        table[name] = numbers
+
+
+def require(condition: bool, path: Path, sentence: str) -> None:
+    """Refuse a file with a sentence that says what must be."""
+    if not condition:
+        raise InputError(f"{path} {sentence}.")

@@ -1,0 +1,58 @@
+"""Do people agree with the scores, and with each other: rank correlation and Kendall's coefficient of concordance."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from sumo_eval.errors import must_be
+
+
+class Agreement(NamedTuple):
+    """A coefficient and the probability of one as large without any agreement; n: what it was computed from."""
+
+    value: float
+    p_value: float
+    n: int
+
+
+def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
+    """Spearman's rho of n scores and n opinions, -1..1; nan where either is constant. Raises InputError under 3
+    pairs.
+    """
+    first, second = np.asarray(scores, dtype=np.float64), np.asarray(opinions, dtype=np.float64)
+    if first.shape != second.shape or first.ndim != 1 or first.size < 3:
+        raise must_be(
+            "The lists", "a rank correlation", "equally long, at least 3", f"{first.shape} and {second.shape}"
+        )
+    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+        return Agreement(float("nan"), float("nan"), first.size)
+    found = stats.spearmanr(first, second)
+    return Agreement(float(found.statistic), float(found.pvalue), first.size)
+
+
+def concordance(ratings: ArrayLike) -> Agreement:
+    """Kendall's W of m raters (rows) who each rated the same n items (columns), 0..1, with the correction for ties:
+
+        W = 12 S / (m^2 (n^3 - n) - m sum(t^3 - t)),   S = sum((R_i - mean R)^2),   chi^2 = m (n - 1) W
+
+    (Kendall, Babington Smith, Ann. Math. Stat. 10, 275 (1939)). nan where every rater gave one score to all.
+    Raises InputError for fewer than 2 raters or items, or a rating that is missing.
+    """
+    table = np.asarray(ratings, dtype=np.float64)
+    if table.ndim != 2 or min(table.shape) < 2 or not np.all(np.isfinite(table)):
+        raise must_be("`ratings`", "Kendall's W", "a full table of at least 2 raters and 2 items", table.shape)
+    m, n = table.shape
+    ranks = stats.rankdata(table, axis=1)
+    totals = ranks.sum(axis=0)
+    ties = sum(
+        float(np.sum(counts**3 - counts)) for row in ranks for counts in (np.unique(row, return_counts=True)[1],)
+    )
+    spread = m**2 * (n**3 - n) - m * ties
+    if spread == 0.0:
+        return Agreement(float("nan"), float("nan"), m)
+    w = 12.0 * float(np.sum((totals - totals.mean()) ** 2)) / spread
+    return Agreement(w, float(stats.chi2.sf(m * (n - 1) * w, n - 1)), m)

@@ -1,0 +1,57 @@
+"""How human the humans are: each driver's D_i against the others, the yardstick beside every D_i of an ADS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sumo_eval.errors import must_be
+from sumo_eval.method.anthropomorphic import DEFAULTS, anthropomorphic_index
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import AnthropomorphicSettings
+from sumo_eval.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class HumanBand:
+    """What the drivers of one concrete scenario score among themselves.
+
+    values: D_i of each driver against all others, in the order of the drivers; similarities: its third factor alone.
+    low, mean, high: least, mean and largest of the values.
+    """
+
+    values: tuple[float, ...]
+    similarities: tuple[float, ...]
+
+    @property
+    def low(self) -> float:
+        """The least human of the humans."""
+        return min(self.values)
+
+    @property
+    def mean(self) -> float:
+        """The mean human."""
+        return float(np.mean(self.values))
+
+    @property
+    def high(self) -> float:
+        """The most human of the humans."""
+        return max(self.values)
+
+
+def human_band(drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> HumanBand:
+    """Eqs. 11-12 for each driver as if it were the ADS, against all the others, in the mode of the settings.
+
+    Slices lie `band_slice_spacing` apart. drivers: at least three, in one concrete scenario. Raises InputError for
+    fewer.
+    """
+    if len(drivers) < 3:
+        raise must_be("The number of drivers", "a leave-one-driver-out band", "at least 3", len(drivers))
+    coarse = replace(settings, slice_spacing=max(settings.slice_spacing, settings.band_slice_spacing))
+    indexes = [
+        anthropomorphic_index(driver, [*drivers[:place], *drivers[place + 1 :]], road, coarse)
+        for place, driver in enumerate(drivers)
+    ]
+    return HumanBand(tuple(index.value for index in indexes), tuple(index.similarity for index in indexes))

@@ -1,0 +1,130 @@
+"""What the report says of the human reference: the drivers' own scores beside D, thin references, exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.report.words import cases_of, count, number, percent, point
+from sumo_eval.results import CaseResult, Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class PeopleRow:
+    """One ADS in one scenario beside the drivers who were each left out once; means weighted by exposure."""
+
+    scenario: str
+    ads: str
+    d: str
+    low: str
+    mean: str
+    high: str
+    below: str
+    drivers: str
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class WorstCase:
+    """A safe case in which the ADS scores furthest below the drivers' own mean."""
+
+    ads: str
+    scenario: str
+    point: str
+    index: str
+    band: str
+    manoeuvre: str
+
+
+def people_context(evaluation: Evaluation) -> dict[str, Any]:
+    """What templates/people.html.j2 shows."""
+    return {
+        "mode": evaluation.settings.method.anthropomorphic.mode,
+        "rows": people_rows(evaluation),
+        "worst": worst_cases(evaluation),
+        "exposures": [(name, exposure_sentence(found)) for name, found in evaluation.exposures.items()],
+    }
+
+
+def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
+    """A row for each score whose cases have a D_i."""
+    rows = []
+    for score in evaluation.scores:
+        cases = [case for case in cases_of(evaluation, score) if case.index is not None and case.zone == "safe"]
+        banded = [case for case in cases if case.human_mean is not None]
+        if not cases:
+            continue
+        below = sum((case.index or 0.0) < (case.human_low or 0.0) for case in banded)
+        numbers = sorted({case.drivers for case in cases if case.drivers is not None})
+        recorded = sum(case.recorded_drivers or 0 for case in cases)
+        everybody = sum(case.drivers or 0 for case in cases)
+        range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
+        rows.append(
+            PeopleRow(
+                scenario=score.scenario,
+                ads=score.ads,
+                d=number(score.d, 3),
+                low=number(_weighted(banded, "human_low"), 3),
+                mean=number(_weighted(banded, "human_mean"), 3),
+                high=number(_weighted(banded, "human_high"), 3),
+                below=f"{below} of {len(banded)}",
+                drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} recorded",
+                warnings=_warnings(cases),
+            )
+        )
+    return rows
+
+
+def _weighted(cases: Sequence[CaseResult], name: str) -> float | None:
+    exposure = np.array([case.exposure for case in cases])
+    if not exposure.sum() > 0.0:
+        return None
+    return float(exposure @ np.array([getattr(case, name) for case in cases]) / exposure.sum())
+
+
+def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
+    """What must be known before the numbers are believed."""
+    said = []
+    thin = sum(bool(case.reference_note) for case in cases)
+    outside = sum(bool(case.exposure_note) for case in cases)
+    bimodal = sum(case.bimodal for case in cases)
+    unusual = sum(case.manoeuvre_share == 0.0 for case in cases)
+    if thin:
+        said.append(f"Reference too thin in {count(thin, 'case')}.")
+    if outside:
+        said.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
+    if bimodal:
+        said.append(f"Drivers fall into two groups in {count(bimodal, 'case')}: one Gaussian spans both.")
+    if unusual:
+        said.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
+    return tuple(said)
+
+
+def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:
+    """The cases in which an ADS scores furthest below the drivers' own mean."""
+    below = [
+        (case.human_mean - case.index, case)
+        for case in evaluation.cases
+        if case.index is not None and case.human_mean is not None and case.index < case.human_mean
+    ]
+    below.sort(key=lambda pair: (-pair[0], pair[1].case))
+    return [
+        WorstCase(
+            case.ads,
+            case.scenario,
+            point(case.values),
+            number(case.index, 3),
+            f"{number(case.human_low, 2)} … {number(case.human_mean, 2)} … {number(case.human_high, 2)}",
+            case.manoeuvre if case.manoeuvre_share is None else f"{case.manoeuvre} ({percent(case.manoeuvre_share)})",
+        )
+        for _, case in below[:most]
+    ]
+
+
+def exposure_sentence(found: Mapping[str, Any]) -> str:
+    """How a scenario's concrete scenarios were weighted."""
+    text = str(found.get("about", "not recorded"))
+    return f"{text[:1].upper()}{text[1:]}."

@@ -1,0 +1,78 @@
+"""k5 and k6 from a population of ADSs, so that the middle one gets half of the points (Eq. 18)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.results import Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """k5 = 0.5 / middle C and k6 = 0.5 / middle D; None where no ADS has the index or its middle is 0.
+
+    c, d: the ADSs' indexes, means over their scenarios, by name. left_out: sentences about what is missing from them.
+    """
+
+    by: str
+    k5: float | None
+    k6: float | None
+    c: dict[str, float]
+    d: dict[str, float]
+    left_out: tuple[str, ...]
+
+
+def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calibration:
+    """Scales from the ADSs of one run or several. by: `median` or `mean`. An ADS is one name; its scenarios are
+    averaged.
+
+    Raises InputError for one ADS only, or for an unknown `by`.
+    """
+    if by not in ("median", "mean"):
+        raise InputError(f"`by` of a calibration must be 'median' or 'mean', got {by!r}.")
+    c: dict[str, list[float]] = {}
+    d: dict[str, list[float]] = {}
+    left_out = []
+    for evaluation in evaluations:
+        for score in evaluation.scores:
+            for index, value, known in (("C", score.c, c), ("D", score.d, d)):
+                if value is None:
+                    left_out.append(f"{score.ads} in {score.scenario} has no {index} and is left out of its mean.")
+                else:
+                    known.setdefault(score.ads, []).append(value)
+    ads = {score.ads for evaluation in evaluations for score in evaluation.scores}
+    if len(ads) < 2:
+        raise InputError(f"A calibration needs a population of at least 2 ADSs, got {len(ads)}.")
+    means_c = {name: float(np.mean(values)) for name, values in c.items()}
+    means_d = {name: float(np.mean(values)) for name, values in d.items()}
+    middle = np.median if by == "median" else np.mean
+    scales = []
+    for means in (means_c, means_d):
+        centre = float(middle(list(means.values()))) if means else 0.0
+        scales.append(0.5 / centre if centre > 0.0 else None)
+    return Calibration(by, scales[0], scales[1], means_c, means_d, tuple(left_out))
+
+
+def calibration_lines(calibration: Calibration) -> list[str]:
+    """The scales in words, and how to score with them."""
+    lines = list(calibration.left_out)
+    changes = []
+    for name, index, scale, values in (
+        ("k5", "C", calibration.k5, calibration.c),
+        ("k6", "D", calibration.k6, calibration.d),
+    ):
+        among = ", ".join(f"{ads} {value:.3f}" for ads, value in values.items()) or "none"
+        if scale is None:
+            lines.append(f"{name} is not defined: the {calibration.by} {index} is 0 or there is none ({among}).")
+        else:
+            lines.append(
+                f"{name} = {scale:.4f}: the {calibration.by} ADS gets half of the points of {index} ({among})."
+            )
+            changes.append(f"--set method.score.{name}={scale:.6g}")
+    if changes:
+        lines.append(f"Score with them: sumo-eval score RUN {' '.join(changes)}")
+    return lines

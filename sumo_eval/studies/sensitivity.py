@@ -1,0 +1,164 @@
+"""How the ADSs' ranking responds to the constants that the paper leaves open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from sumo_eval.errors import InputError
+from sumo_eval.evaluation import score
+from sumo_eval.method.score import combined_score
+from sumo_eval.results import Evaluation
+from sumo_eval.studies.tables import aligned
+
+BASE = "as scored"
+FACTORS = (0.5, 2.0)
+_D_PATHS = {
+    "k1": "method.anthropomorphic.field.k1",
+    "k2": "method.anthropomorphic.field.k2",
+    "k3": "method.anthropomorphic.steering_threshold_deg",
+    "k4": "method.anthropomorphic.acceleration_threshold",
+    "centre floor": "method.anthropomorphic.centre_deviation_floor",
+    "field floor": "method.anthropomorphic.field_deviation_floor",
+}
+"""Constants that move D: name -> path of the setting."""
+
+_NO_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"  # the drivers' own scores are not looked at here
+_POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SensitivityRow:
+    """The ADSs in one scenario with one constant changed.
+
+    index: what they are ranked by, `D` or `S`. value: of the constant. scores: in the order of `ads`, nan where not
+    computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan
+    where fewer than two ADSs can be ranked.
+    """
+
+    scenario: str
+    constant: str
+    value: float
+    index: str
+    ads: tuple[str, ...]
+    scores: tuple[float, ...]
+    ranking: tuple[str, ...]
+    tau: float
+
+
+def sensitivity(
+    run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str] = (*_D_PATHS, "a")
+) -> list[SensitivityRow]:
+    """Score a run again with each constant halved and doubled, and with other shares of the points.
+
+    constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a). Raises InputError for others.
+    """
+    for name in constants:
+        if name not in (*_D_PATHS, "a"):
+            raise InputError(
+                f"A constant of the sensitivity must be one of {', '.join((*_D_PATHS, 'a'))}, got {name!r}."
+            )
+    base = score(run, [_NO_BANDS])
+    wanted = [(name, factor) for name in constants if name in _D_PATHS for factor in FACTORS]
+    variants: list[tuple[str, float, Evaluation]] = []
+    for done, (name, factor) in enumerate(wanted, start=1):
+        value = _value(base, _D_PATHS[name]) * factor
+        variants.append((name, value, score(run, [_NO_BANDS, f"{_D_PATHS[name]}={value!r}"])))
+        progress("sensitivity", done, len(wanted))
+    rows = []
+    for scenario in dict.fromkeys(result.scenario for result in base.scores):
+        before = _scores(base, scenario, "d")
+        for name in constants:
+            if name == "a":
+                standing = _scores(base, scenario, "s")
+                rows += [_row(scenario, "a", a, "S", _with_points(base, scenario, a), standing) for a in _POINTS]
+                continue
+            rows.append(_row(scenario, name, _value(base, _D_PATHS[name]), "D", before, before))
+            for changed, value, evaluation in variants:
+                if changed == name:
+                    rows.append(_row(scenario, name, value, "D", _scores(evaluation, scenario, "d"), before))
+    return sorted(rows, key=lambda row: (row.scenario, row.constant, row.value))
+
+
+def _value(evaluation: Evaluation, path: str) -> float:
+    place: object = evaluation.settings
+    for name in path.split("."):
+        place = getattr(place, name)
+    assert isinstance(place, float)
+    return place
+
+
+def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, float]:
+    return {
+        result.ads: float("nan") if getattr(result, field) is None else float(getattr(result, field))
+        for result in evaluation.scores
+        if result.scenario == scenario
+    }
+
+
+def _with_points(evaluation: Evaluation, scenario: str, a: float) -> dict[str, float]:
+    settings = evaluation.settings.method.score
+    return {
+        result.ads: combined_score(result.c, result.d, a=a, b=100.0 - a, k5=settings.k5, k6=settings.k6).total
+        for result in evaluation.scores
+        if result.scenario == scenario
+    }
+
+
+def _row(
+    scenario: str, constant: str, value: float, index: str, now: dict[str, float], before: dict[str, float]
+) -> SensitivityRow:
+    known = [ads for ads in now if np.isfinite(now[ads]) and np.isfinite(before[ads])]
+    tau = float("nan")
+    if len(known) >= 2:
+        first, second = [before[ads] for ads in known], [now[ads] for ads in known]
+        tau = 1.0 if first == second else float(stats.kendalltau(first, second).statistic)
+    ranking = tuple(sorted((ads for ads in now if np.isfinite(now[ads])), key=lambda ads: -now[ads]))
+    return SensitivityRow(scenario, constant, value, index, tuple(now), tuple(now.values()), ranking, tau)
+
+
+def sensitivity_lines(rows: Sequence[SensitivityRow]) -> list[str]:
+    """The table for a terminal."""
+    table = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
+    for row in rows:
+        ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:.3g}" for ads in row.ranking) or "none"
+        table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:.2f}"))
+    return aligned(table)
+
+
+def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
+    """One panel for each scenario and constant: the ADSs' scores against the constant. Works offline."""
+    from plotly.colors import qualitative
+    from plotly.subplots import make_subplots
+
+    scenarios = list(dict.fromkeys(row.scenario for row in rows))
+    constants = list(dict.fromkeys(row.constant for row in rows))
+    ads = list(dict.fromkeys(name for row in rows for name in row.ads))
+    titles = [f"{scenario}: {constant}" for scenario in scenarios for constant in constants]
+    figure = make_subplots(rows=len(scenarios), cols=len(constants), subplot_titles=titles)
+    for line, scenario in enumerate(scenarios, start=1):
+        for column, constant in enumerate(constants, start=1):
+            part = [row for row in rows if (row.scenario, row.constant) == (scenario, constant)]
+            for number, name in enumerate(ads):
+                figure.add_scatter(
+                    x=[row.value for row in part],
+                    y=[row.scores[row.ads.index(name)] for row in part],
+                    name=name,
+                    legendgroup=name,
+                    showlegend=line == column == 1,
+                    line={"color": qualitative.Plotly[number % len(qualitative.Plotly)]},
+                    row=line,
+                    col=column,
+                )
+            figure.update_yaxes(title_text=part[0].index if part else "", row=line, col=column)
+    figure.update_layout(
+        title="What the constants do to the scores", template="plotly_white", height=320 * len(scenarios) + 100
+    )
+    try:
+        figure.write_html(path, include_plotlyjs=True)
+    except OSError as error:
+        raise InputError(f"The plot {path} cannot be written: {error}.") from error

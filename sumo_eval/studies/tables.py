@@ -1,0 +1,62 @@
+"""Rows of dataclasses as CSV for machines and as aligned lines for a terminal."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sumo_eval.errors import InputError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from sumo_eval.drivers.population_check import Comparison
+
+
+def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
+    """One row a dataclass, fields as columns; a tuple's values stand in one cell, separated by spaces."""
+    if not rows:
+        raise InputError(f"The table {path} must have at least one row, got none.")
+    plain = [{name: _cell(value) for name, value in asdict(row).items()} for row in rows]
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(plain[0]), lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(plain)
+    except OSError as error:
+        raise InputError(f"The table {path} cannot be written: {error}.") from error
+
+
+def _cell(value: Any) -> Any:
+    return (
+        " ".join(item if isinstance(item, str) else f"{item:g}" for item in value)
+        if isinstance(value, tuple)
+        else value
+    )
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of words as lines with columns of one width."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return ["  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def comparison_lines(rows: Sequence[Comparison]) -> list[str]:
+    """The population beside recorded people: 10 %, median and 90 % of each quantity, and whether they differ."""
+    head = ("quantity", "recorded (10 50 90 %)", "n", "synthetic (10 50 90 %)", "n", "KS distance", "verdict")
+    body = [
+        (
+            row.name,
+            " ".join(f"{value:.2f}" for value in row.recorded),
+            str(row.recorded_count),
+            " ".join(f"{value:.2f}" for value in row.synthetic),
+            str(row.synthetic_count),
+            f"{row.distance:.2f}",
+            row.words,
+        )
+        for row in rows
+    ]
+    return aligned([head, *body])

@@ -1,0 +1,238 @@
+"""Importers: the traps of each format, on real samples and on rows worked by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from drivers.real_data import needs_recordings, recording
+
+from sumo_eval.cli import main
+from sumo_eval.drivers.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
+from sumo_eval.drivers.importing import FORMATS, import_recordings
+from sumo_eval.drivers.recordings import COLUMNS, read_csv, write_csv
+from sumo_eval.errors import InputError
+
+OWN = "recording,vehicle,t,x,y,length,width\n"
+NO_ANGLE = "<fcd-export><timestep time='0'><vehicle id='a' x='1' y='2' speed='3'/></timestep></fcd-export>"
+
+
+def _plain(path: Path) -> Path:
+    """Two cars on the same road in this project's own layout."""
+    time = np.round(np.arange(0.0, 3.0, 0.1), 3)
+    rows = [
+        {"recording": "r", "vehicle": name, "t": t, "x": x0 + 20.0 * t, "y": 0.1, "length": 4.5, "width": 1.8}
+        for name, x0 in (("a", 0.0), ("b", 50.0))
+        for t in time
+    ]
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return path
+
+
+@needs_recordings
+def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_left_one():
+    found = {part.table["recording"].iloc[0]: part.table for part in highd.read(recording("samples", "highd_layout"))}
+    raw = pd.read_csv(recording("samples", "highd_layout", "01_tracks.csv"))
+    first = raw[raw["id"] == 1].iloc[0]  # frame 10, x -5.227, y 24.902, width 4.44, height 1.892; drives to the right
+    row = found["01-lower"][found["01-lower"]["vehicle"] == "1"].iloc[0]
+    assert row["length"] == pytest.approx(4.44)
+    assert row["width"] == pytest.approx(1.892)
+    assert row["t"] == pytest.approx(10 / 25)
+    assert row["x"] == pytest.approx(-5.227 + 4.44 / 2)
+    # Lanes 22 .. 25.75 .. 29.5 (down): the right lane's centre is 27.625; the vehicle's is 24.902 + 0.946 = 25.848.
+    assert row["y"] == pytest.approx(27.625 - 25.848)
+    assert row["speed"] == pytest.approx(np.hypot(first["xVelocity"], first["yVelocity"]))
+    # A positive image yVelocity is a move to the right, so the heading is negative.
+    assert row["heading"] < 0 < first["yVelocity"]
+    upper = found["01-upper"]
+    assert upper.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0]).min() > 0  # they drive forwards too
+    for table in found.values():
+        slow, fast = (table.loc[table["lane"] == lane, "speed"].median() for lane in (0, 1))
+        assert slow < fast  # the right lane is the slow one
+        assert abs(table.loc[table["lane"] == 0, "y"].median()) < 0.3
+
+
+@needs_recordings
+def test_ngsim_feet_front_centre_and_lanes_from_the_left():
+    path = recording("samples", "ngsim_layout_i80_pairs.csv")
+    table, raw = ngsim.read(path)[0].table, pd.read_csv(path)
+    first = raw[raw["Vehicle_ID"] == 101].iloc[0]  # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
+    row = table[table["vehicle"] == "101"].iloc[0]
+    assert row["x"] == pytest.approx(0.3048 * (77.133 - 16.798 / 2))
+    assert row["speed"] == pytest.approx(0.3048 * first["v_Vel"])
+    assert row["length"] == pytest.approx(0.3048 * 16.798)
+    assert row["lane"] == 5 - first["Lane_ID"]
+    left, right = (raw.loc[raw["Lane_ID"] == lane, "Local_X"].median() for lane in (1, 2))
+    assert left < right  # Local_X grows to the right, y to the left
+    assert table.loc[table["lane"] == 4, "y"].median() > table.loc[table["lane"] == 3, "y"].median()
+
+
+def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
+    rows = [
+        [7, frame, 20, 1118846980000 + 100 * frame, 18.0, 100.0 + 4.0 * frame, 0, 0, length, 6, 2, 40, 0, 2, 0, 0, 0, 0]
+        for length, frames in ((15.0, range(10)), (20.0, range(500, 510)))
+        for frame in frames
+    ]  # fmt: skip
+    path = tmp_path / "trajectories.txt"
+    path.write_text("\n".join("  ".join(str(value) for value in row) for row in rows) + "\n")
+    found = import_recordings("ngsim", [path])
+    assert sorted(found.table["vehicle"].unique()) == ["7", "7/2"]
+    assert any("uses a vehicle id again" in note for note in found.notes)
+    assert found.table.groupby("vehicle")["length"].first().tolist() == pytest.approx([15 * 0.3048, 20 * 0.3048])
+
+
+@needs_recordings
+def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
+    xml = sumo_fcd.read(recording("samples", "sumo_1.28_fcd_all_attributes.xml"))[0].table
+    csv = sumo_fcd.read(recording("samples", "sumo_1.28_fcd.csv"))[0].table
+    row = xml[(xml["vehicle"] == "lead") & (xml["t"] == 0.0)].iloc[0]
+    # x 130.00, y -5.62, angle 90 deg (east); a truck is 7.1 m long.
+    assert row["heading"] == pytest.approx(0.0)
+    assert (row["x"], row["y"]) == (pytest.approx(130.0 - 7.1 / 2), pytest.approx(-5.62))
+    for column in ("x", "y", "heading", "speed"):
+        assert csv[column].to_numpy() == pytest.approx(xml[column].to_numpy())
+
+
+@needs_recordings
+def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
+    path = recording("samples", "commonroad_USA_US101-11_1_T-1.xml")
+    raw = commonroad.read(path)[0]
+    assert raw.planar
+    assert raw.table["vehicle"].nunique() == 32
+    assert raw.table["offset"].abs().median() < 1.0  # map and traffic of this file are up to a metre apart, not a lane
+    table = import_recordings("commonroad", [path]).table
+    assert table["vehicle"].nunique() >= 26
+    ahead = table.groupby("vehicle")["x"].agg(lambda x: x.iloc[-1] - x.iloc[0])
+    assert (ahead > 0).all()
+    assert table["heading"].abs().max() < 0.35
+
+
+@needs_recordings
+def test_openacc_gaps_to_the_vehicle_ahead_are_kept():
+    path = recording("samples", "openacc_zalazone_noACC_part40_head.csv")
+    table = openacc.read(path)[0].table
+    raw = pd.read_csv(path, skiprows=5)
+    chain = table[table["recording"].str.endswith("-1")]
+    third, fourth = (chain[chain["vehicle"].str.startswith(f"{place}-")].set_index("t") for place in (3, 4))
+    both = third.index.intersection(fourth.index)
+    gap = third.loc[both, "x"] - fourth.loc[both, "x"] - 4.5
+    known = raw["IVS3"].set_axis(raw["Time"] - raw["Time"].iloc[0]).dropna()
+    shared = both.intersection(known.index)
+    assert len(shared) > 300
+    assert gap[shared].to_numpy() == pytest.approx(known[shared].to_numpy(), abs=1e-6)
+
+
+def _levelx(folder: Path) -> Path:
+    """Six cars on two lanes of 3.6 m that follow a curve of 200 m radius, in the levelX layout."""
+    tracks, meta = [], []
+    for number in range(6):
+        lane, speed = number % 2, 20.0 + 5.0 * (number % 2)
+        radius = 200.0 - 3.6 * lane  # the left lane is the inner one of a left-hand curve
+        for frame in range(25 * number, 25 * number + 250):
+            angle = speed * (frame - 25 * number) / 25.0 / radius
+            tracks.append(
+                [
+                    0,
+                    number,
+                    frame,
+                    radius * np.sin(angle),
+                    -radius * np.cos(angle),
+                    np.degrees(angle) % 360.0,
+                    1.8,
+                    4.5,
+                    speed * np.cos(angle),
+                    speed * np.sin(angle),
+                    0.0,
+                ]
+            )
+        meta.append([0, number, "car"])
+    names = [
+        "recordingId",
+        "trackId",
+        "frame",
+        "xCenter",
+        "yCenter",
+        "heading",
+        "width",
+        "length",
+        "xVelocity",
+        "yVelocity",
+    ]
+    pd.DataFrame(tracks, columns=[*names, "lonAcceleration"]).to_csv(folder / "07_tracks.csv", index=False)
+    pd.DataFrame(meta, columns=["recordingId", "trackId", "class"]).to_csv(folder / "07_tracksMeta.csv", index=False)
+    pd.DataFrame([[0, 25.0]], columns=["recordingId", "frameRate"]).to_csv(folder / "07_recordingMeta.csv", index=False)
+    return folder / "07_tracks.csv"
+
+
+def test_levelx_a_curved_road_becomes_a_straight_one(tmp_path):
+    path = _levelx(tmp_path)
+    assert levelx.read(path)[0].planar
+    table = import_recordings("exid", [path]).table
+    assert table["recording"].nunique() == 1
+    assert sorted(table["lane"].unique()) == [0, 1]
+    for lane, vehicles in table.groupby("lane"):
+        assert vehicles["y"].to_numpy() == pytest.approx(3.6 * lane, abs=0.15)
+    assert table["heading"].abs().max() < 0.03
+    right = table[table["lane"] == 0].groupby("vehicle").agg(x=("x", np.ptp), t=("t", np.ptp))
+    assert (right["x"] / right["t"]).to_numpy() == pytest.approx(20.0, rel=0.03)
+
+
+def test_the_own_table_comes_back_as_it_was_written(tmp_path):
+    first = import_recordings("csv", [_plain(tmp_path / "plain.csv")])
+    write_csv(first, tmp_path / "again.csv.gz")
+    again = read_csv(tmp_path / "again.csv.gz")
+    assert list(again.table.columns) == list(COLUMNS)
+    assert again.table["speed"].to_numpy() == pytest.approx(20.0)
+    for column in ("t", "x", "y", "lane", "length"):
+        assert again.table[column].to_numpy() == pytest.approx(first.table[column].to_numpy())
+
+
+def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
+    table = pd.read_csv(_plain(tmp_path / "plain.csv"))
+    table[(table["vehicle"] == "b") | (table["t"] < 1.0) | (table["t"] > 1.95)].to_csv(
+        tmp_path / "hole.csv", index=False
+    )
+    found = import_recordings("csv", [tmp_path / "hole.csv"])
+    assert sorted(found.table["vehicle"].unique()) == ["a", "a#2", "b"]
+    assert any("1 holes" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("form", "name", "text", "words"),
+    [
+        ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
+        ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n", "must have a column `t`"),
+        ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
+        ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have a column `y`"),
+        ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed XML"),
+        ("sumo_fcd", "x.xml", NO_ANGLE, "must have `angle`"),
+        ("openacc", "x.csv", "a,b\n1,2\n", "must begin with the five rows"),
+        ("dlr_highway", "x.csv", "timestamp,id\n1,2\n", "must have a column `center_easting`"),
+        ("hihgD", "x.csv", "", "Did you mean `highd`?"),
+    ],
+)  # fmt: skip
+def test_a_damaged_file_gets_one_sentence_and_nothing_half_imported_stays(tmp_path, form, name, text, words):
+    (tmp_path / name).write_text(text)
+    out = tmp_path / "out" / "table.csv"
+    result = CliRunner().invoke(main, ["humans", "import", form, str(tmp_path / name), "--out", str(out)])
+    assert result.exit_code == 2
+    assert words in result.output
+    assert "Traceback" not in result.output
+    assert not out.exists()
+    assert not list(tmp_path.rglob("*.part*"))
+    assert not out.parent.exists() or not list(out.parent.iterdir())
+
+
+def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
+    good = _plain(tmp_path / "good.csv")
+    (tmp_path / "bad.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
+    with pytest.raises(InputError, match=r"`t` in row \d+ of .*bad\.csv must be a number, got 'when'"):
+        import_recordings("csv", [good, tmp_path / "bad.csv"])
+
+
+def test_the_help_names_every_format():
+    result = CliRunner().invoke(main, ["humans", "import", "--help"])
+    assert all(form in result.output for form in FORMATS)

@@ -1,0 +1,56 @@
+"""The synthetic population: each setting changes what it names, and the comparison with recorded people."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import pytest
+from drivers.test_reference import write_people
+
+from sumo_eval.drivers.events import extract_events
+from sumo_eval.drivers.population import draw_population
+from sumo_eval.drivers.population_check import Comparison, compare_population
+from sumo_eval.drivers.recordings import read_csv
+from sumo_eval.settings import PopulationSettings
+
+
+@pytest.mark.parametrize(
+    ("changes", "field", "factor"),
+    [({"reaction_scale": 2.0}, "reaction_time", 2.0), ({"lane_change_scale": 0.5}, "lane_change_10_90", 0.5)],
+)
+def test_a_setting_of_the_population_changes_what_it_says_and_nothing_else(changes, field, factor):
+    for before, after in zip(draw_population(8, 3), draw_population(8, 3, PopulationSettings(**changes)), strict=True):
+        assert getattr(after, field) == pytest.approx(factor * getattr(before, field))
+        assert asdict(after) | {field: None} == asdict(before) | {field: None}
+
+
+def test_the_headway_scale_changes_the_headway_and_nothing_else():
+    for before, after in zip(
+        draw_population(8, 3), draw_population(8, 3, PopulationSettings(headway_scale=1.5)), strict=True
+    ):
+        assert after.idm.headway == pytest.approx(1.5 * before.idm.headway)
+        assert asdict(after.idm) | {"headway": 0} == asdict(before.idm) | {"headway": 0}
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])
+def test_the_share_who_overtake_is_the_one_asked_for(share, expected):
+    people = draw_population(10, 7, PopulationSettings(overtake_share=share))
+    assert abs(sum(driver.overtakes for driver in people) - expected) <= (0 if share in (0.0, 1.0) else 1)
+
+
+def test_recorded_and_synthetic_approaches_are_measured_by_the_same_rules(tmp_path):
+    path = write_people(tmp_path / "people.csv", [22.0, 23.0, 24.0, 25.0, 26.0, 27.0], lead_step=0.5)
+    events = extract_events(read_csv(path))
+    rows = {row.name: row for row in compare_population(events, drivers=12, seed=4)}
+    assert rows["overtakes"].recorded == (1.0,)  # everybody made here overtakes
+    # A smooth step of 5 s: 0.506 of it from 10 to 90 %.
+    assert rows["middle"].recorded[1] == pytest.approx(0.506 * 5.0, abs=0.2)
+    assert 3.0 < rows["middle"].synthetic[1] < 8.0
+    assert rows["middle"].words.startswith("differs: the synthetic drivers' values are higher")
+    again = {row.name: row for row in compare_population(events, drivers=12, seed=4)}
+    assert again["middle"].synthetic == rows["middle"].synthetic
+
+
+def test_too_few_are_not_compared():
+    nan = float("nan")
+    assert Comparison("x", "", (nan,) * 3, (nan,) * 3, 2, 3, nan, nan).words == "too few to compare"

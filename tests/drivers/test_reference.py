@@ -1,0 +1,148 @@
+"""The human reference from recordings and the exposure from their events, on traffic made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from drivers.test_events import track
+from scipy import stats
+
+from sumo_eval.drivers.exposure import exposure_of, fit_exposure
+from sumo_eval.drivers.recordings import Recordings, write_csv
+from sumo_eval.drivers.reference import open_people, reference
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
+
+LOGICAL = catalogue.load("front_vehicle_low_speed")
+
+
+def write_people(path, speeds, *, seconds=60.0, same_driver=(), lead_step=0.0):
+    """A recording for each speed: somebody at it approaches a leader at 15 m/s (or faster by up to two steps), and
+    overtakes at 12 s.
+    """
+    parts = []
+    for number, speed in enumerate(speeds):
+        ego = track("ego", 0.0, speed, move=(12.0, 5.0, 3.75), seconds=seconds)
+        slow = 15.0 + lead_step * (number % 3)
+        lead = track("lead", 3.5 * speed + 10.0 * (speed - slow) + 5.0, slow, seconds=seconds)
+        driver = "anna" if number in same_driver else ""
+        parts.append(pd.concat([ego, lead]).assign(recording=f"r{number}", driver=driver))
+    table = pd.concat(parts, ignore_index=True)
+    table["lane"] = np.round(table["y"] / 3.75).astype(int)
+    write_csv(Recordings(table), path)
+    return path
+
+
+def settings_for(path, **changes):
+    return replace(DriverSettings(source="recorded", recordings=(path.name,)), **changes)
+
+
+def test_drives_begin_at_the_egos_start_and_lateral_moves_are_stretched_to_the_scenarios_lane(tmp_path):
+    path = write_people(tmp_path / "people.csv", [25.0])
+    settings = settings_for(path)
+    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
+    found = reference(concrete, open_people(settings, tmp_path), settings)
+    (drive,) = found.drives
+    assert (drive.time[0], drive.x[0], drive.y[0]) == (0.0, concrete.ego.x, pytest.approx(concrete.ego.y, abs=1e-6))
+    assert drive.x[-2] < concrete.road.length <= drive.x[-1]
+    # The event begins 10 s into the recording; the lane change ends at 17 s: 9 s later it is one lane to the left.
+    assert np.interp(9.0, drive.time, drive.y) == pytest.approx(3.75, abs=0.3)
+    assert found.names == ("r0/ego",)
+
+
+def test_only_events_within_the_tolerance_count_nearest_first(tmp_path):
+    path = write_people(tmp_path / "people.csv", [25.0, 23.0, 26.0, 30.0])
+    settings = settings_for(path)
+    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
+    found = reference(concrete, open_people(settings, tmp_path), settings)
+    assert found.names == ("r0/ego", "r2/ego", "r1/ego")
+    narrow = replace(settings, tolerance={"ego_speed": 0.5})
+    assert reference(concrete, open_people(narrow, tmp_path), narrow).names == ("r0/ego",)
+
+
+def test_a_driver_counts_once_and_a_recording_that_ends_too_early_does_not(tmp_path):
+    path = write_people(tmp_path / "people.csv", [25.0, 24.5, 25.5], same_driver=(0, 1))
+    settings = settings_for(path)
+    concrete = LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0)
+    found = reference(concrete, open_people(settings, tmp_path), settings)
+    assert (len(found.drives), found.near, found.again, found.short) == (2, 3, 1, 0)
+    early = write_people(tmp_path / "early.csv", [25.0], seconds=20.0)  # 10 s of 550 m at 25 m/s
+    settings = settings_for(early)
+    found = reference(concrete, open_people(settings, tmp_path), settings)
+    assert (len(found.drives), found.short) == (0, 1)
+
+
+def test_drives_in_named_cases_are_taken_as_they_are(tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    time = np.arange(0.0, 5.0, 0.1)
+    pd.DataFrame({"driver": "ben", "t": time, "x": 50 + 25 * time, "y": 0.3}).to_csv(folder / "ben.csv", index=False)
+    cases = pd.DataFrame([["front_vehicle_low_speed", "ben.csv", 25.0, 15.0]])
+    cases.columns = ["scenario", "file", "ego_speed", "lead_speed"]
+    cases.to_csv(folder / "cases.csv", index=False)
+    settings = DriverSettings(source="recorded", cases="mine")
+    people = open_people(settings, tmp_path)
+    found = reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=15.0), people, settings)
+    assert found.names == ("ben",)
+    assert found.drives[0].y.tolist() == [0.3] * 50
+    assert reference(LOGICAL.concrete(ego_speed=25.0, lead_speed=10.0), people, settings).drives == ()
+
+
+def test_recorded_people_without_a_recording_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"`drivers\.recordings` or `drivers\.cases`"):
+        open_people(DriverSettings(source="recorded"), tmp_path)
+    with pytest.raises(InputError, match="There is no file"):
+        open_people(DriverSettings(source="recorded", recordings=("nobody.csv",)), tmp_path)
+
+
+# --- exposure ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_exposure_is_the_kde_of_scipy_and_says_where_it_has_no_support():
+    events = np.random.default_rng(3).normal([20.0, 10.0], [3.0, 2.0], (200, 2))
+    model = fit_exposure(events, ("ego_speed", "lead_speed"))
+    values = {"ego_speed": np.array([20.0, 28.0]), "lead_speed": np.array([10.0, 3.0])}
+    expected = stats.gaussian_kde(events.T)(np.array([[20.0, 28.0], [10.0, 3.0]]))
+    assert model.density(values) == pytest.approx(expected)
+    assert model.supported(np.array([[20.0, 10.0], [60.0, 60.0]])).tolist() == [True, False]
+
+
+def test_held_out_likelihood_prefers_a_kde_where_the_events_have_two_modes():
+    stream = np.random.default_rng(5)
+    events = np.concatenate([stream.normal(10.0, 1.0, (150, 1)), stream.normal(30.0, 1.0, (150, 1))])
+    stream.shuffle(events)
+    held_out = fit_exposure(events, ("ego_speed",)).held_out
+    assert held_out["cross_validated"] >= held_out["scott"] > held_out["single_gaussian"] + 0.3
+    # Two halves of deviation 1: the entropy of the mixture is ln 2 + ln(2 pi e) / 2 = 2.11 nats.
+    assert held_out["cross_validated"] == pytest.approx(-2.11, abs=0.12)
+
+
+def test_a_declared_exposure_is_a_product_of_its_distributions(tmp_path):
+    settings = ExposureSettings("declared", declared={"ego_speed": DeclaredDistribution("normal", 25.0, 4.0)})
+    density = exposure_of(LOGICAL, settings, DriverSettings(), tmp_path).density
+    values = {"ego_speed": np.array([25.0, 29.0]), "lead_speed": np.array([5.0, 20.0])}
+    assert density(values)[1] / density(values)[0] == pytest.approx(np.exp(-0.5))
+    wrong = ExposureSettings("declared", declared={"ego_sped": DeclaredDistribution("normal", 25.0, 4.0)})
+    with pytest.raises(InputError, match="Did you mean `ego_speed`"):
+        exposure_of(LOGICAL, wrong, DriverSettings(), tmp_path)
+    with pytest.raises(InputError, match="greater than 0"):
+        DeclaredDistribution("normal", 25.0, 0.0)
+
+
+def test_events_that_do_not_vary_are_refused():
+    events = np.column_stack([np.arange(20.0), np.full(20, 15.0)])
+    with pytest.raises(InputError, match="must vary in each of ego_speed, lead_speed"):
+        fit_exposure(events, ("ego_speed", "lead_speed"))
+
+
+def test_too_few_events_and_scenarios_without_events_are_refused(tmp_path):
+    path = write_people(tmp_path / "people.csv", [25.0])
+    settings = ExposureSettings("recorded", recordings=(path.name,))
+    with pytest.raises(InputError, match="at least 10, got 1"):
+        exposure_of(LOGICAL, settings, DriverSettings(), tmp_path)
+    with pytest.raises(InputError, match="no recorded event that corresponds to scenario `ncap_ccrm`"):
+        exposure_of(catalogue.load("ncap_ccrm"), settings, DriverSettings(), tmp_path)

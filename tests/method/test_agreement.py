@@ -1,0 +1,34 @@
+"""Rank correlation and concordance, by hand."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.agreement import concordance, rank_correlation
+
+
+def test_spearmans_rho_by_hand():
+    # Ranks 1 2 3 4 and 2 1 4 3: rho = 1 - 6 (1 + 1 + 1 + 1) / (4 * 15) = 0.6.
+    assert rank_correlation([1.0, 2.0, 3.0, 4.0], [20.0, 10.0, 40.0, 30.0]).value == pytest.approx(0.6)
+    assert rank_correlation([1.0, 2.0, 3.0], [9.0, 5.0, 1.0]).value == pytest.approx(-1.0)
+    assert math.isnan(rank_correlation([1.0, 1.0, 1.0], [9.0, 5.0, 1.0]).value)
+
+
+def test_kendalls_w_by_hand():
+    assert concordance([[1, 2, 3], [4, 5, 9], [1, 5, 6]]).value == pytest.approx(1.0)
+    # Ranks 1 2 3 and 3 2 1 add up to 4 4 4: no agreement.
+    assert concordance([[1, 2, 3], [3, 2, 1]]).value == pytest.approx(0.0)
+    # Ranks 1 2 3, 1 3 2: sums 2 5 5, mean 4, S = 4 + 1 + 1 = 6; W = 12 * 6 / (4 * 24) = 0.75.
+    assert concordance([[1, 2, 3], [1, 3, 2]]).value == pytest.approx(0.75)
+    # A tie: ranks 1.5 1.5 3 and 1 2 3: sums 2.5 3.5 6, mean 4, S = 2.25 + 0.25 + 4 = 6.5; W = 78 / (96 - 2 * 6).
+    assert concordance([[5, 5, 7], [1, 2, 3]]).value == pytest.approx(78 / 84)
+
+
+def test_too_little_is_refused():
+    with pytest.raises(InputError, match="at least 3"):
+        rank_correlation([1.0, 2.0], [1.0, 2.0])
+    with pytest.raises(InputError, match="at least 2 raters"):
+        concordance([[1.0, 2.0, 3.0]])

@@ -1,0 +1,172 @@
+"""Recorded people, exposure and mixture mode through a whole evaluation, with SUMO."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from drivers.test_reference import write_people
+
+from sumo_eval.cli import main
+from sumo_eval.evaluation import score
+from sumo_eval.studies.calibration import calibrate
+from sumo_eval.studies.opinion import compare_opinion, read_ratings
+from sumo_eval.studies.sensitivity import sensitivity
+
+EVALUATION = """
+name = "people"
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+steps = { ego_speed = 10.0, lead_speed = 15.0 }
+[scenario.exposure]
+kind = "recorded"
+[[ads]]
+name = "idm"
+controller = "idm"
+[[ads]]
+name = "lane_changer"
+controller = "lane_changer"
+[drivers]
+source = "recorded"
+recordings = ["people.csv"]
+least = 4
+too_thin = "TOO_THIN"
+[method.anthropomorphic]
+mode = "mixture"
+slice_spacing = 2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A run in which a thin reference is filled, and one in which it is left out; what each said at the end."""
+    folder = tmp_path_factory.mktemp("people")
+    speeds = np.concatenate([np.linspace(29.0, 31.0, 6), np.linspace(20.0, 26.0, 6)])
+    write_people(folder / "people.csv", speeds.tolist(), lead_step=0.8)
+    found = {}
+    for too_thin in ("fill", "leave_out"):
+        (folder / "evaluation.toml").write_text(EVALUATION.replace("TOO_THIN", too_thin))
+        out = folder / too_thin
+        result = CliRunner().invoke(main, ["run", str(folder / "evaluation.toml"), "--out", str(out), "--workers", "1"])
+        assert (out / "cases.csv").is_file(), result.output + repr(result.exception)
+        with (out / "cases.csv").open() as file:
+            found[too_thin] = out, result, list(csv.DictReader(file))
+    return found
+
+
+def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(runs):
+    out, result, rows = runs["fill"]
+    assert result.exit_code == 0, result.output
+    at = {(row["ads"], float(row["ego_speed"]), float(row["lead_speed"])): row for row in rows}
+    rich = at["lane_changer", 30.0, 15.0]
+    assert (rich["drivers"], rich["recorded_drivers"], rich["reference_note"]) == ("6", "6", "")
+    thin = at["lane_changer", 10.0, 0.0]
+    assert (thin["drivers"], thin["recorded_drivers"]) == ("4", "0")
+    assert (
+        thin["reference_note"] == "Reference too thin: 0 of at least 4 recorded drivers; filled with 4 synthetic ones."
+    )
+    assert "Reference too thin in" in result.output
+    page = (out / "report.html").read_text()
+    assert "The drivers themselves" in page
+    assert "Reference too thin in" in page
+
+
+def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs):
+    _, _, rows = runs["fill"]
+    for row in rows:
+        assert 0.0 <= float(row["human_low"]) <= float(row["human_mean"]) <= float(row["human_high"]) <= 1.0
+        assert row["manoeuvre"]
+        assert 0.0 <= float(row["manoeuvre_share"]) <= 1.0
+
+
+def test_the_exposure_is_kept_with_the_run_and_unsupported_cases_say_so(runs):
+    out, _, rows = runs["fill"]
+    kept = json.loads((out / "scores.json").read_text())["exposure"]["front_vehicle_low_speed"]
+    assert kept["events"] == 12
+    assert set(kept["held_out_log_likelihood"]) == {"scott", "cross_validated", "single_gaussian", "uniform"}
+    assert 0.0 < kept["unsupported_share"] <= 1.0
+    at = {(float(row["ego_speed"]), float(row["lead_speed"])): row for row in rows}
+    assert at[10.0, 0.0]["exposure_note"].startswith("Outside the data's support")
+    assert at[30.0, 15.0]["exposure_note"] == ""
+    assert float(at[30.0, 15.0]["exposure"]) > float(at[10.0, 0.0]["exposure"])
+
+
+def test_a_thin_reference_may_be_left_out_and_the_case_is_counted_as_missing(runs):
+    _, result, rows = runs["leave_out"]
+    assert result.exit_code == 3
+    thin = [row for row in rows if row["reference_note"]]
+    assert thin
+    assert all(row["index"] == "" and row["reference_note"].endswith("left out.") for row in thin)
+    assert all(row["index"] for row in rows if not row["reference_note"])
+
+
+def test_a_run_is_scored_again_without_its_recordings(runs):
+    out, _, rows = runs["fill"]
+    (out.parent / "people.csv").rename(out.parent / "gone.csv")
+    try:
+        again = score(out)
+    finally:
+        (out.parent / "gone.csv").rename(out.parent / "people.csv")
+    assert [case.index for case in again.cases] == pytest.approx([float(row["index"]) for row in rows])
+
+
+def test_k6_gives_the_middle_ads_half_of_the_points(runs):
+    out, _, _ = runs["fill"]
+    evaluation = score(out)
+    found = calibrate([evaluation], by="mean")
+    d = [result.d for result in evaluation.scores]
+    assert found.k6 == pytest.approx(0.5 / np.mean(d))
+    scaled = score(out, [f"method.score.k6={found.k6}"])
+    assert np.mean([result.d_points for result in scaled.scores]) == pytest.approx(25.0)
+
+
+def test_peoples_opinion_beside_the_scores(runs, tmp_path):
+    out, _, _ = runs["fill"]
+    path = tmp_path / "ratings.csv"
+    path.write_text(
+        "rater,ads,scenario,score\n"
+        + "".join(
+            f"{rater},{ads},front_vehicle_low_speed,{given}\n"
+            for rater, scores in (("ann", (4, 8)), ("bob", (3, 9)))
+            for ads, given in zip(("idm", "lane_changer"), scores, strict=True)
+        )
+    )
+    found = compare_opinion(score(out), read_ratings(path))
+    assert [(row.ads, row.opinion) for row in found.rows] == [("idm", 3.5), ("lane_changer", 8.5)]
+    assert found.correlations["D"] is None  # two scores make no correlation
+    assert found.concordance is not None
+    assert found.concordance.value == pytest.approx(1.0)
+    result = CliRunner().invoke(main, ["humans", "opinion", str(out), str(path), "--out", str(tmp_path / "plot.html")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "plot.html").stat().st_size > 1000
+    path.write_text("rater,ads,scenario,score\nann,idm,front_vehicle_low_speed,11\n")
+    result = CliRunner().invoke(main, ["humans", "opinion", str(out), str(path)])
+    assert (result.exit_code, "`score` in row 2 of" in result.output) == (2, True)
+
+
+def test_the_ranking_under_other_constants(runs):
+    out, _, _ = runs["fill"]
+    rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
+    k2 = [row for row in rows if row.constant == "k2"]
+    assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])
+    assert k2[1].tau == 1.0
+    assert k2[0].scores != k2[1].scores
+    a = [row for row in rows if row.constant == "a"]
+    assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
+    assert all(row.ranking[0] == "lane_changer" for row in a)
+
+
+@pytest.mark.campaign  # tslearn compiles for half a minute
+def test_dtw_and_lcss_beside_every_index(runs):
+    pytest.importorskip("tslearn")
+    out, _, rows = runs["fill"]
+    result = CliRunner().invoke(main, ["humans", "similarity", str(out)])
+    assert result.exit_code == 0, result.output
+    with (out / "similarity.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == len(rows)
+    assert all(float(row["dtw"]) >= 0.0 and 0.0 <= float(row["lcss"]) <= 1.0 for row in table)
