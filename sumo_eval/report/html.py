@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,13 @@ from plotly.offline import get_plotlyjs
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page_data import choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
+from sumo_eval.report.sections import SECTIONS, Change
 from sumo_eval.report.words import (
     FACTORS,
     OUTCOMES,
@@ -45,13 +48,22 @@ REPORT = "report.html"
 _TEMPLATES = "sumo_eval.report"
 
 
-def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Path:
+def write_report(
+    evaluation: Evaluation,
+    partitions: Mapping[str, ZonePartition],
+    comparison: Comparison | None = None,
+    gates: Sequence[GateResult] = (),
+    notes: Sequence[str] = (),
+) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
-    partitions: the zones of every logical scenario of the evaluation, by its name.
+    partitions: the zones of every logical scenario of the evaluation, by its name. comparison, gates, notes: what is
+    said of the change since an earlier run, where there is one.
     """
     path = evaluation.folder / REPORT
-    page = _template().render(_context(evaluation, partitions))
+    page = template("report.html.j2").render(
+        _context(evaluation, partitions, Change(comparison, tuple(gates), tuple(notes)))
+    )
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -59,7 +71,8 @@ def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
     return path
 
 
-def _template() -> jinja2.Template:
+def template(name: str) -> jinja2.Template:
+    """A page's template."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,
@@ -67,27 +80,19 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2")
+    return environment.get_template(name)
 
 
-def _asset(name: str) -> Markup:
+def asset(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
     return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
-def _embedded(value: Any) -> Markup:
-    """JSON that no browser can read as markup, whatever names and error texts are in it."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    for letter, code in (("<", "\\u003c"), (">", "\\u003e"), ("&", "\\u0026")):
-        text = text.replace(letter, code)
-    return Markup(text)  # noqa: S704
-
-
-def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> dict[str, Any]:
+def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], change: Change) -> dict[str, Any]:
     settings = evaluation.settings
     missing = unevaluated(evaluation)
     data = page_data(evaluation, partitions)
-    return {
+    shared = {
         "name": evaluation.name,
         "ads_count": len({score.ads for score in evaluation.scores}),
         "cases": len(evaluation.cases),
@@ -118,12 +123,17 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) ->
         "setting_groups": setting_rows(settings),
         "origin": _origin(evaluation),
         "folder": evaluation.folder,
-        "css": _asset("report.css"),
-        "plotly": Markup(get_plotlyjs()),  # noqa: S704
-        "field_js": _asset("field.js"),
-        "report_js": _asset("report.js"),
-        "data": _embedded(data),
+        "css": asset("report.css"),
+        "plotly": packed(get_plotlyjs()),
+        "field_js": asset("field.js"),
+        "replay_js": asset("replay.js"),
+        "replay_css": asset("replay.css"),
+        "report_js": asset("report.js"),
+        "data": packed_json(data),
     }
+    found = [(section, section.content(evaluation, change)) for section in SECTIONS]
+    shown = [(section, content) for section, content in found if content is not None]
+    return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
 
 
 def _group(

@@ -6,7 +6,6 @@ differences of whole numbers, and deflated; `decodeTrajectories` in templates/fi
 
 from __future__ import annotations
 
-import base64
 import zlib
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
@@ -16,21 +15,26 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import EGO, Store, open_store
+from sumo_eval.batch.store import EGO, Fact, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
-CHANNEL_STEPS = {"time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2}
-"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s."""
+CHANNEL_STEPS = {
+    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 1e-2,
+    "steering_wheel_angle": 1e-3,
+}  # fmt: skip
+"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
 
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
 
-MOST_RUNS = 7_000  # whose trajectories are embedded, about 700 bytes each; the paper's evaluation has 2,100
+MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
+BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
 MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
@@ -52,11 +56,17 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
     }
     judged = verdicts(evaluation)
     with open_store(evaluation.folder / FACTS) as store:
-        embedded = worth_embedding(evaluation, store)
-        scenarios = [
-            _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
-            for zone in evaluation.zones
-        ]
+        runs = MOST_BYTES // BYTES_OF_A_RUN
+        while True:
+            embedded = worth_embedding(evaluation, store, runs)
+            scenarios = [
+                _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
+                for zone in evaluation.zones
+            ]
+            taken = sum(len(scenario["trajectories"]["data"]) for scenario in scenarios)
+            if taken <= MOST_BYTES or not embedded:
+                break
+            runs = int(runs * 0.95 * MOST_BYTES / taken)  # as many as fit, by what these really took
     return {
         "field": {
             "k1": anthropomorphic.field.k1,
@@ -84,15 +94,17 @@ def _scenario(
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases)
     trajectories: list[Trajectory] = []
-    points = {fact.case: fact.point for fact in store.facts("ads", logical.name)}
+    facts = {fact.case: fact for fact in store.facts("ads", logical.name)}
     rows = []
     for case in cases:
-        here = (logical.name, points[case.case]) in embedded
+        number = facts[case.case].point
+        here = (logical.name, number) in embedded
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
-        row |= {"verdict": judged[case.case], "point": points[case.case], "embedded": here, "vehicles": vehicles}
+        row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
+        row["contact"] = contact(facts[case.case], recorded.get(EGO))
         rows.append(row)
     drivers: dict[int, list[int]] = {}
     for fact in store.facts("human", logical.name):
@@ -327,14 +339,14 @@ def _runs(flags: BoolArray, ticks: FloatArray) -> list[tuple[float, float]]:
 def _levels(y: FloatArray) -> str:
     levels = np.clip(np.round(y * 32000.0), -32000, 32000)
     levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)  # rounding must move no point into the zone
-    return _base64(levels.astype("<i2").tobytes())
+    return packed_bytes(levels.astype("<i2").tobytes())
 
 
 # --- trajectories -----------------------------------------------------------------------------------------------------
 
 
-def worth_embedding(evaluation: Evaluation, store: Store) -> frozenset[Point]:
-    """The points whose trajectories travel in the page: all, or as many as MOST_RUNS allows, the most telling first.
+def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> frozenset[Point]:
+    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
 
     Collisions and cases that could not be evaluated come first, then the least human-like.
     """
@@ -345,7 +357,7 @@ def worth_embedding(evaluation: Evaluation, store: Store) -> frozenset[Point]:
         matters = case.collided or not case.evaluated
         tell = 2.0 if matters else 0.0 if case.index is None else 1.0 - case.index
         tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)
-    chosen, left = [], MOST_RUNS
+    chosen, left = [], most_runs
     for here in sorted(tells, key=lambda known: (-tells[known], known)):
         left -= runs[here]
         if left < 0:
@@ -354,12 +366,20 @@ def worth_embedding(evaluation: Evaluation, store: Store) -> frozenset[Point]:
     return frozenset(chosen)
 
 
+def contact(fact: Fact, ego: Trajectory | None) -> dict[str, Any] | None:
+    """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
+    if fact.collision is None or ego is None:
+        return None
+    hit = fact.collision
+    return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+
+
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did."""
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
     for name, step in CHANNEL_STEPS.items():
-        channels = [getattr(trajectory, name) for trajectory in trajectories]
+        channels = [np.nan_to_num(getattr(trajectory, name)) for trajectory in trajectories]
         whole = np.round(np.concatenate([[0.0], *channels]) / step).astype(np.int64)
         change = np.diff(whole)
         folded = np.where(change < 0, -2 * change - 1, 2 * change).astype("<u4")  # small numbers of either sign
@@ -368,9 +388,6 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         "counts": counts,
         "lengths": [trajectory.length for trajectory in trajectories],
         "widths": [trajectory.width for trajectory in trajectories],
-        "data": _base64(zlib.compress(b"".join(planes), 9)),
+        "noSteering": [k for k, one in enumerate(trajectories) if not np.isfinite(one.steering_wheel_angle).all()],
+        "data": packed_bytes(zlib.compress(b"".join(planes), 9)),
     }
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")

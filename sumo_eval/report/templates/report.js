@@ -2,9 +2,14 @@
 // textContent, or through plain() where Plotly would read markup.
 "use strict";
 
-(() => {
-  const data = JSON.parse(document.getElementById("report-data").textContent);
+(async () => {
   const byId = (id) => document.getElementById(id);
+  window.addEventListener("error", (event) => fail(event.message));
+  window.addEventListener("unhandledrejection", (event) => fail(event.reason));
+  const data = JSON.parse(await sumoEval.inflated(byId("report-data").textContent));
+  const library = document.createElement("script"); // inline scripts run as they are added
+  library.textContent = await sumoEval.inflated(byId("plotly-code").textContent);
+  document.head.append(library);
   const COLOURS = { ads: "#0072b2", driver: "#8593a3", actor: "#b26a00", ink: "#1b1f24", muted: "#57606a", line: "#d5dbe1" };
   const ZONE_COLOURS = { safe: "#e6f1f8", hazardous: "#fbd9b5" };
   const OUTCOMES = {
@@ -436,17 +441,17 @@
     byId("case-charts").hidden = !drawable;
     byId("case-elsewhere").hidden = item.embedded;
     shown = null;
+    player.stop();
     if (!drawable) return;
     const all = await trajectoriesOf(scenarioIndex);
     if (mine !== turn) return;
-    const actors = Object.entries(item.vehicles).filter(([name]) => name !== "ego").map(([name, k]) => [name, all[k]]);
-    shown = { scenario, item, ads: all[item.vehicles.ego], actors, drivers: driverIndexes.map((k) => all[k]) };
+    shown = { scenario, item, ads: all[item.vehicles.ego], actors: actorsOf(item, all), drivers: driverIndexes.map((k) => all[k]) };
     byId("legend-ads").textContent = item.ads;
     byId("legend-drivers").hidden = shown.drivers.length === 0;
     byId("legend-drivers").lastElementChild.textContent = `${shown.drivers.length} human drivers`;
     drawPaths(shown);
     drawSpeed(shown);
-    startReplay(shown);
+    startReplay(shown, all);
     drawFields(shown);
   }
 
@@ -572,100 +577,31 @@
 
   // --- replay --------------------------------------------------------------------------------------------------------
 
-  let frame = null;
+  const player = sumoReplay.player(byId("replay"));
 
-  function startReplay(view) {
-    const slider = byId("replay-slider");
-    stopReplay();
-    slider.max = view.ads.time.at(-1) - view.ads.time[0];
-    slider.value = view.item.outcome === "collision" ? slider.max : 0;
-    drawReplay(view);
+  const contactOf = (item) => (item.contact === null ? null : { ...item.contact, speed: item.impactSpeed });
+
+  /** What may run beside the case: the other ADSs at the same point, and each driver. */
+  function companions(view, all) {
+    const { scenario, item } = view;
+    const others = scenario.cases.filter((other) => other.point === item.point && other !== item && "ego" in other.vehicles);
+    return [
+      ...others.map((other) => ({ name: other.ads, ego: all[other.vehicles.ego], actors: actorsOf(other, all), contact: contactOf(other) })),
+      ...view.drivers.map((driver, k) => ({ name: `driver ${k + 1}`, ego: driver, actors: view.actors, contact: null })),
+    ];
   }
 
-  function stopReplay() {
-    if (frame !== null) cancelAnimationFrame(frame);
-    frame = null;
-    byId("replay-play").textContent = "Play";
-  }
+  const actorsOf = (item, all) => Object.entries(item.vehicles).filter(([name]) => name !== "ego").map(([name, k]) => [name, all[k]]);
 
-  function play() {
-    const slider = byId("replay-slider");
-    if (frame !== null) return stopReplay();
-    if (Number(slider.value) >= Number(slider.max) - 1e-6) slider.value = 0;
-    byId("replay-play").textContent = "Pause";
-    let before = null, time = Number(slider.value);
-    const tick = (now) => {
-      time = Math.min(time + (before === null ? 0 : (now - before) / 1000), Number(slider.max));
-      before = now;
-      slider.value = time;
-      drawReplay(shown);
-      if (time >= Number(slider.max)) return stopReplay();
-      frame = requestAnimationFrame(tick);
-      return undefined;
-    };
-    frame = requestAnimationFrame(tick);
-    return undefined;
-  }
-
-  function drawReplay(view) {
-    if (!view) return;
-    const canvas = byId("replay"), { road } = view.scenario;
-    const width = canvas.clientWidth, height = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
-    if (width === 0) return;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.scale(ratio, ratio);
-    const strip = 26; // px below the road for the scale
-    const scale = Math.min((height - strip - 8) / (road.left - road.right), 11);
-    const elapsed = Number(byId("replay-slider").value);
-    const at = (t, channel) => sumoEval.at(t.time, t[channel], t.time[0] + elapsed);
-    const left = at(view.ads, "x") - 0.3 * width / scale;
-    const px = (x) => (x - left) * scale, py = (y) => 6 + (road.left - y) * scale;
-    pen.fillStyle = "#f5f7f9";
-    pen.fillRect(0, 0, width, height);
-    pen.fillStyle = "#d9dde1";
-    pen.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
-    const stroke = (y, colour, dash) => {
-      pen.beginPath();
-      pen.setLineDash(dash);
-      pen.lineDashOffset = dash.length ? left * scale : 0;
-      pen.moveTo(0, py(y));
-      pen.lineTo(width, py(y));
-      pen.lineWidth = 2;
-      pen.strokeStyle = colour;
-      pen.stroke();
-    };
-    stroke(road.left, "#57606a", []);
-    stroke(road.right, "#57606a", []);
-    for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
-    pen.setLineDash([]);
-    pen.fillStyle = COLOURS.muted;
-    pen.font = `11px ${FONT.family}`;
-    pen.textAlign = "center";
-    const step = width / scale > 70 ? 20 : 10;
-    for (let x = Math.ceil(left / step) * step; px(x) < width; x += step) {
-      pen.fillRect(px(x), py(road.right) + 3, 1, 5);
-      pen.fillText(`${x} m`, px(x), py(road.right) + 20);
-    }
-    const draw = (t, colour, solid, name) => {
-      const shape = body(t, at(t, "x"), at(t, "y"), at(t, "heading"));
-      pen.beginPath();
-      shape.x.forEach((x, k) => pen[k ? "lineTo" : "moveTo"](px(x), py(shape.y[k])));
-      pen.lineWidth = 1.2;
-      pen.strokeStyle = colour;
-      pen.fillStyle = colour;
-      if (solid) pen.fill();
-      pen.stroke();
-      if (!solid || t.length * scale < 44) return;
-      pen.fillStyle = "#fff";
-      pen.font = `600 10px ${FONT.family}`;
-      pen.fillText(name, px(at(t, "x")), py(at(t, "y")) + 3.5, t.length * scale - 4);
-    };
-    for (const driver of view.drivers) if (elapsed <= driver.time.at(-1) - driver.time[0]) draw(driver, COLOURS.driver, false);
-    for (const [name, actor] of view.actors) draw(actor, COLOURS.actor, true, name);
-    draw(view.ads, COLOURS.ads, true, "ego");
-    byId("replay-time").textContent = `t = ${elapsed.toFixed(1)} s, ${at(view.ads, "speed").toFixed(1)} m/s`;
+  function startReplay(view, all) {
+    const found = companions(view, all), select = byId("replay-beside");
+    fill(select, [[-1, "nothing"], ...found.map(({ name }, k) => [k, name])], -1);
+    const own = { name: view.item.ads, ego: view.ads, actors: view.actors, contact: contactOf(view.item) };
+    const draw = () => player.show({
+      road: view.scenario.road, ghosts: view.drivers, views: [own, ...found.slice(Number(select.value), Number(select.value) + 1)].slice(0, Number(select.value) < 0 ? 1 : 2),
+    });
+    select.onchange = draw;
+    draw();
   }
 
   // --- the page ------------------------------------------------------------------------------------------------------
@@ -702,17 +638,12 @@
     byId("failure").textContent = `A chart of this report could not be drawn (${reason}). The tables and sentences are complete without it.`;
   }
 
-  window.addEventListener("error", (event) => fail(event.message));
-  window.addEventListener("unhandledrejection", (event) => fail(event.reason));
   window.addEventListener("beforeprint", () => onPrint(true));
   window.addEventListener("afterprint", () => onPrint(false));
-  window.addEventListener("resize", () => drawReplay(shown));
   window.addEventListener("hashchange", () => {
     const asked = caseFromAddress();
     if (asked) showCase(asked.s, asked.index, true);
   });
-  byId("replay-play").addEventListener("click", play);
-  byId("replay-slider").addEventListener("input", () => { stopReplay(); drawReplay(shown); });
   zoneMaps();
   likenessMaps();
   preventedMaps();
