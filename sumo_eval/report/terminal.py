@@ -153,9 +153,14 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> lis
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
-    """One line a gate."""
-    marks = {True: "passed", False: "FAILED", None: "not judged"}
-    return [f"gate {marks[gate.passed]}: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}" for gate in gates]
+    """A line for each gate that failed or could not be judged, and the number of those that passed."""
+    marks = {False: "FAILED", None: "not judged"}
+    lines = [
+        f"gate {marks[gate.passed]}: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
+        for gate in gates
+        if gate.passed is not True
+    ]
+    return [*lines, f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
@@ -166,6 +171,8 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     )
     if change.difference is None or change.low is None or change.high is None:
         return values
+    if change.difference == change.low == change.high == 0.0:
+        return f"{change.new:.{digits}f}, unchanged"
     interval = f"{change.low:+.{digits}f} to {change.high:+.{digits}f}"
     return f"{values}, {change.difference:+.{digits}f} ({confidence:.0%} interval of the difference: {interval})"
 
