@@ -158,6 +158,7 @@ def _group(
         "looks": [verdict for verdict in LOOKS if verdict in found],
         "map_note": view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
+        "has_collisions": any(case.collided for case in cases),
         "has_index": any(case.index is not None for case in cases),
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),

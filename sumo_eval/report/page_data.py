@@ -180,6 +180,7 @@ def _case(
         "similarity": case.similarity,
         "indexNote": case.index_note,
         "clips": case.clips,
+        "ttc": case.min_ttc,
         "measures": [
             [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
         ],

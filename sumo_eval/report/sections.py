@@ -67,7 +67,7 @@ def change_content(evaluation: Evaluation, change: Change) -> Mapping[str, Any] 
                 "pairs": one.pairs,
                 "changes": [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
                 "quantities": [
-                    (name, quantity_words(name, value, comparison.confidence), value.certain)
+                    (name, quantity_words(name, value, comparison.confidence).replace("->", "→"), value.certain)
                     for name, value in one.quantities.items()
                 ],
             }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from rich.table import Table
 from rich.text import Text
@@ -183,13 +184,14 @@ def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult]) -> st
     if comparison is None:
         beside = "there is no earlier good run to compare with"
         return f"NOT GOOD: {count(bad, 'gate')} failed; {beside}." if bad else f"NO GATE FAILED; {beside}."
+    base = Path(comparison.base_folder).name
     worse, better = len(comparison.worse), len(comparison.better)
     moved = f"{count(worse, 'case')} got worse, {better} better"
     if bad:
-        return f"WORSE than {comparison.base_folder}: {count(bad, 'gate')} failed; {moved}."
+        return f"WORSE than {base}: {count(bad, 'gate')} failed; {moved}."
     if not worse and not better:
-        return f"THE SAME as {comparison.base_folder}: no case changed, and every gate holds."
-    return f"NO GATE FAILED beside {comparison.base_folder}: {moved}."
+        return f"THE SAME as {base}: no case changed, and every gate holds."
+    return f"NO GATE FAILED beside {base}: {moved}."
 
 
 # --- where the points went --------------------------------------------------------------------------------------------

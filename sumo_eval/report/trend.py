@@ -82,6 +82,7 @@ def write_trend(folder: Path, history: History) -> Path:
     page = template("trend.html.j2").render(
         css=asset("report.css"),
         nights=list(reversed(nights)),
+        dates={night.night: _date(night.night) for night in nights},
         reports={night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights},
         kept=kept,
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
@@ -121,7 +122,7 @@ def _chart(
 ) -> Chart:
     known = [value for value in series.values() if value is not None]
     known += [gate.threshold for gate in limits if gate.threshold is not None]
-    ticks = _ticks(min(known), max(known))
+    ticks = _ticks(min(known), max(known), least=1.0 if unit == "cases" else 0.0)
     step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
     at = {night.night: LEFT + step * (place + 0.5) for place, night in enumerate(nights)}
 
@@ -159,18 +160,21 @@ def _chart(
         if gate.threshold is not None and gate.ads in names
     )  # fmt: skip
     every = math.ceil(len(nights) / MOST_LABELS)
-    dates = tuple((round(at[night.night], 2), night.night[:10]) for night in nights[::-1][::every])
+    days = [night.night[:10] for night in nights]
+    label = _date if len(set(days)) < len(days) else lambda night: night[:10]
+    dates = tuple((round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every])
     return Chart(title, unit, tuple(lines), strokes, tuple((height(tick), f"{tick:g}") for tick in ticks), dates)
 
 
-def _ticks(low: float, high: float) -> list[float]:
-    """Round numbers around a range, at least two."""
+def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:
+    """Round numbers around a range, at least two of them, at least `least` apart."""
     if high - low < 1e-9 * max(1.0, abs(high)):
         pad = 0.5 * abs(high) or 0.5
         low, high = low - pad if low else 0.0, high + pad
     rough = (high - low) / (TICKS - 1)
     magnitude = 10.0 ** math.floor(math.log10(rough))
     step = next(factor * magnitude for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * magnitude >= rough * 0.999)
+    step = max(step, least)
     first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
     return [round(float(value), 12) for value in np.arange(first, last + 1) * step]
 

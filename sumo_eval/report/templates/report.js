@@ -312,27 +312,64 @@
   }
 
   function distribution(plot, scenario) {
+    const meanOf = (items) => items.reduce((sum, item) => sum + item.exposure * item.index, 0) / items.reduce((sum, item) => sum + item.exposure, 0);
+    histogram(plot, scenario, { value: (item) => item.index, high: 1, bins: BINS, digits: 2, axis: "D<sub>i</sub>", count: "safe cases", mean: meanOf });
+  }
+
+  /** Bars of one value by ADS from 0 to `high`; what lies beyond is in the last bin. mean: a dashed line and a word. */
+  function histogram(plot, scenario, { value, high, bins, digits, axis, count, mean = null }) {
     const styles = [["#0072b2", "/"], ["#b26a00", "\\"], ["#4d9e7a", "x"], ["#8a3d74", "-"], ["#57606a", "|"], ["#c2185b", "+"]];
-    const compared = scenario.ads.map((ads) => [ads, scenario.cases.filter((item) => item.ads === ads && item.index !== null)])
+    const compared = scenario.ads.map((ads) => [ads, scenario.cases.filter((item) => item.ads === ads && value(item) !== null)])
       .filter(([, items]) => items.length > 0);
     const shapes = [];
     const traces = compared.map(([ads, items], position) => {
       const [colour, shape] = styles[position % styles.length];
-      const exposure = items.reduce((sum, item) => sum + item.exposure, 0);
-      const mean = items.reduce((sum, item) => sum + item.exposure * item.index, 0) / exposure;
-      shapes.push({ type: "line", x0: mean, x1: mean, y0: 0, y1: 1, yref: "paper", line: { color: colour, width: 2, dash: "dash" } });
-      const counts = new Array(BINS).fill(0);
-      for (const item of items) counts[Math.min(BINS - 1, Math.floor(item.index * BINS))] += 1;
+      const middle = mean === null ? null : mean(items);
+      if (middle !== null) shapes.push({ type: "line", x0: middle, x1: middle, y0: 0, y1: 1, yref: "paper", line: { color: colour, width: 2, dash: "dash" } });
+      const counts = new Array(bins).fill(0);
+      for (const item of items) counts[Math.min(bins - 1, Math.floor(value(item) / high * bins))] += 1;
+      const edge = (bin) => (bin * high / bins).toFixed(digits);
+      const over = items.some((item) => value(item) > high);
       return {
-        type: "bar", name: `${plain(ads)}, mean ${mean.toFixed(3)}`, x: counts.map((_, bin) => (bin + 0.5) / BINS), y: counts,
-        customdata: counts.map((_, bin) => `${(bin / BINS).toFixed(2)} to ${((bin + 1) / BINS).toFixed(2)}`), marker: { color: colour, line: { width: 1, color: "#fff" }, pattern: { shape, fgcolor: "#fff", fillmode: "overlay", size: 6, solidity: 0.12 } },
-        hovertemplate: "D<sub>i</sub> %{customdata}: %{y} cases<extra></extra>",
+        type: "bar", name: middle === null ? plain(ads) : `${plain(ads)}, mean ${middle.toFixed(3)}`, x: counts.map((_, bin) => (bin + 0.5) * high / bins), y: counts,
+        customdata: counts.map((_, bin) => (over && bin === bins - 1 ? `above ${edge(bin)}` : `${edge(bin)} to ${edge(bin + 1)}`)),
+        marker: { color: colour, line: { width: 1, color: "#fff" }, pattern: { shape, fgcolor: "#fff", fillmode: "overlay", size: 6, solidity: 0.12 } },
+        hovertemplate: `${axis} %{customdata}: %{y} cases<extra></extra>`,
       };
     });
     Plotly.newPlot(plot, traces, layout(
-      { ...title("D<sub>i</sub>"), range: [-0.005, 1.005], fixedrange: true }, { ...title("safe cases"), rangemode: "tozero", fixedrange: true },
+      { ...title(axis), range: [-0.005 * high, 1.005 * high], fixedrange: true }, { ...title(count), rangemode: "tozero", fixedrange: true },
       { barmode: "group", bargap: 0.12, shapes, showlegend: true, dragmode: false, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, margin: { l: 52, r: 12, t: 34, b: 44 } },
     ), CONFIG);
+  }
+
+  // --- terms of C ----------------------------------------------------------------------------------------------------
+
+  function termMaps() {
+    for (const card of document.querySelectorAll("[data-terms]")) {
+      const scenarioIndex = Number(card.dataset.terms);
+      const scenario = data.scenarios[scenarioIndex];
+      const plots = panelsOf(card, scenario);
+      const [ads, term] = ["terms", "term"].map((name) => () => card.querySelector(`input[name="${name}-${scenarioIndex}"]:checked`).value);
+      const draw = () => {
+        const known = scenario.cases.filter((item) => item[term()] !== null).map((item) => item[term()]);
+        const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
+        card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
+        plots.forEach((plot, panel) => {
+          const found = casesOf(scenario, ads(), (item) => item.panel === panel && item[term()] !== null);
+          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(scenario, item) });
+          Plotly.react(plot, [tiles(found, look, { colorscale: "Cividis", zmin: 0, zmax: most })], layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
+        });
+      };
+      draw();
+      card.addEventListener("change", draw);
+      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
+      const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
+      histogram(card.querySelector("[data-of=severity]"), scenario, {
+        value: (item) => item.severity, high: Math.max(5, Math.ceil(hardest / 5) * 5), bins: 15, digits: 1, axis: "U, m/s", count: "collisions",
+      });
+      histogram(card.querySelector("[data-of=ttc]"), scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" });
+    }
   }
 
   // --- one case ------------------------------------------------------------------------------------------------------
@@ -646,6 +683,7 @@
   });
   zoneMaps();
   likenessMaps();
+  termMaps();
   preventedMaps();
   wirePickers();
   const asked = caseFromAddress();
