@@ -10,7 +10,15 @@ import numpy as np
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
-from sumo_eval.scenario.logical import Approach, Constraint, LogicalScenario, NamedSample, Parameter, Values
+from sumo_eval.scenario.logical import (
+    Approach,
+    Constraint,
+    LogicalScenario,
+    NamedSample,
+    Parameter,
+    Values,
+    ZoneCoordinates,
+)
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 BODY_LENGTH = 4.5  # m, every vehicle of the paper's scenarios
@@ -131,9 +139,12 @@ _R157 = "UN Regulation No. 157, performance models; ranges cover the grids of JR
 def _r157_actor(
     name: str, gap: float, speed: float, y: float = 0.0, move: ConstantLateral | None = None, brake: Brake | None = None
 ) -> Actor:
-    """A vehicle `gap` m (bumper to bumper) ahead of the ego."""
+    """A vehicle `gap` m (bumper to bumper) ahead of the ego. It slides across: dx0, dy0 and the known outcomes of the
+    regulation's scenarios are those of rectangles along the road.
+    """
     start = Start(EGO_START + gap + R157_BODY.length, y, speed)
-    return Actor(name, start, () if move is None else (move,), R157_BODY.length, R157_BODY.width, brake)
+    moves = () if move is None else (move,)
+    return Actor(name, start, moves, R157_BODY.length, R157_BODY.width, brake, slides=True)
 
 
 LEAD_BRAKING_DELAY = 1.0  # s before ideal braking: the paper's for a danger that has to be noticed first
@@ -183,6 +194,15 @@ def _cut_in_approach(values: Values) -> Approach:
     )
 
 
+_FAR = 100.0  # m
+
+
+def _cut_in_coordinates(values: Values) -> tuple[FloatArray, ...]:
+    closing = values["ego_speed"] - values["cut_in_speed"]
+    left = values["gap"] - closing * CUT_IN_APART / values["lateral_speed"]
+    return closing, np.tanh(left / _FAR)  # far ahead and long past are each all alike
+
+
 def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
     lane = R157_ROAD.lane_width
     move = ConstantLateral(begin=0.0, speed=values["lateral_speed"], offset=-lane)
@@ -192,10 +212,6 @@ def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]
 
 def _other_slower(values: Values) -> BoolArray:
     return np.asarray(values["cut_in_speed"] < values["ego_speed"])
-
-
-def _other_drives_forward(values: Values) -> BoolArray:
-    return np.asarray(values["lateral_speed"] <= values["cut_in_speed"])
 
 
 CUT_IN = LogicalScenario(
@@ -208,16 +224,11 @@ CUT_IN = LogicalScenario(
         Parameter("gap", 0.0, 100.0, 10.0, "m", "dx0: bumper to bumper along the road when the lateral motion begins"),
         Parameter("lateral_speed", 0.2, 3.0, 0.7, "m/s", "Vy: lateral speed of the other until the lane centre"),
     ),
-    constraints=(
-        Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),
-        Constraint(
-            "one where the other drives forward rather than sideways (lateral_speed <= cut_in_speed)",
-            _other_drives_forward,
-        ),
-    ),
+    constraints=(Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),),
     road=R157_ROAD,
     place=_cut_in_place,
     approach=_cut_in_approach,
+    zone_coordinates=ZoneCoordinates(("closing speed", "gap left when the lane is entered"), _cut_in_coordinates),
     ego_body=R157_BODY,
     time_limit=R157_TIME,
 )
@@ -266,14 +277,14 @@ R157_CUT_OUT = LogicalScenario(
 # --- Euro NCAP, car to car rear ---------------------------------------------------------------------------------------
 
 NCAP_BODY = EgoBody(length=4.5, width=1.8)  # m, the car under test; `overlap` is a share of its width
-NCAP_TARGET = EgoBody(length=4.023, width=1.712)  # m, the global vehicle target (ISO 19206-3)
+NCAP_TARGET = EgoBody(length=4.023, width=1.712)  # m, the global vehicle target, from the same source
 NCAP_TIME_TO_COLLISION = 5.0  # s at the start; the protocol asks for more than 4 s
 _KMH = 1.0 / 3.6
 _OVERLAPS = (-0.5, -0.75, 1.0, 0.75, 0.5)
 _NCAP = "Euro NCAP car-to-car rear, as encoded in vectorgrp/OSC-NCAP-scenarios (C2C v4.3.1 of 2023, CA-FC v1.1 of 2026)"
 _OVERLAP = Parameter(
     "overlap", -1.0, 1.0, 0.25, "1",
-    "share of the ego's width that faces the target; 1 or -1: centred, 0.5: its right half, -0.5: its left",
+    "share of the ego's width that faces the target; 1 or -1: centred, 0.5: its left half, -0.5: its right",
 )  # fmt: skip
 
 
@@ -292,7 +303,7 @@ def _target(
     """The ego, and the target `gap` m ahead, moved sideways until the overlap is right."""
     overlap = values["overlap"]
     shift = max((NCAP_BODY.width + NCAP_TARGET.width) / 2 - abs(overlap) * NCAP_BODY.width, 0.0)
-    y = shift if overlap < 0.0 else -shift
+    y = -shift if overlap < 0.0 else shift  # the sign of the encoded test specification
     x = EGO_START + gap + (NCAP_BODY.length + NCAP_TARGET.length) / 2
     target = Actor("target", Start(x, y, speed), (), NCAP_TARGET.length, NCAP_TARGET.width, brake)
     return Start(EGO_START, 0.0, values["ego_speed"]), (target,)
