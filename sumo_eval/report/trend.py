@@ -27,7 +27,7 @@ COLOURS = ("#0072b2", "#b26a00", "#2f7d5b", "#8a3d74", "#57606a", "#c2185b")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT, TOP, BOTTOM = 56, 12, 12, 40
-MOST_LABELS = 5  # dates under a chart
+MOST_LABELS = 3  # dates under a chart
 TICKS = 5
 
 
@@ -161,7 +161,7 @@ def _chart(
     )  # fmt: skip
     every = math.ceil(len(nights) / MOST_LABELS)
     days = [night.night[:10] for night in nights]
-    label = _date if len(set(days)) < len(days) else lambda night: night[:10]
+    label = (lambda night: _date(night)[5:]) if len(set(days)) < len(days) else (lambda night: night[:10])
     dates = tuple((round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every])
     return Chart(title, unit, tuple(lines), strokes, tuple((height(tick), f"{tick:g}") for tick in ticks), dates)
 
