@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import shutil
 import sys
@@ -20,6 +22,7 @@ from sumo_eval.scenario.concrete import Road
 from sumo_eval.trajectory import Collision, Trajectory
 
 STEP = 0.05  # s; of the animation
+ZOOM = 4000.0  # of sumo-gui: some 150 m of road
 COLOURS = {EGO: "0,114,178", "": "178,106,0"}  # of the ego, of everybody else
 
 
@@ -40,7 +43,7 @@ def replay_in_gui(
     vehicles: by name, the ego's under `ego`. program: sumo-gui, or another SUMO program that understands TraCI.
     """
     program = program or sumo_gui()
-    import traci
+    from traci import main as traci  # the package itself is libsumo here, which has no window
 
     with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
         folder = Path(name)
@@ -53,9 +56,10 @@ def replay_in_gui(
         ]  # fmt: skip
         shows = Path(program).name.startswith("sumo-gui")
         if shows:
-            command += ["-g", str(folder / "road.view.xml"), "--start", "true"]
+            command += ["-g", str(folder / "road.view.xml"), "--start", "true", "--window-size", "1400,600"]
         try:
-            traci.start(command)
+            with contextlib.redirect_stdout(io.StringIO()):  # it says there how often it tried to connect
+                traci.start(command)
         except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:
             raise InputError(f"{program} could not be started: {error}.") from error
         try:
@@ -77,18 +81,19 @@ def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision |
         traci.vehicle.setLaneChangeMode(name, 0)
     if shows:
         traci.gui.trackVehicle(traci.gui.DEFAULT_VIEW, EGO)
+        traci.gui.setZoom(traci.gui.DEFAULT_VIEW, ZOOM)
     clock = time.monotonic()
     for moment in np.arange(start, end + STEP, STEP):
         for name, trajectory in vehicles.items():
             _place(traci, name, trajectory, min(float(moment), end))
-        traci.simulationStep()
-        if collision is not None and moment >= collision.time:
+        if collision is not None and moment + STEP > collision.time:
             traci.vehicle.setColor(EGO, (198, 40, 40, 255))
+        traci.simulationStep()
         if shows:
             time.sleep(max(0.0, float(moment) - start - (time.monotonic() - clock)))
     while shows:  # the last frame stays until the window is closed, which ends the connection
-        traci.simulationStep()
-        time.sleep(STEP)
+        traci.simulation.getTime()
+        time.sleep(4 * STEP)
 
 
 def _place(traci: Any, name: str, trajectory: Trajectory, moment: float) -> None:
