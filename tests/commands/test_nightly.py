@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import shutil
+import signal
 import sqlite3
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import junitparser
@@ -104,6 +109,25 @@ def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str
     assert not left.exists()
     assert any("2026-01-01T00-00-00Z was stopped before its end" in note for note in result.notes)
     assert result.night.exit_status == 0
+
+
+def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> None:
+    file, history = evaluation(tmp_path, "{ ego_speed = 20, lead_speed = 13 }"), tmp_path / "history"
+    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        deadline = time.monotonic() + 120.0
+        while not list(history.glob("nights/*/facts.sqlite")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGKILL)
+    (left,) = (history / "nights").iterdir()
+    assert nights(history) == []
+    evaluation(tmp_path, "2")
+    result = run_night(file, history, GateSettings(resamples=100))
+    assert f"Night {left.name} was stopped before its end; its unfinished folder was removed." in result.notes
+    assert [night.night for night in nights(history)] == [result.night.night]
+    assert not left.exists()
 
 
 def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(

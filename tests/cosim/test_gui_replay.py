@@ -1,4 +1,4 @@
-"""A recording in a SUMO program: every vehicle stands where it was recorded, front bumper and angle as SUMO has them."""
+"""A recording in a SUMO program: every vehicle stands where it was, front bumper and angle as SUMO has them."""
 
 from __future__ import annotations
 
