@@ -29,6 +29,7 @@ from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.report.history import History, Night, open_history
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, write_junit
+from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.terminal import verdict_of
 from sumo_eval.report.trend import write_trend
@@ -80,7 +81,7 @@ def run_night(
             gates = judge(done, comparison, gate)
             write_tables(done)
             write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
-            report = write_report(done, zone_partitions(done), comparison, gates, notes)
+            report = write_report(done, zone_partitions(done), Beside(comparison, gates, tuple(notes)))
         except (OSError, sqlite3.Error) as error:
             shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
             raise InputError(

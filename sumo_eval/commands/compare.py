@@ -41,6 +41,7 @@ def compare(
     from sumo_eval.report.gates import failed, judge
     from sumo_eval.report.html import write_report
     from sumo_eval.report.junit import comparison_suites, write_junit
+    from sumo_eval.report.sections import Beside
     from sumo_eval.report.terminal import comparison_lines
 
     settings = read_gate(gate)
@@ -56,5 +57,6 @@ def compare(
     for line in comparison_lines(comparison, gates):
         click.echo(line)
     if with_report:
-        click.echo(f"The report is {write_report(after, zone_partitions(after), comparison, gates)}")
+        report = write_report(after, zone_partitions(after), Beside(comparison, gates))
+        click.echo(f"The report is {report}")
     sys.exit(GATE_FAILED if failed(gates) else NOT_EVALUATED if after.not_evaluated else DONE)

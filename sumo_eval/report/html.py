@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,11 @@ from plotly.offline import get_plotlyjs
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report.comparison import Comparison
-from sumo_eval.report.gates import GateResult
 from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page_data import choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
-from sumo_eval.report.sections import SECTIONS, Change
+from sumo_eval.report.sections import SECTIONS, Beside
 from sumo_eval.report.words import (
     FACTORS,
     OUTCOMES,
@@ -46,24 +44,18 @@ from sumo_eval.settings import SamplingSettings
 
 REPORT = "report.html"
 _TEMPLATES = "sumo_eval.report"
+NOTHING_BESIDE = Beside()
 
 
 def write_report(
-    evaluation: Evaluation,
-    partitions: Mapping[str, ZonePartition],
-    comparison: Comparison | None = None,
-    gates: Sequence[GateResult] = (),
-    notes: Sequence[str] = (),
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside = NOTHING_BESIDE
 ) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
-    partitions: the zones of every logical scenario of the evaluation, by its name. comparison, gates, notes: what is
-    said of the change since an earlier run, where there is one.
+    partitions: the zones of every logical scenario of the evaluation, by its name. beside: what else there is to show.
     """
     path = evaluation.folder / REPORT
-    page = template("report.html.j2").render(
-        _context(evaluation, partitions, Change(comparison, tuple(gates), tuple(notes)))
-    )
+    page = template("report.html.j2").render(_context(evaluation, partitions, beside))
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -88,7 +80,7 @@ def asset(name: str) -> Markup:
     return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
-def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], change: Change) -> dict[str, Any]:
+def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
     settings = evaluation.settings
     missing = unevaluated(evaluation)
     data = page_data(evaluation, partitions)
@@ -131,7 +123,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], ch
         "report_js": asset("report.js"),
         "data": packed_json(data),
     }
-    found = [(section, section.content(evaluation, change)) for section in SECTIONS]
+    found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
     shown = [(section, content) for section, content in found if content is not None]
     return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
 

@@ -25,8 +25,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
-    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 1e-2,
-    "steering_wheel_angle": 1e-3,
+    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
+    "steering_wheel_angle": 5e-3,
 }  # fmt: skip
 """Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
 

@@ -23,15 +23,18 @@ MOST_CHANGED = 200  # cases in the table of changes
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """What is known of the run before: nothing, or a comparison with its gates. notes: whole sentences."""
+class Beside:
+    """What a report shows besides the evaluation itself; a section whose part is missing here is left out.
+
+    comparison, gates: the change since an earlier run. notes: whole sentences about it.
+    """
 
     comparison: Comparison | None = None
     gates: tuple[GateResult, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-Content = Callable[[Evaluation, Change], Mapping[str, Any] | None]
+Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +46,23 @@ class Section:
     content: Content
 
 
-def always(evaluation: Evaluation, change: Change) -> Mapping[str, Any]:
+def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """A section that is there in every report and needs nothing of its own."""
     return {}
 
 
-def change_content(evaluation: Evaluation, change: Change) -> Mapping[str, Any] | None:
+def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
     """Verdict, gates, flipped cases and differences; nothing where no earlier run was looked for."""
-    comparison = change.comparison
-    if comparison is None and not change.gates and not change.notes:
+    comparison = beside.comparison
+    if comparison is None and not beside.gates and not beside.notes:
         return None
     changed = (*comparison.worse, *comparison.better) if comparison else ()
     return {
-        "verdict": verdict_of(comparison, change.gates),
-        "failed": any(gate.passed is False for gate in change.gates),
+        "verdict": verdict_of(comparison, beside.gates),
+        "failed": any(gate.passed is False for gate in beside.gates),
         "comparison": comparison,
-        "notes": (*change.notes, *(comparison.notes if comparison else ())),
-        "gates": sorted(change.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)),
+        "notes": (*beside.notes, *(comparison.notes if comparison else ())),
+        "gates": sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)),
         "counts": [
             {
                 "ads": one.ads,
@@ -101,7 +104,7 @@ def _outcome(item: ChangedCase, *, base: bool) -> str:
     return case.status if case.index is None else f"{case.status}, D_i {number(case.index, 3)}"
 
 
-def ledger_content(evaluation: Evaluation, change: Change) -> Mapping[str, Any]:
+def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Where the points of every S went."""
     found = [ledger(evaluation, score) for score in evaluation.scores]
     return {
