@@ -16,7 +16,6 @@ from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
 from sumo_eval.report.words import MEASURES, avoided_share, cases_of, end_reason, explain_s, number, outcome, point
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
-
 ROUNDING = 1e-9
 
 
