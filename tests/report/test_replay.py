@@ -37,10 +37,10 @@ def plain(trajectory: Trajectory) -> dict[str, object]:
 @needs_node
 @pytest.mark.parametrize("contact", [False, True])
 def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
-    """An ego that weaves behind a braking lead, beside a faster car, with an actor whose recording ends early."""
+    """An ego that weaves behind a braking lorry, beside a faster car, with an actor whose recording ends early."""
     ego = builders.drive(50.0, 0.0, 25.0, 6.0, offset=2.0)
     actors = {
-        "lead": builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0),
+        "lead": lorry(builders.drive(90.0, 0.0, 20.0, 6.0, braking=2.0)),
         "fast": builders.drive(60.0, 3.5, 40.0, 6.0),
         "gone": builders.drive(70.0, 0.0, 15.0, 2.0),
     }
@@ -65,6 +65,11 @@ def test_the_page_computes_the_gap_and_ttc_of_the_method(contact: bool) -> None:
     np.testing.assert_allclose(there["gap"], gap, atol=1e-9)
     np.testing.assert_allclose(there["ttc"], time_to_collision(gap, closing), rtol=1e-9)
     assert np.isfinite(gap).any()
+
+
+def lorry(driven: Trajectory) -> Trajectory:
+    channels = {name: getattr(driven, name) for name in ("time", "x", "y", "heading", "speed")}
+    return Trajectory(**channels, length=12.0, width=2.5)
 
 
 def collision(evaluation: Evaluation) -> Fact:
