@@ -100,7 +100,11 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "reference_sentence": reference_sentence(settings),
         "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
-        "embedded": {"points": data["embedded"], "of": sum(zone.sampled for zone in evaluation.zones)},
+        "embedded": {
+            "points": data["embedded"],
+            "drivers": data["embeddedDrivers"],
+            "of": sum(zone.sampled for zone in evaluation.zones),
+        },
         "missing": [
             {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
             for case, sentence in missing

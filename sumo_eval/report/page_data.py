@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -33,7 +33,17 @@ CHANNEL_STEPS = {
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
 
+
+@dataclass(frozen=True, slots=True)
+class Embedded:
+    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the drivers too."""
+
+    points: frozenset[Point]
+    with_drivers: frozenset[Point]
+
+
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
+FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
@@ -64,7 +74,7 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
                 for zone in evaluation.zones
             ]
             taken = sum(len(scenario["trajectories"]["data"]) for scenario in scenarios)
-            if taken <= MOST_BYTES or not embedded:
+            if taken <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / taken)  # as many as fit, by what these really took
     return {
@@ -76,7 +86,8 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
         },
         "channels": CHANNEL_STEPS,
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
-        "embedded": len(embedded),
+        "embedded": len(embedded.points),
+        "embeddedDrivers": len(embedded.with_drivers),
         "scenarios": scenarios,
     }
 
@@ -85,7 +96,7 @@ def _scenario(
     evaluation: Evaluation,
     zones: ZonePartition,
     store: Store,
-    embedded: Container[Point],
+    embedded: Embedded,
     reasons: Mapping[str, str],
     shares: Mapping[str, CollisionShare],
     judged: Mapping[str, Verdict],
@@ -98,7 +109,7 @@ def _scenario(
     rows = []
     for case in cases:
         number = facts[case.case].point
-        here = (logical.name, number) in embedded
+        here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
@@ -107,8 +118,12 @@ def _scenario(
         row["contact"] = contact(facts[case.case], recorded.get(EGO))
         rows.append(row)
     drivers: dict[int, list[int]] = {}
-    for fact in store.facts("human", logical.name):
-        if fact.status == "ok" and (logical.name, fact.point) in embedded:  # the ones that D_i is computed from
+    compared = [fact for fact in store.facts("human", logical.name) if fact.status == "ok"]  # D_i is made of these
+    numbers = Counter(fact.point for fact in compared)
+    for row in rows:
+        row["drivers"] = numbers[row["point"]]
+    for fact in compared:
+        if (logical.name, fact.point) in embedded.with_drivers:
             drivers.setdefault(fact.point, []).append(len(trajectories))
             trajectories.append(store.trajectory(fact.case, EGO))
     return {
@@ -349,25 +364,37 @@ def _levels(y: FloatArray) -> str:
 # --- trajectories -----------------------------------------------------------------------------------------------------
 
 
-def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> frozenset[Point]:
+def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Embedded:
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
 
-    Collisions and cases that could not be evaluated come first, then the least human-like.
+    Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
+    human-like.
     """
     points = {fact.case: (fact.scenario, fact.point) for fact in store.facts("ads")}
-    runs = Counter((fact.scenario, fact.point) for fact in (*store.facts("ads"), *store.facts("human")))
+    own = Counter(points.values())
+    humans = Counter((fact.scenario, fact.point) for fact in store.facts("human"))
     tells: dict[Point, float] = {}
     for case in evaluation.cases:
         matters = case.collided or not case.evaluated
-        tell = 2.0 if matters else 0.0 if case.index is None else 1.0 - case.index
+        tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
         tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)
-    chosen, left = [], most_runs
-    for here in sorted(tells, key=lambda known: (-tells[known], known)):
-        left -= runs[here]
-        if left < 0:
+    order = sorted(tells, key=lambda known: (-tells[known], known))
+    chosen: set[Point] = set()
+    with_drivers: set[Point] = set()
+    left = most_runs
+    for here in order:
+        if tells[here] < FAILED or own[here] > left:
             break
-        chosen.append(here)
-    return frozenset(chosen)
+        chosen.add(here)
+        left -= own[here]
+    for here in order:
+        cost = humans[here] + (0 if here in chosen else own[here])
+        if cost > left:
+            break
+        chosen.add(here)
+        with_drivers.add(here)
+        left -= cost
+    return Embedded(frozenset(chosen), frozenset(with_drivers))
 
 
 def contact(fact: Fact, ego: Trajectory | None) -> dict[str, Any] | None:

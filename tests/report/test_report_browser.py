@@ -228,7 +228,7 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
 @needs_chromium
 def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, evaluation: Evaluation) -> None:
     case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
-    opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    opened.run(f"(location.hash = '', location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
     opened.wait("document.querySelector('.replay-reading')?.textContent.includes('contact at')")
     opened.run("""(() => { const beside = document.getElementById('replay-beside');
         beside.value = '0'; beside.dispatchEvent(new Event('change')); })()""")

@@ -416,7 +416,7 @@
     document.querySelectorAll("input[name=speed-over]").forEach((input) => input.addEventListener("change", () => drawSpeed(shown)));
   }
 
-  function facts(scenario, item, driverCount) {
+  function facts(scenario, item) {
     const rows = scenario.parameters.map((p, k) => [p.name, `${short(item.values[k])} ${p.unit}`]);
     rows.push(["zone", item.zone], ["status", item.status], ["verdict", data.verdicts[item.verdict].words]);
     if (item.time !== null) rows.push(["simulated time", `${fixed(item.time, 1)} s`]);
@@ -437,7 +437,7 @@
       );
     }
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
-    if (item.zone === "safe") rows.push(["drivers compared with", String(driverCount)]);
+    if (item.zone === "safe") rows.push(["drivers compared with", String(item.drivers)]);
     rows.push(["ended", item.end, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
     if (item.indexNote) rows.push(["note on D_i", item.indexNote, true]);
@@ -469,14 +469,16 @@
     showPickers();
     moveRings.forEach((move) => move());
     byId("case-name").textContent = `${item.ads}: ${pointWords(scenario, item.values)}`;
-    showFacts(facts(scenario, item, driverIndexes.length));
+    showFacts(facts(scenario, item));
     const trouble = [item.missing, item.error].filter((text, k, all) => text && all.indexOf(text) === k).join(" ");
     byId("case-error").hidden = !trouble;
     byId("case-error").textContent = trouble || "";
     if (scroll) byId("case").scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
     const drawable = "ego" in item.vehicles;
     byId("case-charts").hidden = !drawable;
-    byId("case-elsewhere").hidden = item.embedded;
+    const lacking = !item.embedded ? "trajectories" : item.drivers > driverIndexes.length ? "drivers' trajectories" : "";
+    byId("case-elsewhere").hidden = !lacking;
+    byId("case-elsewhere").textContent = `The ${lacking} of this case are not in this file; they are in the run's folder, and sumo-eval replay shows them.`;
     shown = null;
     player.stop();
     if (!drawable) return;
