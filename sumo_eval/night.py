@@ -88,12 +88,13 @@ def run_night(
                 f"The night could not be finished: {said(error)}. Earlier nights are as they were."
             ) from error
         good, gate_failed, not_evaluated = exit_statuses
+        strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
         line = Night(
             night=name,
             evaluation=done.name,
             folder=f"{NIGHTS}/{name}",
             wall_time=time.monotonic() - clock,
-            exit_status=gate_failed if failed(gates) else not_evaluated if done.not_evaluated else good,
+            exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
             base=None if base is None else base[0].night,
             verdict=verdict_of(comparison, gates),
             sumo_eval=_version(done, "sumo_eval"),
