@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
@@ -17,31 +17,45 @@ from sumo_eval.settings import Checked, EvaluationSettings
 
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
-_ADAPTER = TypeAdapter(EvaluationSettings)
+Settings = TypeVar("Settings", bound=Checked)
 
 
 def read_evaluation(path: Path) -> EvaluationSettings:
     """The settings in an evaluation file. Raises InputError naming every mistake in it."""
+    return settings_from(_read_toml(path, "evaluation file"), str(path))
+
+
+def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
+    """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
+    return _validated(_read_toml(path, what), kind, str(path))
+
+
+def _read_toml(path: Path, what: str) -> dict[str, Any]:
     try:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
-        raise InputError(f"There is no evaluation file {path}.") from None
+        raise InputError(f"There is no {what} {path}.") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"Evaluation file {path} cannot be read: {error}.") from error
+        raise InputError(f"{what.capitalize()} {path} cannot be read: {error}.") from error
     try:
-        content = tomllib.loads(text)
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"Evaluation file {path} is not valid TOML: {error}.") from error
-    return settings_from(content, str(path))
+        raise InputError(f"{what.capitalize()} {path} is not valid TOML: {error}.") from error
 
 
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     """Settings from a plain mapping; `where` names it in error sentences."""
-    try:
-        settings = _ADAPTER.validate_json(json.dumps(content, default=str), strict=True)
-    except ValidationError as error:
-        raise InputError("\n".join(_sentence(item, where) for item in error.errors())) from None
+    settings = _validated(content, EvaluationSettings, where)
     _check(settings, where)
+    return settings
+
+
+def _validated(content: Mapping[str, Any], kind: type[Settings], where: str) -> Settings:
+    try:
+        adapter: TypeAdapter[Settings] = TypeAdapter(kind)
+        settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError("\n".join(_sentence(item, where, kind) for item in error.errors())) from None
     return settings
 
 
@@ -104,12 +118,12 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def _sentence(item: Any, where: str) -> str:
+def _sentence(item: Any, where: str, kind: type[Checked]) -> str:
     """One of pydantic's findings in the project's sentence shape."""
     location = [part for part in item["loc"] if part not in _UNION_BRANCHES]
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
     if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
-        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location))}"
+        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, kind))}"
     if item["type"] in {"missing", "missing_argument"}:
         return f"`{path}` in {where} is missing."
     if item["type"] == "string_too_short":
@@ -123,9 +137,9 @@ def _sentence(item: Any, where: str) -> str:
 _UNION_BRANCHES = {"int", "dict[str,int]"}
 
 
-def _keys_beside(location: Sequence[Any]) -> list[str]:
+def _keys_beside(location: Sequence[Any], kind: type[Checked]) -> list[str]:
     """Names of the keys known at the place of the last part of a path."""
-    owner: Any = EvaluationSettings
+    owner: Any = kind
     for part in location[:-1]:
         if isinstance(part, str) and owner is not None:
             owner = _settings_class_in(get_type_hints(owner).get(part))

@@ -377,7 +377,7 @@ class RunSettings(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings(Checked):
-    """What the report compares with. Scores do not depend on it."""
+    """What the report and the JUnit file show. Scores do not depend on it."""
 
     reference: Annotated[
         str,
@@ -386,6 +386,14 @@ class ReportSettings(Checked):
             "name or controller of the ADS that decides what was preventable; the ideal vehicle if none is so called"
         ),
     ] = "careful_driver"
+    junit: Annotated[
+        Literal["case", "cell"], About("a JUnit test for each concrete scenario, or for each cell of the space")
+    ] = "case"
+    junit_cells: Annotated[int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")] = 4
+    junit_failures: Annotated[
+        Literal["any", "avoidable"],
+        About("which collisions are JUnit failures: all, or those in the safe zone or that the ideal vehicle avoids"),
+    ] = "any"
     axes: Annotated[
         dict[str, tuple[str, str]],
         About("the two parameters that a scenario's maps show, by scenario; others: the two with most values"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
@@ -18,12 +17,12 @@ def finish(evaluation: Evaluation) -> NoReturn:
     """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
     from sumo_eval.evaluation import zone_partitions
     from sumo_eval.report.html import write_report
-    from sumo_eval.report.tables import cases_csv, scores_json
+    from sumo_eval.report.junit import JUNIT, run_suites, write_junit
+    from sumo_eval.report.tables import write_tables
     from sumo_eval.report.terminal import closing_lines, plain_table, score_table
 
-    scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
-    (evaluation.folder / "scores.json").write_text(scores + "\n", encoding="utf-8")
-    cases_csv(evaluation, evaluation.folder / "cases.csv")
+    write_tables(evaluation)
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
     write_report(evaluation, zone_partitions(evaluation))
     if sys.stdout.isatty():
         from rich.console import Console

@@ -464,6 +464,11 @@ def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSet
     return np.where(passed_by > 0.0, past, np.maximum(squared_time_target(inverse, impact, settings), past))
 
 
+def exact_inverse_ttc(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
+    """Eq. 6 at points (n, k): the largest inverse TTC under the zones' ideal braking, (n,) 1/s, inf where it hits."""
+    return _criticality(logical, points, settings)[0]
+
+
 def _exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
     return np.asarray(_criticality(logical, points, settings)[0] >= settings.critical_inverse_ttc)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -15,10 +14,11 @@ from plotly.offline import get_plotlyjs
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page_data import choose_view, page_data
-from sumo_eval.report.people import people_context
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
+from sumo_eval.report.sections import SECTIONS, Beside
 from sumo_eval.report.words import (
     FACTORS,
     OUTCOMES,
@@ -44,15 +44,18 @@ from sumo_eval.settings import SamplingSettings
 
 REPORT = "report.html"
 _TEMPLATES = "sumo_eval.report"
+NOTHING_BESIDE = Beside()
 
 
-def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Path:
+def write_report(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside = NOTHING_BESIDE
+) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
-    partitions: the zones of every logical scenario of the evaluation, by its name.
+    partitions: the zones of every logical scenario of the evaluation, by its name. beside: what else there is to show.
     """
     path = evaluation.folder / REPORT
-    page = _template().render(_context(evaluation, partitions))
+    page = template("report.html.j2").render(_context(evaluation, partitions, beside))
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
@@ -60,7 +63,8 @@ def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
     return path
 
 
-def _template() -> jinja2.Template:
+def template(name: str) -> jinja2.Template:
+    """A page's template."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,
@@ -68,27 +72,19 @@ def _template() -> jinja2.Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.j2")
+    return environment.get_template(name)
 
 
-def _asset(name: str) -> Markup:
+def asset(name: str) -> Markup:
     """A file of this package that goes into the page as it is."""
     return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
-def _embedded(value: Any) -> Markup:
-    """JSON that no browser can read as markup, whatever names and error texts are in it."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
-    for letter, code in (("<", "\\u003c"), (">", "\\u003e"), ("&", "\\u0026")):
-        text = text.replace(letter, code)
-    return Markup(text)  # noqa: S704
-
-
-def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> dict[str, Any]:
+def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
     settings = evaluation.settings
     missing = unevaluated(evaluation)
     data = page_data(evaluation, partitions)
-    return {
+    shared = {
         "name": evaluation.name,
         "ads_count": len({score.ads for score in evaluation.scores}),
         "cases": len(evaluation.cases),
@@ -104,13 +100,16 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) ->
         "reference_sentence": reference_sentence(settings),
         "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
-        "embedded": {"points": data["embedded"], "of": sum(zone.sampled for zone in evaluation.zones)},
+        "embedded": {
+            "points": data["embedded"],
+            "drivers": data["embeddedDrivers"],
+            "of": sum(zone.sampled for zone in evaluation.zones),
+        },
         "missing": [
             {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
             for case, sentence in missing
         ],
         "index_notes": index_notes(evaluation),
-        "people": people_context(evaluation),
         "synthetic": drivers_are_synthetic(settings),
         "drivers_sentence": drivers_sentence(settings),
         "score_settings": settings.method.score,
@@ -120,12 +119,17 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) ->
         "setting_groups": setting_rows(settings),
         "origin": _origin(evaluation),
         "folder": evaluation.folder,
-        "css": _asset("report.css"),
-        "plotly": Markup(get_plotlyjs()),  # noqa: S704
-        "field_js": _asset("field.js"),
-        "report_js": _asset("report.js"),
-        "data": _embedded(data),
+        "css": asset("report.css"),
+        "plotly": packed(get_plotlyjs()),
+        "field_js": asset("field.js"),
+        "replay_js": asset("replay.js"),
+        "replay_css": asset("replay.css"),
+        "report_js": asset("report.js"),
+        "data": packed_json(data),
     }
+    found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
+    shown = [(section, content) for section, content in found if content is not None]
+    return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
 
 
 def _group(
@@ -150,6 +154,7 @@ def _group(
         "looks": [verdict for verdict in LOOKS if verdict in found],
         "map_note": view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
+        "has_collisions": any(case.collided for case in cases),
         "has_index": any(case.index is not None for case in cases),
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),

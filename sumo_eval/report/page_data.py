@@ -6,31 +6,45 @@ differences of whole numbers, and deflated; `decodeTrajectories` in templates/fi
 
 from __future__ import annotations
 
-import base64
 import zlib
 from collections import Counter
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import EGO, Store, open_store
+from sumo_eval.batch.store import EGO, Fact, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
-CHANNEL_STEPS = {"time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2}
-"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s."""
+CHANNEL_STEPS = {
+    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
+    "steering_wheel_angle": 5e-3,
+}  # fmt: skip
+"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
 
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
 
-MOST_RUNS = 7_000  # whose trajectories are embedded, about 700 bytes each; the paper's evaluation has 2,100
+
+@dataclass(frozen=True, slots=True)
+class Embedded:
+    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the drivers too."""
+
+    points: frozenset[Point]
+    with_drivers: frozenset[Point]
+
+
+MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
+FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
+BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
 MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
@@ -52,11 +66,17 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
     }
     judged = verdicts(evaluation)
     with open_store(evaluation.folder / FACTS) as store:
-        embedded = worth_embedding(evaluation, store)
-        scenarios = [
-            _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
-            for zone in evaluation.zones
-        ]
+        runs = MOST_BYTES // BYTES_OF_A_RUN
+        while True:
+            embedded = worth_embedding(evaluation, store, runs)
+            scenarios = [
+                _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
+                for zone in evaluation.zones
+            ]
+            taken = sum(len(scenario["trajectories"]["data"]) for scenario in scenarios)
+            if taken <= MOST_BYTES or not embedded.points:
+                break
+            runs = int(runs * 0.95 * MOST_BYTES / taken)  # as many as fit, by what these really took
     return {
         "field": {
             "k1": anthropomorphic.field.k1,
@@ -66,7 +86,8 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
         },
         "channels": CHANNEL_STEPS,
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
-        "embedded": len(embedded),
+        "embedded": len(embedded.points),
+        "embeddedDrivers": len(embedded.with_drivers),
         "scenarios": scenarios,
     }
 
@@ -75,7 +96,7 @@ def _scenario(
     evaluation: Evaluation,
     zones: ZonePartition,
     store: Store,
-    embedded: Container[Point],
+    embedded: Embedded,
     reasons: Mapping[str, str],
     shares: Mapping[str, CollisionShare],
     judged: Mapping[str, Verdict],
@@ -84,19 +105,25 @@ def _scenario(
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     trajectories: list[Trajectory] = []
-    points = {fact.case: fact.point for fact in store.facts("ads", logical.name)}
+    facts = {fact.case: fact for fact in store.facts("ads", logical.name)}
     rows = []
     for case in cases:
-        here = (logical.name, points[case.case]) in embedded
+        number = facts[case.case].point
+        here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
-        row |= {"verdict": judged[case.case], "point": points[case.case], "embedded": here, "vehicles": vehicles}
+        row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
+        row["contact"] = contact(facts[case.case], recorded.get(EGO))
         rows.append(row)
     drivers: dict[int, list[int]] = {}
-    for fact in store.facts("human", logical.name):
-        if fact.status == "ok" and (logical.name, fact.point) in embedded:  # the ones that D_i is computed from
+    compared = [fact for fact in store.facts("human", logical.name) if fact.status == "ok"]  # D_i is made of these
+    numbers = Counter(fact.point for fact in compared)
+    for row in rows:
+        row["drivers"] = numbers[row["point"]]
+    for fact in compared:
+        if (logical.name, fact.point) in embedded.with_drivers:
             drivers.setdefault(fact.point, []).append(len(trajectories))
             trajectories.append(store.trajectory(fact.case, EGO))
     return {
@@ -168,6 +195,7 @@ def _case(
         "similarity": case.similarity,
         "indexNote": case.index_note,
         "clips": case.clips,
+        "ttc": case.min_ttc,
         "measures": [
             [label, value, unit] for name, label, unit in MEASURES if (value := getattr(case, name)) is not None
         ],
@@ -330,31 +358,51 @@ def _runs(flags: BoolArray, ticks: FloatArray) -> list[tuple[float, float]]:
 def _levels(y: FloatArray) -> str:
     levels = np.clip(np.round(y * 32000.0), -32000, 32000)
     levels = np.where((y > 0.0) & (levels == 0.0), 1.0, levels)  # rounding must move no point into the zone
-    return _base64(levels.astype("<i2").tobytes())
+    return packed_bytes(levels.astype("<i2").tobytes())
 
 
 # --- trajectories -----------------------------------------------------------------------------------------------------
 
 
-def worth_embedding(evaluation: Evaluation, store: Store) -> frozenset[Point]:
-    """The points whose trajectories travel in the page: all, or as many as MOST_RUNS allows, the most telling first.
+def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Embedded:
+    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
 
-    Collisions and cases that could not be evaluated come first, then the least human-like.
+    Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
+    human-like.
     """
     points = {fact.case: (fact.scenario, fact.point) for fact in store.facts("ads")}
-    runs = Counter((fact.scenario, fact.point) for fact in (*store.facts("ads"), *store.facts("human")))
+    own = Counter(points.values())
+    humans = Counter((fact.scenario, fact.point) for fact in store.facts("human"))
     tells: dict[Point, float] = {}
     for case in evaluation.cases:
         matters = case.collided or not case.evaluated
-        tell = 2.0 if matters else 0.0 if case.index is None else 1.0 - case.index
+        tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
         tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)
-    chosen, left = [], MOST_RUNS
-    for here in sorted(tells, key=lambda known: (-tells[known], known)):
-        left -= runs[here]
-        if left < 0:
+    order = sorted(tells, key=lambda known: (-tells[known], known))
+    chosen: set[Point] = set()
+    with_drivers: set[Point] = set()
+    left = most_runs
+    for here in order:
+        if tells[here] < FAILED or own[here] > left:
             break
-        chosen.append(here)
-    return frozenset(chosen)
+        chosen.add(here)
+        left -= own[here]
+    for here in order:
+        cost = humans[here] + (0 if here in chosen else own[here])
+        if cost > left:
+            break
+        chosen.add(here)
+        with_drivers.add(here)
+        left -= cost
+    return Embedded(frozenset(chosen), frozenset(with_drivers))
+
+
+def contact(fact: Fact, ego: Trajectory | None) -> dict[str, Any] | None:
+    """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
+    if fact.collision is None or ego is None:
+        return None
+    hit = fact.collision
+    return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
@@ -362,7 +410,7 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
     for name, step in CHANNEL_STEPS.items():
-        channels = [getattr(trajectory, name) for trajectory in trajectories]
+        channels = [np.nan_to_num(getattr(trajectory, name)) for trajectory in trajectories]
         whole = np.round(np.concatenate([[0.0], *channels]) / step).astype(np.int64)
         change = np.diff(whole)
         folded = np.where(change < 0, -2 * change - 1, 2 * change).astype("<u4")  # small numbers of either sign
@@ -371,9 +419,6 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
         "counts": counts,
         "lengths": [trajectory.length for trajectory in trajectories],
         "widths": [trajectory.width for trajectory in trajectories],
-        "data": _base64(zlib.compress(b"".join(planes), 9)),
+        "noSteering": [k for k, one in enumerate(trajectories) if not np.isfinite(one.steering_wheel_angle).all()],
+        "data": packed_bytes(zlib.compress(b"".join(planes), 9)),
     }
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")

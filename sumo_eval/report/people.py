@@ -40,7 +40,7 @@ class WorstCase:
 
 
 def people_context(evaluation: Evaluation) -> dict[str, Any]:
-    """What templates/people.html.j2 shows."""
+    """What templates/sections/people.html.j2 shows."""
     return {
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),

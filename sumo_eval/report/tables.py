@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -38,6 +39,17 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
                 )
     except OSError as error:
         raise InputError(f"The table {path} cannot be written: {error}.") from error
+
+
+def write_tables(evaluation: Evaluation) -> None:
+    """Write scores.json and cases.csv into the evaluation's folder."""
+    scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
+    path = evaluation.folder / "scores.json"
+    try:
+        path.write_text(scores + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The scores {path} cannot be written: {error}.") from error
+    cases_csv(evaluation, evaluation.folder / "cases.csv")
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 from rich.table import Table
 from rich.text import Text
 
+from sumo_eval.report.comparison import BETTER, WORSE, Comparison, QuantityChange
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.ledger import ledger
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     count,
     drivers_are_synthetic,
     drivers_sentence,
     number,
+    point,
     reason_without_d,
     unevaluated,
 )
@@ -121,3 +128,99 @@ def _shortened(sentence: str) -> str:
 def _one_line(text: str) -> str:
     """Without line breaks and without control characters, which would repaint a terminal."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
+# --- two runs ---------------------------------------------------------------------------------------------------------
+
+MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
+_COMPARED = {"S": 2, "C": 4, "D": 4, "collision_probability": 6}
+
+
+def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> list[str]:
+    """What changed between two runs: verdict first, then what flipped, then the quantities, then the gates."""
+    lines = [verdict_of(comparison, gates)]
+    lines += [
+        f"{'DIFFERS' if other.decides else 'differs'}: {_one_line(other.words)}" for other in comparison.differences
+    ]
+    lines += [_one_line(note) for note in comparison.notes]
+    for one in comparison.ads:
+        lines.append(f"{_one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side")
+        for kind in (*WORSE, *BETTER):
+            found = [item for item in one.changed if item.change == kind]
+            if not found:
+                continue
+            lines.append(f"  {kind}: {len(found)}")
+            for item in found[:MOST_CHANGES]:
+                by = "" if item.by is None else f", {item.by:+.3g} {'m/s' if kind in ('harsher', 'softer') else ''}"
+                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by.rstrip()}")
+            if len(found) > MOST_CHANGES:
+                lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
+        for name, change in one.quantities.items():
+            lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
+    return [*lines, *gate_lines(gates)]
+
+
+def gate_lines(gates: Sequence[GateResult]) -> list[str]:
+    """A line for each gate that failed or could not be judged, and the number of those that passed."""
+    marks = {False: "FAILED", None: "not judged"}
+    lines = [
+        f"gate {marks[gate.passed]}: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
+        for gate in gates
+        if gate.passed is not True
+    ]
+    return [*lines, f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
+
+
+def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
+    """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
+    digits = _COMPARED.get(name, 3)
+    values = " -> ".join(
+        NOT_COMPUTED if value is None else f"{value:.{digits}f}" for value in (change.base, change.new)
+    )
+    if change.difference is None or change.low is None or change.high is None:
+        return values
+    if change.difference == change.low == change.high == 0.0:
+        return f"{change.new:.{digits}f}, unchanged"
+    interval = f"{change.low:+.{digits}f} to {change.high:+.{digits}f}"
+    return f"{values}, {change.difference:+.{digits}f} ({confidence:.0%} interval of the difference: {interval})"
+
+
+def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult]) -> str:
+    """One sentence for somebody who reads no further."""
+    bad = sum(gate.passed is False for gate in gates)
+    if comparison is None:
+        beside = "there is no earlier good run to compare with"
+        return f"NOT GOOD: {count(bad, 'gate')} failed; {beside}." if bad else f"NO GATE FAILED; {beside}."
+    base = Path(comparison.base_folder).name
+    worse, better = len(comparison.worse), len(comparison.better)
+    moved = f"{count(worse, 'case')} got worse, {better} better"
+    if bad:
+        return f"WORSE than {base}: {count(bad, 'gate')} failed; {moved}."
+    if not worse and not better:
+        return f"THE SAME as {base}: no case changed, and every gate holds."
+    return f"NO GATE FAILED beside {base}: {moved}."
+
+
+# --- where the points went --------------------------------------------------------------------------------------------
+
+MOST_ENTRIES = 3  # cases of a line of the ledger on a terminal
+
+
+def ledger_lines(evaluation: Evaluation) -> list[str]:
+    """The ledger of every score, with the cases that moved each term most."""
+    lines = []
+    for score in evaluation.scores:
+        found = ledger(evaluation, score)
+        lines.append(f"{_one_line(score.ads)} in {score.scenario}: S = {found.total:.2f}")
+        for line in found.lines:
+            cases = f", {count(line.cases, 'case')}" if line.entries else ""
+            lines.append(
+                f"  {line.points:+8.2f}  {line.term} {line.index:+.4f}  Eq. {line.equation}: {line.words}{cases}"
+            )
+            lines += [
+                f"            {entry.points:+8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
+                for entry in line.entries[:MOST_ENTRIES]
+                if entry.points < 0.0
+            ]
+        lines.append(f"  {found.total:8.2f}  S, the sum")
+    return lines

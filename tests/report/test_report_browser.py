@@ -14,6 +14,7 @@ import builders
 import numpy as np
 import pytest
 from browser import CHROMIUM, Page
+from packed_pages import unpacked, with_packed
 
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.page_data import CHANNEL_STEPS, encode_trajectories
@@ -40,7 +41,7 @@ def node(program: str, given: object) -> Any:
 
 
 def plain(trajectory: Trajectory) -> dict[str, list[float]]:
-    return {name: getattr(trajectory, name).tolist() for name in CHANNEL_STEPS}
+    return {name: getattr(trajectory, name).tolist() for name in ("time", "x", "y", "heading", "speed")}
 
 
 def turning() -> Trajectory:
@@ -52,6 +53,10 @@ def turning() -> Trajectory:
 
 def standing() -> Trajectory:
     return Trajectory(np.arange(0.0, 5.0, 0.1), np.full(50, 60.0), np.full(50, 1.0), speed=np.zeros(50))
+
+
+def steered() -> Trajectory:
+    return Trajectory([0.0, 0.1, 0.2], [50.0, 52.0, 54.0], np.zeros(3), steering_wheel_angle=[0.0, 0.5, -1.25])
 
 
 def coarse() -> Trajectory:
@@ -79,7 +84,7 @@ def test_the_page_computes_the_field_of_the_method(make: Any, k1: float, k2: flo
 
 @needs_node
 def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
-    sent = [turning(), standing(), coarse(), Trajectory([0.0], [-12.345], [0.0015], speed=[3.0])]
+    sent = [turning(), standing(), coarse(), Trajectory([0.0], [-12.345], [0.0015], speed=[3.0]), steered()]
     program = """
         const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
         const plain = (value) => value.length === undefined ? value : Array.from(value);
@@ -90,7 +95,8 @@ def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
     for there, here in zip(received, sent, strict=True):
         assert (there["length"], there["width"]) == (here.length, here.width)
         for name, step in CHANNEL_STEPS.items():
-            np.testing.assert_allclose(there[name], getattr(here, name), rtol=0, atol=0.5 * step + 1e-9)
+            values = np.array(there[name], dtype=float)  # JSON has no nan, so what is not known comes as null
+            np.testing.assert_allclose(values, getattr(here, name), rtol=0, atol=0.5 * step + 1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +112,9 @@ def test_the_report_opens_without_an_error_and_without_a_request(opened: Page, r
     outside = [address for address in opened.requests if not address.startswith(("data:", "blob:"))]
     assert outside == [report.as_uri()]
     assert opened.run("document.getElementById('failure').hidden")
-    assert opened.run("document.querySelectorAll('script, img, iframe, link').length") == 5  # 4 scripts and the icon
+    assert (
+        opened.run("document.querySelectorAll('script, img, iframe, link').length") == 7
+    )  # 5 scripts, the icon and Plotly unpacked
     assert opened.run("document.querySelectorAll('.js-plotly-plot').length") >= 10
 
 
@@ -194,17 +202,14 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, ev
 def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path: Path) -> None:
     """The page of the other tests with a fifth of its cases moved to a second value of two more parameters."""
     text = report.read_text(encoding="utf-8")
-    start = text.index('id="report-data">') + len('id="report-data">')
-    end = text.index("</script>", start)
-    data = json.loads(text[start:end])
+    data = json.loads(unpacked(text, "report-data"))
     scenario = data["scenarios"][0]
     for name, values in (("extra", (1.0, 2.0)), ("other", (3.0, 4.0))):
         scenario["parameters"].append({"name": name, "unit": "m", "low": values[0], "high": values[1], "about": ""})
         for number, case in enumerate(scenario["cases"]):
             case["values"].append(values[number % 5 == 0])
     scenario["view"]["slice"] = {"2": 1.0, "3": 3.0}
-    content = json.dumps(data).replace("<", "\\u003c")
-    page = text[:start] + content + text[end:]
+    page = with_packed(text, "report-data", json.dumps(data))
     selects = '<select data-slice="extra"></select><select data-slice="other"></select>'
     page = page.replace('data-prevented="0">', f'data-prevented="0">{selects}', 1)
     (tmp_path / "slices.html").write_text(page, encoding="utf-8")
@@ -221,11 +226,42 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
 
 
 @needs_chromium
-def test_the_replay_plays_and_printing_redraws(opened: Page) -> None:
-    opened.run("document.getElementById('replay-play').click()")
+def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, evaluation: Evaluation) -> None:
+    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.collided)
+    opened.run(f"(location.hash = '', location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
+    opened.wait("document.querySelector('.replay-reading')?.textContent.includes('contact at')")
+    opened.run("""(() => { const beside = document.getElementById('replay-beside');
+        beside.value = '0'; beside.dispatchEvent(new Event('change')); })()""")
+    assert opened.run("document.querySelectorAll('.replay-chase').length") == 2
+    opened.run("document.querySelector('.replay-play').click()")
     opened.run("new Promise((resolve) => setTimeout(resolve, 300))")
     opened.run("window.dispatchEvent(new Event('beforeprint'))")
     widths = opened.run("[...document.querySelectorAll('.js-plotly-plot')].map((plot) => plot._fullLayout.width)")
     assert max(widths) <= 690
     opened.run("window.dispatchEvent(new Event('afterprint'))")
     assert opened.problems == []
+
+
+@needs_chromium
+def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: Evaluation) -> None:
+    for which, scenario in enumerate(builders.SCENARIOS):
+        hits = [case for case in evaluation.cases if case.scenario == scenario and case.collided]
+        if not hits:
+            assert opened.run(f"document.querySelector('[data-terms=\"{which}\"]')") is None
+            continue
+        opened.run(f"document.querySelectorAll('[data-terms=\"{which}\"] input[name^=term-]')[2].click()")
+        shown = opened.run(f"""[...document.querySelectorAll('[data-terms="{which}"] .panels .plot')]
+            .map((plot) => plot.data[0])
+            .flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
+            .filter((z) => z !== null)""")
+        ads = next(score.ads for score in evaluation.scores if score.scenario == scenario and score.collisions)
+        assert sorted(shown) == pytest.approx(sorted(case.weight for case in hits if case.ads == ads))
+    assert opened.problems == []
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [390, 1300])
+def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
+    opened.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
+    opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)  # charts follow the window a little later
+    opened.call("Emulation.clearDeviceMetricsOverride")

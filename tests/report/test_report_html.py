@@ -9,9 +9,11 @@ from html import escape, unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import builders
 import pytest
+from packed_pages import unpacked
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
@@ -19,6 +21,7 @@ from sumo_eval.report import page_data
 from sumo_eval.report.html import write_report
 from sumo_eval.report.page_data import choose_view, telling_slice
 from sumo_eval.report.preventability import preventability
+from sumo_eval.report.words import unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.settings import DriverSettings
@@ -42,14 +45,9 @@ def tags(page: str) -> list[tuple[str, dict[str, str | None]]]:
     return parser.tags
 
 
-def embedded_text(page: str) -> str:
-    (text,) = re.findall(r'<script type="application/json" id="report-data">(.*?)</script>', page, flags=re.S)
-    return text
-
-
 def embedded(page: str) -> dict[str, Any]:
     """The data that the page draws from."""
-    return json.loads(embedded_text(page))
+    return json.loads(unpacked(page, "report-data"))
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +90,10 @@ def test_the_drivers_are_called_synthetic_and_only_when_they_are(
 
 
 def test_every_collision_and_every_missing_case_is_listed(evaluation: Evaluation, tags: list[Any]) -> None:
-    linked = sum(tag == "a" and (attributes.get("href") or "").startswith("#case:") for tag, attributes in tags)
-    assert linked == sum(case.collided for case in evaluation.cases) + evaluation.not_evaluated
+    links = [attributes.get("href") or "" for tag, attributes in tags if tag == "a"]
+    linked = {unquote(link.removeprefix("#case:")) for link in links if link.startswith("#case:")}
+    missing = {case.case for case, _ in unevaluated(evaluation)}
+    assert linked >= {case.case for case in evaluation.cases if case.collided} | missing
 
 
 def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> None:
@@ -102,11 +102,12 @@ def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> Non
     assert builders.ERROR not in page
     assert "lost the lane" in visible(page)
     assert not [tag for tag, attributes in tags if tag == "img" or "onerror" in attributes]
-    assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 4
+    assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 5
 
 
 def test_the_data_cannot_be_read_as_markup(page: str) -> None:
-    assert not set("<>&\u2028") & set(embedded_text(page))
+    for name in ("report-data", "plotly-code"):
+        assert unpacked(page, name), "it is plain base64 in the page"
 
 
 def test_the_data_holds_every_name_as_it_is(evaluation: Evaluation, data: dict[str, Any]) -> None:
@@ -258,7 +259,7 @@ def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "points are in this file" not in page
-    monkeypatch.setattr(page_data, "MOST_RUNS", 20)
+    monkeypatch.setattr(page_data, "MOST_BYTES", 20 * page_data.BYTES_OF_A_RUN)
     small = write_report(evaluation, partitions).read_text(encoding="utf-8")
     monkeypatch.undo()
     write_report(evaluation, partitions)
@@ -267,5 +268,6 @@ def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
     assert 0 < len(here) < len(cases)
     matters = {case.case for case in evaluation.cases if case.collided or not case.evaluated}
     assert here & matters
+    assert sum(len(scenario["trajectories"]["data"]) for scenario in embedded(small)["scenarios"]) <= 20 * 900
     points = len({tuple(key.split("-")[:2]) for key in here})
     assert f"Trajectories of {points} of {sum(zone.sampled for zone in evaluation.zones)} points" in visible(small)

@@ -71,7 +71,14 @@ const sumoEval = (() => {
     return result;
   }
 
-  /** What `encode_trajectories` packed: an array of {time, x, y, heading, speed, length, width}. */
+  /** What `packed` in sumo_eval/report/packing.py made of a text. */
+  async function inflated(base64) {
+    const stream = new Blob([bytes(base64)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Response(stream).text();
+  }
+
+  /** What `encode_trajectories` packed: an array of {time, x, y, heading, speed, ..., length, width}. A channel that was
+   *  not known in a trajectory is NaN throughout. */
   async function decodeTrajectories(packed, channels) {
     const inflated = new Blob([bytes(packed.data)]).stream().pipeThrough(new DecompressionStream("deflate"));
     const planes = new Uint8Array(await new Response(inflated).arrayBuffer());
@@ -92,6 +99,7 @@ const sumoEval = (() => {
     return packed.counts.map((count, index) => {
       const trajectory = { length: packed.lengths[index], width: packed.widths[index] };
       for (const name of Object.keys(channels)) trajectory[name] = decoded[name].subarray(begin, begin + count);
+      if (packed.noSteering.includes(index)) trajectory.steering_wheel_angle = new Float64Array(count).fill(NaN);
       begin += count;
       return trajectory;
     });
@@ -104,7 +112,7 @@ const sumoEval = (() => {
     return Int16Array.from({ length: raw.length / 2 }, (_, i) => view.getInt16(2 * i, true));
   }
 
-  return { trajectoryField, decodeTrajectories, decodeLevels, at };
+  return { trajectoryField, decodeTrajectories, decodeLevels, inflated, at };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoEval;

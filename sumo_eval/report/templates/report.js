@@ -2,9 +2,14 @@
 // textContent, or through plain() where Plotly would read markup.
 "use strict";
 
-(() => {
-  const data = JSON.parse(document.getElementById("report-data").textContent);
+(async () => {
   const byId = (id) => document.getElementById(id);
+  window.addEventListener("error", (event) => fail(event.message));
+  window.addEventListener("unhandledrejection", (event) => fail(event.reason));
+  const data = JSON.parse(await sumoEval.inflated(byId("report-data").textContent));
+  const library = document.createElement("script"); // inline scripts run as they are added
+  library.textContent = await sumoEval.inflated(byId("plotly-code").textContent);
+  document.head.append(library);
   const COLOURS = { ads: "#0072b2", driver: "#8593a3", actor: "#b26a00", ink: "#1b1f24", muted: "#57606a", line: "#d5dbe1" };
   const ZONE_COLOURS = { safe: "#e6f1f8", hazardous: "#fbd9b5" };
   const OUTCOMES = {
@@ -307,27 +312,64 @@
   }
 
   function distribution(plot, scenario) {
+    const meanOf = (items) => items.reduce((sum, item) => sum + item.exposure * item.index, 0) / items.reduce((sum, item) => sum + item.exposure, 0);
+    histogram(plot, scenario, { value: (item) => item.index, high: 1, bins: BINS, digits: 2, axis: "D<sub>i</sub>", count: "safe cases", mean: meanOf });
+  }
+
+  /** Bars of one value by ADS from 0 to `high`; what lies beyond is in the last bin. mean: a dashed line and a word. */
+  function histogram(plot, scenario, { value, high, bins, digits, axis, count, mean = null }) {
     const styles = [["#0072b2", "/"], ["#b26a00", "\\"], ["#4d9e7a", "x"], ["#8a3d74", "-"], ["#57606a", "|"], ["#c2185b", "+"]];
-    const compared = scenario.ads.map((ads) => [ads, scenario.cases.filter((item) => item.ads === ads && item.index !== null)])
+    const compared = scenario.ads.map((ads) => [ads, scenario.cases.filter((item) => item.ads === ads && value(item) !== null)])
       .filter(([, items]) => items.length > 0);
     const shapes = [];
     const traces = compared.map(([ads, items], position) => {
       const [colour, shape] = styles[position % styles.length];
-      const exposure = items.reduce((sum, item) => sum + item.exposure, 0);
-      const mean = items.reduce((sum, item) => sum + item.exposure * item.index, 0) / exposure;
-      shapes.push({ type: "line", x0: mean, x1: mean, y0: 0, y1: 1, yref: "paper", line: { color: colour, width: 2, dash: "dash" } });
-      const counts = new Array(BINS).fill(0);
-      for (const item of items) counts[Math.min(BINS - 1, Math.floor(item.index * BINS))] += 1;
+      const middle = mean === null ? null : mean(items);
+      if (middle !== null) shapes.push({ type: "line", x0: middle, x1: middle, y0: 0, y1: 1, yref: "paper", line: { color: colour, width: 2, dash: "dash" } });
+      const counts = new Array(bins).fill(0);
+      for (const item of items) counts[Math.min(bins - 1, Math.floor(value(item) / high * bins))] += 1;
+      const edge = (bin) => (bin * high / bins).toFixed(digits);
+      const over = items.some((item) => value(item) > high);
       return {
-        type: "bar", name: `${plain(ads)}, mean ${mean.toFixed(3)}`, x: counts.map((_, bin) => (bin + 0.5) / BINS), y: counts,
-        customdata: counts.map((_, bin) => `${(bin / BINS).toFixed(2)} to ${((bin + 1) / BINS).toFixed(2)}`), marker: { color: colour, line: { width: 1, color: "#fff" }, pattern: { shape, fgcolor: "#fff", fillmode: "overlay", size: 6, solidity: 0.12 } },
-        hovertemplate: "D<sub>i</sub> %{customdata}: %{y} cases<extra></extra>",
+        type: "bar", name: middle === null ? plain(ads) : `${plain(ads)}, mean ${middle.toFixed(3)}`, x: counts.map((_, bin) => (bin + 0.5) * high / bins), y: counts,
+        customdata: counts.map((_, bin) => (over && bin === bins - 1 ? `above ${edge(bin)}` : `${edge(bin)} to ${edge(bin + 1)}`)),
+        marker: { color: colour, line: { width: 1, color: "#fff" }, pattern: { shape, fgcolor: "#fff", fillmode: "overlay", size: 6, solidity: 0.12 } },
+        hovertemplate: `${axis} %{customdata}: %{y} cases<extra></extra>`,
       };
     });
     Plotly.newPlot(plot, traces, layout(
-      { ...title("D<sub>i</sub>"), range: [-0.005, 1.005], fixedrange: true }, { ...title("safe cases"), rangemode: "tozero", fixedrange: true },
+      { ...title(axis), range: [-0.005 * high, 1.005 * high], fixedrange: true }, { ...title(count), rangemode: "tozero", fixedrange: true },
       { barmode: "group", bargap: 0.12, shapes, showlegend: true, dragmode: false, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, margin: { l: 52, r: 12, t: 34, b: 44 } },
     ), CONFIG);
+  }
+
+  // --- terms of C ----------------------------------------------------------------------------------------------------
+
+  function termMaps() {
+    for (const card of document.querySelectorAll("[data-terms]")) {
+      const scenarioIndex = Number(card.dataset.terms);
+      const scenario = data.scenarios[scenarioIndex];
+      const plots = panelsOf(card, scenario);
+      const [ads, term] = ["terms", "term"].map((name) => () => card.querySelector(`input[name="${name}-${scenarioIndex}"]:checked`).value);
+      const draw = () => {
+        const known = scenario.cases.filter((item) => item[term()] !== null).map((item) => item[term()]);
+        const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
+        card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
+        plots.forEach((plot, panel) => {
+          const found = casesOf(scenario, ads(), (item) => item.panel === panel && item[term()] !== null);
+          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(scenario, item) });
+          Plotly.react(plot, [tiles(found, look, { colorscale: "Cividis", zmin: 0, zmax: most })], layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
+        });
+      };
+      draw();
+      card.addEventListener("change", draw);
+      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
+      const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
+      histogram(card.querySelector("[data-of=severity]"), scenario, {
+        value: (item) => item.severity, high: Math.max(5, Math.ceil(hardest / 5) * 5), bins: 15, digits: 1, axis: "U, m/s", count: "collisions",
+      });
+      histogram(card.querySelector("[data-of=ttc]"), scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" });
+    }
   }
 
   // --- one case ------------------------------------------------------------------------------------------------------
@@ -374,7 +416,7 @@
     document.querySelectorAll("input[name=speed-over]").forEach((input) => input.addEventListener("change", () => drawSpeed(shown)));
   }
 
-  function facts(scenario, item, driverCount) {
+  function facts(scenario, item) {
     const rows = scenario.parameters.map((p, k) => [p.name, `${short(item.values[k])} ${p.unit}`]);
     rows.push(["zone", item.zone], ["status", item.status], ["verdict", data.verdicts[item.verdict].words]);
     if (item.time !== null) rows.push(["simulated time", `${fixed(item.time, 1)} s`]);
@@ -395,7 +437,7 @@
       );
     }
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
-    if (item.zone === "safe") rows.push(["drivers compared with", String(driverCount)]);
+    if (item.zone === "safe") rows.push(["drivers compared with", String(item.drivers)]);
     rows.push(["ended", item.end, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
     if (item.indexNote) rows.push(["note on D_i", item.indexNote, true]);
@@ -427,26 +469,28 @@
     showPickers();
     moveRings.forEach((move) => move());
     byId("case-name").textContent = `${item.ads}: ${pointWords(scenario, item.values)}`;
-    showFacts(facts(scenario, item, driverIndexes.length));
+    showFacts(facts(scenario, item));
     const trouble = [item.missing, item.error].filter((text, k, all) => text && all.indexOf(text) === k).join(" ");
     byId("case-error").hidden = !trouble;
     byId("case-error").textContent = trouble || "";
     if (scroll) byId("case").scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
     const drawable = "ego" in item.vehicles;
     byId("case-charts").hidden = !drawable;
-    byId("case-elsewhere").hidden = item.embedded;
+    const lacking = !item.embedded ? "trajectories" : item.drivers > driverIndexes.length ? "drivers' trajectories" : "";
+    byId("case-elsewhere").hidden = !lacking;
+    byId("case-elsewhere").textContent = `The ${lacking} of this case are not in this file; they are in the run's folder, and sumo-eval replay shows them.`;
     shown = null;
+    player.stop();
     if (!drawable) return;
     const all = await trajectoriesOf(scenarioIndex);
     if (mine !== turn) return;
-    const actors = Object.entries(item.vehicles).filter(([name]) => name !== "ego").map(([name, k]) => [name, all[k]]);
-    shown = { scenario, item, ads: all[item.vehicles.ego], actors, drivers: driverIndexes.map((k) => all[k]) };
+    shown = { scenario, item, ads: all[item.vehicles.ego], actors: actorsOf(item, all), drivers: driverIndexes.map((k) => all[k]) };
     byId("legend-ads").textContent = item.ads;
     byId("legend-drivers").hidden = shown.drivers.length === 0;
     byId("legend-drivers").lastElementChild.textContent = `${shown.drivers.length} human drivers`;
     drawPaths(shown);
     drawSpeed(shown);
-    startReplay(shown);
+    startReplay(shown, all);
     drawFields(shown);
   }
 
@@ -572,100 +616,31 @@
 
   // --- replay --------------------------------------------------------------------------------------------------------
 
-  let frame = null;
+  const player = sumoReplay.player(byId("replay"));
 
-  function startReplay(view) {
-    const slider = byId("replay-slider");
-    stopReplay();
-    slider.max = view.ads.time.at(-1) - view.ads.time[0];
-    slider.value = view.item.outcome === "collision" ? slider.max : 0;
-    drawReplay(view);
+  const contactOf = (item) => (item.contact === null ? null : { ...item.contact, speed: item.impactSpeed });
+
+  /** What may run beside the case: the other ADSs at the same point, and each driver. */
+  function companions(view, all) {
+    const { scenario, item } = view;
+    const others = scenario.cases.filter((other) => other.point === item.point && other !== item && "ego" in other.vehicles);
+    return [
+      ...others.map((other) => ({ name: other.ads, ego: all[other.vehicles.ego], actors: actorsOf(other, all), contact: contactOf(other) })),
+      ...view.drivers.map((driver, k) => ({ name: `driver ${k + 1}`, ego: driver, actors: view.actors, contact: null })),
+    ];
   }
 
-  function stopReplay() {
-    if (frame !== null) cancelAnimationFrame(frame);
-    frame = null;
-    byId("replay-play").textContent = "Play";
-  }
+  const actorsOf = (item, all) => Object.entries(item.vehicles).filter(([name]) => name !== "ego").map(([name, k]) => [name, all[k]]);
 
-  function play() {
-    const slider = byId("replay-slider");
-    if (frame !== null) return stopReplay();
-    if (Number(slider.value) >= Number(slider.max) - 1e-6) slider.value = 0;
-    byId("replay-play").textContent = "Pause";
-    let before = null, time = Number(slider.value);
-    const tick = (now) => {
-      time = Math.min(time + (before === null ? 0 : (now - before) / 1000), Number(slider.max));
-      before = now;
-      slider.value = time;
-      drawReplay(shown);
-      if (time >= Number(slider.max)) return stopReplay();
-      frame = requestAnimationFrame(tick);
-      return undefined;
-    };
-    frame = requestAnimationFrame(tick);
-    return undefined;
-  }
-
-  function drawReplay(view) {
-    if (!view) return;
-    const canvas = byId("replay"), { road } = view.scenario;
-    const width = canvas.clientWidth, height = canvas.clientHeight, ratio = window.devicePixelRatio || 1;
-    if (width === 0) return;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.scale(ratio, ratio);
-    const strip = 26; // px below the road for the scale
-    const scale = Math.min((height - strip - 8) / (road.left - road.right), 11);
-    const elapsed = Number(byId("replay-slider").value);
-    const at = (t, channel) => sumoEval.at(t.time, t[channel], t.time[0] + elapsed);
-    const left = at(view.ads, "x") - 0.3 * width / scale;
-    const px = (x) => (x - left) * scale, py = (y) => 6 + (road.left - y) * scale;
-    pen.fillStyle = "#f5f7f9";
-    pen.fillRect(0, 0, width, height);
-    pen.fillStyle = "#d9dde1";
-    pen.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
-    const stroke = (y, colour, dash) => {
-      pen.beginPath();
-      pen.setLineDash(dash);
-      pen.lineDashOffset = dash.length ? left * scale : 0;
-      pen.moveTo(0, py(y));
-      pen.lineTo(width, py(y));
-      pen.lineWidth = 2;
-      pen.strokeStyle = colour;
-      pen.stroke();
-    };
-    stroke(road.left, "#57606a", []);
-    stroke(road.right, "#57606a", []);
-    for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
-    pen.setLineDash([]);
-    pen.fillStyle = COLOURS.muted;
-    pen.font = `11px ${FONT.family}`;
-    pen.textAlign = "center";
-    const step = width / scale > 70 ? 20 : 10;
-    for (let x = Math.ceil(left / step) * step; px(x) < width; x += step) {
-      pen.fillRect(px(x), py(road.right) + 3, 1, 5);
-      pen.fillText(`${x} m`, px(x), py(road.right) + 20);
-    }
-    const draw = (t, colour, solid, name) => {
-      const shape = body(t, at(t, "x"), at(t, "y"), at(t, "heading"));
-      pen.beginPath();
-      shape.x.forEach((x, k) => pen[k ? "lineTo" : "moveTo"](px(x), py(shape.y[k])));
-      pen.lineWidth = 1.2;
-      pen.strokeStyle = colour;
-      pen.fillStyle = colour;
-      if (solid) pen.fill();
-      pen.stroke();
-      if (!solid || t.length * scale < 44) return;
-      pen.fillStyle = "#fff";
-      pen.font = `600 10px ${FONT.family}`;
-      pen.fillText(name, px(at(t, "x")), py(at(t, "y")) + 3.5, t.length * scale - 4);
-    };
-    for (const driver of view.drivers) if (elapsed <= driver.time.at(-1) - driver.time[0]) draw(driver, COLOURS.driver, false);
-    for (const [name, actor] of view.actors) draw(actor, COLOURS.actor, true, name);
-    draw(view.ads, COLOURS.ads, true, "ego");
-    byId("replay-time").textContent = `t = ${elapsed.toFixed(1)} s, ${at(view.ads, "speed").toFixed(1)} m/s`;
+  function startReplay(view, all) {
+    const found = companions(view, all), select = byId("replay-beside");
+    fill(select, [[-1, "nothing"], ...found.map(({ name }, k) => [k, name])], -1);
+    const own = { name: view.item.ads, ego: view.ads, actors: view.actors, contact: contactOf(view.item) };
+    const draw = () => player.show({
+      road: view.scenario.road, ghosts: view.drivers, views: [own, ...found.slice(Number(select.value), Number(select.value) + 1)].slice(0, Number(select.value) < 0 ? 1 : 2),
+    });
+    select.onchange = draw;
+    draw();
   }
 
   // --- the page ------------------------------------------------------------------------------------------------------
@@ -702,19 +677,15 @@
     byId("failure").textContent = `A chart of this report could not be drawn (${reason}). The tables and sentences are complete without it.`;
   }
 
-  window.addEventListener("error", (event) => fail(event.message));
-  window.addEventListener("unhandledrejection", (event) => fail(event.reason));
   window.addEventListener("beforeprint", () => onPrint(true));
   window.addEventListener("afterprint", () => onPrint(false));
-  window.addEventListener("resize", () => drawReplay(shown));
   window.addEventListener("hashchange", () => {
     const asked = caseFromAddress();
     if (asked) showCase(asked.s, asked.index, true);
   });
-  byId("replay-play").addEventListener("click", play);
-  byId("replay-slider").addEventListener("input", () => { stopReplay(); drawReplay(shown); });
   zoneMaps();
   likenessMaps();
+  termMaps();
   preventedMaps();
   wirePickers();
   const asked = caseFromAddress();

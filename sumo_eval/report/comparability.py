@@ -1,0 +1,95 @@
+"""What two runs do not have in common. Whatever is listed here is shown, and what could change a score by itself is
+refused unless the person who compares has accepted it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sumo_eval.config import to_plain
+from sumo_eval.errors import InputError
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import EvaluationSettings
+
+HARMLESS = ("name", "ads", "run", "report")
+"""Settings that change no case of an ADS that both runs have: who drives, how work is spread, how it is shown."""
+
+ABSENT = "not set"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Something that differs between two runs. decides: it could change a score, whatever the ADS did."""
+
+    what: str
+    base: str
+    new: str
+    decides: bool
+
+    @property
+    def words(self) -> str:
+        """`method.score.a: 50 in the base, 60 in the new run`."""
+        return f"{self.what}: {self.base} in the base, {self.new} in the new run"
+
+
+def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
+    """Everything that differs besides the ADSs' behaviour, what decides first."""
+    found = [
+        *_differing(_comparable(base.settings), _comparable(new.settings), "", decides=True),
+        *_differing(_files(base), _files(new), "", decides=True),
+        *_versions(base, new),
+        *_differing(_controllers(base.settings), _controllers(new.settings), "controller of ", decides=False),
+    ]
+    return tuple(sorted(found, key=lambda item: not item.decides))
+
+
+def refuse_unless_comparable(found: tuple[Difference, ...]) -> None:
+    """Raise InputError when something decides, naming all of it."""
+    deciding = [item.words for item in found if item.decides]
+    if deciding:
+        raise InputError(
+            "The two runs cannot be compared case by case, because not only the ADS differs:\n  "
+            + "\n  ".join(deciding)
+            + "\nRun both with the same settings and versions, or accept this with --accept-differences."
+        )
+
+
+def _comparable(settings: EvaluationSettings) -> dict[str, str]:
+    plain = {key: value for key, value in to_plain(settings).items() if key not in HARMLESS}
+    plain["scenario"] = {entry["use"]: entry for entry in plain["scenario"]}
+    return dict(_flat(plain, ""))
+
+
+def _flat(value: Any, path: str) -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{path}.{key}" if path else str(key))
+    else:
+        yield path, str(value)
+
+
+def _controllers(settings: EvaluationSettings) -> dict[str, str]:
+    return {ads.name: ads.controller for ads in settings.ads}
+
+
+def _files(evaluation: Evaluation) -> dict[str, str]:
+    """Contents of the SUMO inputs, by name: a scenario that another version of the package writes otherwise shows."""
+    hashes: Mapping[str, str] = evaluation.manifest.get("sha256", {})
+    return {name: digest[:12] for name, digest in hashes.items() if name.startswith(("networks/", "routes/"))}
+
+
+def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:
+    """Another simulator decides; another version of anything else is worth knowing."""
+    before, after = base.manifest.get("versions", {}), new.manifest.get("versions", {})
+    for item in _differing(before, after, "version of ", decides=False):
+        simulator = item.what.rpartition(" ")[2] in ("libsumo", "sumo", "eclipse-sumo")
+        yield Difference(item.what, item.base, item.new, simulator)
+
+
+def _differing(base: Mapping[str, Any], new: Mapping[str, Any], prefix: str, *, decides: bool) -> Iterator[Difference]:
+    for key in (*base, *(key for key in new if key not in base)):
+        before, after = str(base.get(key, ABSENT)), str(new.get(key, ABSENT))
+        if before != after:
+            yield Difference(f"{prefix}{key}", before, after, decides)

@@ -1,0 +1,178 @@
+"""The whole arithmetic of one case in words, each step with its equation's number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import Fact, Store, open_store
+from sumo_eval.errors import unknown
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
+from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
+from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
+from sumo_eval.report.words import MEASURES, avoided_share, cases_of, end_reason, explain_s, number, outcome, point
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+
+ROUNDING = 1e-9
+
+
+def find_case(evaluation: Evaluation, key: str) -> CaseResult:
+    """A case by its key. Raises InputError with the nearest known one."""
+    found = next((case for case in evaluation.cases if case.case == key), None)
+    if found is None:
+        raise unknown("case", key, [case.case for case in evaluation.cases])
+    return found
+
+
+def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], key: str) -> list[str]:
+    """The lines that `sumo-eval explain` prints."""
+    case = find_case(evaluation, key)
+    zones, score = partitions[case.scenario], evaluation.score(case.ads, case.scenario)
+    with open_store(evaluation.folder / FACTS) as store:
+        facts = store.facts("ads", case.scenario, case.ads)
+        fact = next(item for item in facts if item.case == key)
+        return [
+            f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
+            f"  {outcome(case)}; {end_reason(case)}"
+            + (f" after {case.simulated_time:.2f} s" if case.simulated_time is not None else "")
+            + (f"; {case.error}" if case.error else ""),
+            *(f"  {line}" for line in _zone(case, zones)),
+            *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
+            *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),
+            *(f"  {line}" for line in _measures(case)),
+            f"  Eq. 18: {explain_s(score, evaluation.settings)}",
+        ]
+
+
+def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
+    settings = zones.settings
+    row = zones.logical.row(case.values)
+    criticality = float(exact_inverse_ttc(zones.logical, row[None], settings)[0])
+    peak = "unbounded, ideal braking hits" if math.isinf(criticality) else f"{criticality:.4f} 1/s"
+    yield (
+        f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: {peak}; "
+        f"hazardous from {settings.critical_inverse_ttc:g} 1/s"
+    )
+    learnt = float(zones.predicted(row))
+    yield f"Eqs. 7-8: y = {learnt:+.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the {case.zone} zone"
+
+
+def _collision(
+    case: CaseResult, fact: Fact, score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition
+) -> Iterator[str]:
+    hit = fact.collision
+    if hit is None:
+        yield "Eqs. 14-17: no contact, so this case has no part in C"
+        return
+    own, other = hit.ego_velocity, hit.other_velocity
+    used = max(hit.overlap, SMALLEST_OVERLAP)
+    floor = f" (recorded {hit.overlap:.3f}, at least {SMALLEST_OVERLAP:g})" if used != hit.overlap else ""
+    yield (
+        f"Eq. 15: U = |({own[0]:.3f}, {own[1]:.3f}) - ({other[0]:.3f}, {other[1]:.3f})| / w = "
+        f"{hit.relative_speed:.3f} / {used:.3f}{floor} = {number(case.severity, 3)} m/s, with `{hit.other}` at "
+        f"t = {hit.time:.2f} s"
+    )
+    yield f"Eq. 14: L = {number(case.loss, 1)}"
+    if case.ideal_severity is None:
+        yield "Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C"
+        return
+    loss = evaluation.settings.method.collision.loss
+    ratio = avoided_share(case, loss) or 0.0
+    what = "Ug/U" if loss == "severity" else "Lg/L"
+    best = f"hits with Ug = {case.ideal_severity:.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
+    yield (
+        f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:.4f}"
+        + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
+    )
+    yield from _weight(case, zones)
+    hits = [one for one in cases_of(evaluation, score) if one.collided and one.ideal_severity is not None]
+    weights = math.fsum(one.weight or 0.0 for one in hits)
+    terms = evaluation.settings.method.score
+    share = (case.weight or 0.0) / weights if weights > 0.0 else 1.0 / len(hits)
+    yield (
+        f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):.4f} this case took r (1 - {what}) / sum r = "
+        f"{number(case.weight, 4)} x {1.0 - ratio:.4f} / {weights:.4f} = {share * (1.0 - ratio):.4f} "
+        f"({len(hits)} collisions), {terms.a * terms.k5 * share * (1.0 - ratio):.2f} points of S"
+    )
+
+
+def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
+    if zones.zones == 0:
+        yield "Eq. 16: r = 1, there is no hazardous zone"
+        return
+    row = zones.logical.row(case.values)
+    star = zones.most_dangerous[int(zones.nearest_zone(row))]
+    away = float(np.linalg.norm(zones.logical.to_unit(row) - zones.logical.to_unit(zones.logical.row(star))))
+    weight = case.weight or 0.0
+    exit_at = f", zone's boundary at {away / weight:.4f}" if weight > 0.0 else ""
+    yield (
+        f"Eq. 16: r = |x - x*| / |b - x*| = {weight:.4f}: {away:.4f} unit-box lengths from x* ({point(star)}){exit_at}"
+    )
+
+
+def _likeness(
+    case: CaseResult,
+    fact: Fact,
+    score: ScenarioResult,
+    evaluation: Evaluation,
+    zones: ZonePartition,
+    store: Store,
+) -> Iterator[str]:
+    if case.zone != "safe":
+        yield "Eqs. 11-13: the hazardous zone has no D_i"
+        return
+    if case.index is None:
+        why = score.d_reason or case.index_note or case.error or "fewer than two drivers to compare with"
+        yield f"Eqs. 11-13: no D_i: {why}"
+        return
+    drivers = [
+        store.trajectory(one.case)
+        for one in store.facts("human", case.scenario)
+        if one.point == fact.point and one.status == "ok"
+    ]
+    settings = evaluation.settings.method.anthropomorphic
+    index = anthropomorphic_index(store.trajectory(case.case), drivers, zones.logical.road, settings)
+    yield from _factors(index)
+    if abs(index.value - case.index) > ROUNDING:
+        yield f"WARNING: the score has D_i = {case.index:.6f}, which this arithmetic does not give"
+    indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
+    exposure = math.fsum(one.exposure for one in indexed)
+    terms, share = evaluation.settings.method.score, case.exposure / exposure
+    yield (
+        f"Eq. 13: share of exposure p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
+        f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:.5f} and took "
+        f"{share * (1.0 - case.index):.5f}, {terms.b * terms.k6 * share * (1.0 - case.index):.2f} points of S"
+    )
+    for note in index.notes:
+        yield f"note: {note}"
+
+
+def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
+    lengths, operations = index.driver_lengths, index.driver_operations
+    yield (
+        f"Eq. 12: f_L = min(1, L / mean L of {len(lengths)} drivers) = min(1, {index.ads_length:.2f} / "
+        f"{np.mean(lengths):.2f}) = {index.length_factor:.4f}"
+    )
+    ratio = (
+        f"{np.mean(operations):.2f} / {index.ads_operations}" if index.ads_operations else "no operation by the ADS: 1"
+    )
+    yield f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:.4f}"
+    worst = int(np.argmin(index.slice_similarity))
+    yield (
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {len(index.slices)} slices = {index.similarity:.4f} "
+        f"(path alone {index.centre_similarity:.4f}, field alone {index.field_similarity:.4f}; lowest "
+        f"{index.slice_similarity[worst]:.4f} at x = {index.slices[worst]:.1f} m)"
+    )
+    product = f"{index.length_factor:.4f} x {index.operation_factor:.4f} x {index.similarity:.4f}"
+    yield f"Eq. 12: D_i = {product} = {index.value:.4f}"
+
+
+def _measures(case: CaseResult) -> Iterator[str]:
+    known = [
+        f"{words} {getattr(case, name):.3g} {unit}" for name, words, unit in MEASURES if getattr(case, name) is not None
+    ]
+    if known:
+        yield "measures: " + "; ".join(known)

@@ -1,0 +1,182 @@
+"""Gates: whether a run, beside the one before it, may pass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from sumo_eval.report.comparison import AdsComparison, Change, Comparison, QuantityChange
+from sumo_eval.report.gate_settings import (
+    HIGHER_IS_BETTER,
+    OF_THE_COMPARISON,
+    GateSettings,
+    LimitSettings,
+    Quantity,
+)
+from sumo_eval.report.words import count, number, point
+from sumo_eval.results import Evaluation, ScenarioResult
+
+_CHANGES: dict[Quantity, Change] = {
+    "new_collisions": "new collision",
+    "harsher": "harsher",
+    "less_human": "less human",
+    "newly_off_road": "left the road",
+    "newly_not_evaluated": "not evaluated any more",
+}
+_DIGITS: dict[Quantity, int] = {"S": 2, "C": 4, "D": 4, "collision_probability": 6}
+MOST_NAMED = 5  # cases in a sentence
+
+
+@dataclass(frozen=True, slots=True)
+class GateResult:
+    """One limit applied to one ADS in one logical scenario.
+
+    passed None: the limit is about a change, and there is nothing to compare with. threshold: the value of the new run
+    at which it would fail, for drawing. cases: keys of the cases that a failed limit is about.
+    """
+
+    quantity: Quantity
+    ads: str
+    scenario: str
+    passed: bool | None
+    sentence: str
+    value: float | None
+    threshold: float | None
+    cases: tuple[str, ...] = ()
+
+
+def judge(new: Evaluation, comparison: Comparison | None, settings: GateSettings) -> tuple[GateResult, ...]:
+    """Every limit of a gate, for every ADS and logical scenario it is about. comparison None: there is no base."""
+    compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
+    results: list[GateResult] = []
+    for score in new.scores:
+        for limit in settings.limit:
+            if limit.ads in (None, score.ads) and limit.scenario in (None, score.scenario):
+                results += _judge(limit, score, compared.get((score.ads, score.scenario)), settings.confidence)
+    return tuple(results)
+
+
+def failed(results: Sequence[GateResult]) -> tuple[GateResult, ...]:
+    """The gates that did not hold."""
+    return tuple(result for result in results if result.passed is False)
+
+
+def _judge(
+    limit: LimitSettings, score: ScenarioResult, compared: AdsComparison | None, confidence: float
+) -> Iterator[GateResult]:
+    quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
+    if quantity in OF_THE_COMPARISON and compared is None:
+        yield GateResult(*where, None, f"{quantity}: there is no base to compare with", None, limit.at_most)
+        return
+    value = _value(quantity, score, compared)
+    changed = _cases(quantity, compared)
+    for bound, sign, words in ((limit.at_least, 1.0, "at least"), (limit.at_most, -1.0, "at most")):
+        if bound is None:
+            continue
+        if value is None:
+            yield GateResult(*where, False, f"{quantity} is not computed; it must be {words} {bound:g}", None, bound)
+            continue
+        ok = sign * (value - bound) >= 0.0
+        sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
+        keys = tuple(key for key, _ in changed)
+        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, () if ok else keys)
+    for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
+        if bound is not None:
+            yield _judge_change(limit, score, compared, bound, percent, confidence)
+
+
+def _judge_change(
+    limit: LimitSettings,
+    score: ScenarioResult,
+    compared: AdsComparison | None,
+    bound: float,
+    percent: bool,
+    confidence: float,
+) -> GateResult:
+    quantity, where = limit.quantity, (limit.quantity, score.ads, score.scenario)
+    if compared is None:
+        return GateResult(
+            *where, None, f"{quantity}: there is no base to compare with", _value(quantity, score, None), None
+        )
+    change = _quantity_change(quantity, compared)
+    higher = quantity in HIGHER_IS_BETTER
+    if change.base is None:
+        return GateResult(
+            *where, True, f"{quantity} was not computed in the base, so it cannot have become worse", change.new, None
+        )
+    if change.new is None:
+        return GateResult(
+            *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed any more: "
+            f"{score.d_reason or 'no case could be evaluated'}", None, None,
+        )  # fmt: skip
+    allowed = abs(change.base) * bound / 100.0 if percent else bound
+    loss = change.base - change.new if higher else change.new - change.base
+    threshold = change.base - allowed if higher else change.base + allowed
+    excused = limit.only_if_certain and not change.certain
+    ok = loss <= allowed or excused
+    spread = (
+        f", difference within {change.low:+.4g} to {change.high:+.4g} ({confidence:.0%})"
+        if change.low is not None and change.high is not None
+        else ""
+    )
+    may = f"{bound:g} %" if percent else f"{bound:g}"
+    sentence = (
+        f"{quantity} went from {_number(quantity, change.base)} to {_number(quantity, change.new)}{spread}; "
+        f"it may be worse by {may}{' unless the interval holds 0' if limit.only_if_certain else ''}"
+    )
+    return GateResult(*where, ok, sentence, change.new, threshold)
+
+
+def _value(quantity: Quantity, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
+    if quantity in _CHANGES:
+        return None if compared is None else float(compared.count(_CHANGES[quantity]))
+    values: dict[str, float | None] = {
+        "S": score.s, "C": score.c, "D": score.d, "collision_probability": score.collision_probability,
+        "collisions": score.collisions, "safe_collisions": score.safe_collisions, "off_road": score.off_road,
+        "not_evaluated": score.not_evaluated,
+    }  # fmt: skip
+    return values[quantity]
+
+
+def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityChange:
+    """A quantity in both runs; counts have no interval."""
+    if quantity in compared.quantities:
+        return compared.quantities[quantity]
+    base, new = (
+        float(
+            sum(
+                {
+                    "collisions": case.collided,
+                    "safe_collisions": case.collided and case.zone == "safe",
+                    "off_road": case.status == "off_road",
+                    "not_evaluated": not case.evaluated,
+                }[quantity]
+                for case in cases
+            )
+        )
+        for cases in (compared.base_cases, compared.new_cases)
+    )
+    return QuantityChange(base, new, new - base, None, None)
+
+
+def _cases(quantity: Quantity, compared: AdsComparison | None) -> list[tuple[str, str]]:
+    """(key, words) of the cases that a limit on a change is about."""
+    if compared is None or quantity not in _CHANGES:
+        return []
+    return [
+        (item.new.case, f"{item.new.case} ({point(item.new.values)})")
+        for item in compared.changed
+        if item.change == _CHANGES[quantity]
+    ]
+
+
+def _named(cases: Sequence[tuple[str, str]]) -> str:
+    if not cases:
+        return ""
+    more = len(cases) - MOST_NAMED
+    named = ", ".join(words for _, words in cases[:MOST_NAMED])
+    return f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
+
+
+def _number(quantity: Quantity, value: float) -> str:
+    return number(value, _DIGITS.get(quantity, 0))

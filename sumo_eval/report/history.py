@@ -1,0 +1,189 @@
+"""The history of nights: one SQLite file to which lines are added and in which none is ever changed or removed."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.words import cases_of
+from sumo_eval.results import Evaluation, ScenarioResult
+
+HISTORY = "history.sqlite"
+FORMAT_VERSION = 1
+
+_TABLES = ("nights", "quantities", "gates")
+_SCHEMA = """
+CREATE TABLE nights (
+    night TEXT PRIMARY KEY, evaluation TEXT NOT NULL, folder TEXT NOT NULL, wall_time REAL,
+    exit_status INTEGER NOT NULL, base TEXT,
+    verdict TEXT NOT NULL, sumo_eval TEXT NOT NULL, libsumo TEXT NOT NULL, imported INTEGER NOT NULL
+);
+CREATE TABLE quantities (
+    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
+    value REAL, PRIMARY KEY (night, ads, scenario, quantity)
+);
+CREATE TABLE gates (
+    night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
+    passed INTEGER, threshold REAL, sentence TEXT NOT NULL
+);
+""" + "".join(
+    f"CREATE TRIGGER {table}_{what.lower()} BEFORE {what} ON {table} "
+    "BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;\n"
+    for table in _TABLES
+    for what in ("UPDATE", "DELETE")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Night:
+    """One line of the history. night: when it began, UTC, and its folder's name. base: the night compared with."""
+
+    night: str
+    evaluation: str
+    folder: str
+    wall_time: float | None
+    exit_status: int
+    base: str | None
+    verdict: str
+    sumo_eval: str
+    libsumo: str
+    imported: bool
+
+    @property
+    def good(self) -> bool:
+        """Every gate passed and every case was evaluated: later nights may be compared with this one."""
+        return self.exit_status == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One quantity of one ADS in one logical scenario in one night, None where it was not computed.
+
+    run_time is the wall time of the ADS's cases, s.
+    """
+
+    night: str
+    ads: str
+    scenario: str
+    quantity: str
+    value: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class GateLine:
+    """One gate of one night; threshold: the value at which it would fail, where it has one."""
+
+    night: str
+    ads: str
+    scenario: str
+    quantity: str
+    passed: bool | None
+    threshold: float | None
+    sentence: str
+
+
+class History:
+    """An open history file."""
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        self._connection = connection
+        self._path = path
+
+    def add(self, night: Night, evaluation: Evaluation, gates: Sequence[GateResult]) -> None:
+        """Add a night with everything it keeps, or nothing, in one transaction. Refuses a night that is there."""
+        if any(known.night == night.night for known in self.nights()):
+            raise InputError(f"The history {self._path} has a night {night.night} already; nothing in it is replaced.")
+        with self._connection:
+            self._connection.execute(
+                "INSERT INTO nights VALUES (?,?,?,?,?,?,?,?,?,?)",
+                (night.night, night.evaluation, night.folder, night.wall_time, night.exit_status, night.base,
+                 night.verdict, night.sumo_eval, night.libsumo, night.imported),
+            )  # fmt: skip
+            self._connection.executemany(
+                "INSERT INTO quantities VALUES (?,?,?,?,?)",
+                [
+                    (night.night, score.ads, score.scenario, quantity, value)
+                    for score in evaluation.scores
+                    for quantity, value in _quantities(evaluation, score).items()
+                ],
+            )
+            self._connection.executemany(
+                "INSERT INTO gates VALUES (?,?,?,?,?,?,?)",
+                [
+                    (night.night, gate.ads, gate.scenario, gate.quantity, gate.passed, gate.threshold, gate.sentence)
+                    for gate in gates
+                ],
+            )
+
+    def nights(self) -> list[Night]:
+        """Every night, the oldest first."""
+        return [
+            Night(night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, bool(imported))
+            for night, evaluation, folder, wall_time, status, base, verdict, version, libsumo, imported in (
+                self._connection.execute("SELECT * FROM nights ORDER BY night")
+            )
+        ]
+
+    def values(self) -> list[Value]:
+        """Every quantity of every night, the oldest first."""
+        return [Value(*row) for row in self._connection.execute("SELECT * FROM quantities ORDER BY night, rowid")]
+
+    def gates(self) -> list[GateLine]:
+        """Every gate of every night, the oldest first."""
+        return [
+            GateLine(night, ads, scenario, quantity, None if passed is None else bool(passed), threshold, sentence)
+            for night, ads, scenario, quantity, passed, threshold, sentence in self._connection.execute(
+                "SELECT * FROM gates ORDER BY night, rowid"
+            )
+        ]
+
+
+@contextmanager
+def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
+    """The history file in a folder. Raises InputError where there is none, or one of another format."""
+    path = folder / HISTORY
+    if not path.is_file() and not create:
+        raise InputError(f"There is no history in {folder}: it has no {HISTORY}.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        connection = sqlite3.connect(path)
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(f"The history {path} cannot be opened: {error}.") from error
+    try:
+        version = _version(connection, path)
+        if version == 0 and create:
+            connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version != FORMAT_VERSION:
+            raise InputError(
+                f"The history {path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}."
+            )
+        yield History(connection, path)
+    except sqlite3.Error as error:
+        raise InputError(f"The history {path} cannot be used: {error}.") from error
+    finally:
+        connection.close()
+
+
+def _version(connection: sqlite3.Connection, path: Path) -> int:
+    try:
+        return int(connection.execute("PRAGMA user_version").fetchone()[0])
+    except sqlite3.DatabaseError as error:
+        raise InputError(f"{path} is no history: {error}.") from error
+
+
+def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
+    """What a night keeps of one ADS in one logical scenario."""
+    return {
+        "S": score.s,
+        "C": score.c,
+        "D": score.d,
+        "collision_probability": score.collision_probability,
+        "collisions": score.collisions,
+        "not_evaluated": score.not_evaluated,
+        "run_time": sum(case.wall_time or 0.0 for case in cases_of(evaluation, score)),
+    }

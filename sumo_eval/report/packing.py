@@ -1,0 +1,23 @@
+"""Text and bytes that travel inside a page: deflated, then base64; `inflated` in templates/field.js unpacks them."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from typing import Any
+
+
+def packed_bytes(data: bytes) -> str:
+    """Bytes as they stand in a page."""
+    return base64.b64encode(data).decode("ascii")
+
+
+def packed(text: str) -> str:
+    """A text, deflated. Nothing in it can be read as markup, whatever names and error texts it holds."""
+    return packed_bytes(zlib.compress(text.encode("utf-8"), 9))
+
+
+def packed_json(value: Any) -> str:
+    """Plain values as JSON, deflated."""
+    return packed(json.dumps(value, allow_nan=False, separators=(",", ":")))

@@ -1,0 +1,90 @@
+"""One case, or two side by side, as a page of its own that plays without a server and asks nobody for anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import EGO, Fact, Store, open_store
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.report.html import asset, template
+from sumo_eval.report.packing import packed_json
+from sumo_eval.report.page_data import CHANNEL_STEPS, contact, encode_trajectories
+from sumo_eval.report.words import point
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import Trajectory
+
+
+def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None = None) -> Path:
+    """Write the animation of a recorded case to `path` and return it.
+
+    beside: name of another ADS, or of a driver (`driver_03`), to show next to it in the same concrete scenario.
+    """
+    with open_store(run / FACTS) as store:
+        trajectories: list[Trajectory] = []
+        views = [_view(fact, store, trajectories)]
+        if beside is not None:
+            views.append(_view(_companion(fact, store, beside), store, trajectories))
+        ghosts = []
+        for driver in store.facts("human", fact.scenario):
+            if driver.point == fact.point and driver.status == "ok":
+                ghosts.append(len(trajectories))
+                trajectories.append(store.trajectory(driver.case))
+    road = logical.road
+    data = {
+        "channels": CHANNEL_STEPS,
+        "road": {
+            "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
+        },
+        "views": views,
+        "ghosts": ghosts,
+        "trajectories": encode_trajectories(trajectories),
+    }  # fmt: skip
+    page = template("replay.html.j2").render(
+        title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case, end=fact.end_reason or "",
+        status=fact.status, drivers=len(ghosts), css=asset("report.css"), replay_css=asset("replay.css"),
+        field_js=asset("field.js"), replay_js=asset("replay.js"), page_js=asset("replay_page.js"),
+        data=packed_json(data),
+    )  # fmt: skip
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The replay {path} cannot be written: {error}.") from error
+    return path
+
+
+def recorded(run: Path, key: str) -> Fact:
+    """A recorded drive of an ADS by its case's key. Raises InputError with the nearest known one."""
+    with open_store(run / FACTS) as store:
+        facts = store.facts("ads")
+        found = next((fact for fact in facts if fact.case == key), None)
+        if found is None:
+            raise unknown("case", key, [fact.case for fact in facts])
+        if not store.trajectories(key):
+            raise InputError(f"Case `{key}` has no recording to replay: {found.error or found.status}.")
+    return found
+
+
+def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str, Any]:
+    """One drive; its trajectories are added to the list and named by their places in it."""
+    vehicles = store.trajectories(fact.case)
+    places = {name: len(trajectories) + place for place, name in enumerate(vehicles)}
+    trajectories += vehicles.values()
+    hit = contact(fact, vehicles.get(EGO))
+    if hit is not None and fact.collision is not None:
+        hit["speed"] = round(fact.collision.relative_speed, 3)
+    return {"name": fact.driver, "vehicles": places, "contact": hit}
+
+
+def _companion(fact: Fact, store: Store, name: str) -> Fact:
+    at_point = [
+        other
+        for role in ("ads", "human", "ideal")
+        for other in store.facts(role, fact.scenario)
+        if other.point == fact.point and other.case != fact.case
+    ]
+    found = next((other for other in at_point if other.driver == name and store.trajectories(other.case)), None)
+    if found is None:
+        raise unknown("ADS or driver of this concrete scenario", name, [other.driver for other in at_point])
+    return found

@@ -1,0 +1,148 @@
+"""The sections of the report, in their order. A new one is a line in SECTIONS and a file in templates/sections/.
+
+A section's template sees what all sections share (`html._context`) and, as `content.<name>`, what its own function
+returned. A section whose function returns None is left out, so optional data has a section only where it exists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.ledger import ledger, sentences
+from sumo_eval.report.people import people_context
+from sumo_eval.report.terminal import quantity_words, verdict_of
+from sumo_eval.report.words import number, point
+from sumo_eval.results import Evaluation
+
+MOST_LEDGER_CASES = 5  # of one line of the ledger
+MOST_CHANGED = 200  # cases in the table of changes
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What a report shows besides the evaluation itself; a section whose part is missing here is left out.
+
+    comparison, gates: the change since an earlier run. notes: whole sentences about it.
+    """
+
+    comparison: Comparison | None = None
+    gates: tuple[GateResult, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """One section: name of its template and anchor, words in the navigation, and what only it needs to know."""
+
+    name: str
+    title: str
+    content: Content
+
+
+def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+    """A section that is there in every report and needs nothing of its own."""
+    return {}
+
+
+def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+    """Verdict, gates, flipped cases and differences; nothing where no earlier run was looked for."""
+    comparison = beside.comparison
+    if comparison is None and not beside.gates and not beside.notes:
+        return None
+    changed = (*comparison.worse, *comparison.better) if comparison else ()
+    return {
+        "verdict": verdict_of(comparison, beside.gates),
+        "failed": any(gate.passed is False for gate in beside.gates),
+        "comparison": comparison,
+        "notes": (*beside.notes, *(comparison.notes if comparison else ())),
+        "gates": sorted(beside.gates, key=lambda gate: (gate.passed is not False, gate.passed is None)),
+        "counts": [
+            {
+                "ads": one.ads,
+                "scenario": one.scenario,
+                "pairs": one.pairs,
+                "changes": [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
+                "quantities": [
+                    (name, quantity_words(name, value, comparison.confidence).replace("->", "→"), value.certain)
+                    for name, value in one.quantities.items()
+                ],
+            }
+            for one in (comparison.ads if comparison else ())
+        ]
+        if comparison
+        else [],
+        "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
+        "more": max(0, len(changed) - MOST_CHANGED),
+    }
+
+
+def _changed(item: ChangedCase) -> dict[str, Any]:
+    return {
+        "key": quote(item.new.case, safe=""),
+        "ads": item.new.ads,
+        "scenario": item.new.scenario,
+        "point": point(item.new.values),
+        "change": item.change,
+        "worse": item.worse,
+        "by": "" if item.by is None else f"{item.by:+.3g}" + (" m/s" if item.change in ("harsher", "softer") else ""),
+        "base": _outcome(item, base=True),
+        "new": _outcome(item, base=False),
+    }
+
+
+def _outcome(item: ChangedCase, *, base: bool) -> str:
+    case = item.base if base else item.new
+    if case.severity is not None:
+        return f"U {number(case.severity, 1)} m/s"
+    return case.status if case.index is None else f"{case.status}, D_i {number(case.index, 3)}"
+
+
+def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+    """Where the points of every S went."""
+    found = [ledger(evaluation, score) for score in evaluation.scores]
+    return {
+        "ledgers": [
+            {
+                "ads": one.ads,
+                "scenario": one.scenario,
+                "total": one.total,
+                "sentences": sentences(one),
+                "lines": [
+                    {
+                        "line": line,
+                        "cases": [
+                            (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
+                            for entry in line.entries[:MOST_LEDGER_CASES]
+                            if entry.points < 0.0
+                        ],
+                    }
+                    for line in one.lines
+                ],
+            }
+            for one in found
+        ]
+    }
+
+
+SECTIONS = (
+    Section("change", "Change", change_content),
+    Section("verdict", "Verdict", always),
+    Section("ledger", "Ledger", ledger_content),
+    Section("maps", "Zone maps", always),
+    Section("case", "One case", always),
+    Section("likeness", "Human-likeness", always),
+    Section("people", "The drivers", lambda evaluation, _: people_context(evaluation)),
+    Section("collisions", "Collisions", always),
+    Section("preventability", "Preventability", always),
+    Section("missing", "Not evaluated", always),
+    Section("zones", "Zones", always),
+    Section("settings", "Settings", always),
+)

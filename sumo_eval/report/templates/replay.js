@@ -1,0 +1,461 @@
+// A recorded case as an animation: the road from above, to scale, a chase view, and speed, TTC and commands over time.
+// Used by the report and by the page that `sumo-eval replay` writes. Times run from the start of the recording, s.
+"use strict";
+
+const sumoReplay = (() => {
+  const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
+  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828", ink: "#1b1f24", muted: "#57606a" };
+  const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
+  const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
+  const MOST_TTC = 10; // s; longer ones are off the chart
+  const SPEEDS = [0.25, 0.5, 1, 2, 4];
+
+  /** A channel at a time, linear between samples, constant beyond the ends. */
+  function at(t, channel, time) {
+    const times = t.time, values = t[channel];
+    let low = 0, high = times.length - 1;
+    const wanted = time + times[0];
+    if (wanted <= times[low]) return values[low];
+    if (wanted >= times[high]) return values[high];
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (times[middle] <= wanted) low = middle; else high = middle;
+    }
+    let change = values[high] - values[low];
+    if (channel === "heading") change -= 2 * Math.PI * Math.round(change / (2 * Math.PI));
+    return values[low] + change * (wanted - times[low]) / (times[high] - times[low]);
+  }
+
+  const duration = (t) => t.time[t.time.length - 1] - t.time[0];
+
+  /** Gap m and TTC s to the nearest vehicle ahead in the path, at each sample of the ego; NaN without one, Infinity where
+   *  it does not close. The twin of `vehicle_ahead` and `time_to_collision` in sumo_eval/method/measures.py. */
+  function ahead(ego, actors, contact) {
+    const n = ego.time.length, gap = new Float64Array(n).fill(NaN), ttc = new Float64Array(n).fill(NaN);
+    for (let k = 0; k < n; k++) {
+      let nearest = Infinity, closing = NaN;
+      const time = ego.time[k] - ego.time[0], own = ego.speed[k] * Math.cos(ego.heading[k]);
+      for (const [name, actor] of actors) {
+        if (time < -1e-9 || time > duration(actor) + 1e-9) continue;
+        const x = at(actor, "x", time), y = at(actor, "y", time);
+        const beside = Math.abs(y - ego.y[k]) >= (ego.width + actor.width) / 2;
+        let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, x - ego.x[k] - (ego.length + actor.length) / 2);
+        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - 1e-9) distance = 0;
+        if (distance < nearest) {
+          nearest = distance;
+          closing = own - at(actor, "speed", time) * Math.cos(at(actor, "heading", time));
+        }
+      }
+      if (nearest === Infinity) continue;
+      gap[k] = nearest;
+      ttc[k] = closing > 0 ? (nearest < TOUCH ? 0 : nearest / closing) : Infinity;
+    }
+    return { gap, ttc };
+  }
+
+  /** Corners [x, y] of a body at a time. */
+  function corners(t, time) {
+    const [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    return [[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) => [
+      x + (a * t.length * c - b * t.width * s) / 2, y + (a * t.length * s + b * t.width * c) / 2,
+    ]);
+  }
+
+  function pen(canvas) {
+    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+    if (width === 0) return null;
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+      canvas.width = Math.round(width * ratio);
+      canvas.height = Math.round(height * ratio);
+    }
+    const context = canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return { context, width, height };
+  }
+
+  function outline(context, points) {
+    context.beginPath();
+    points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.closePath();
+  }
+
+  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-6;
+
+  // --- from above ----------------------------------------------------------------------------------------------------
+
+  function drawTop(canvas, scene, view, colour, time) {
+    const sheet = pen(canvas);
+    if (!sheet) return;
+    const { context, width, height } = sheet, { road } = scene;
+    const strip = 24; // px below the road for the scale
+    const scale = Math.min((height - strip - 8) / (road.left - road.right), 11);
+    const left = at(view.ego, "x", time) - 0.3 * width / scale;
+    const px = (x) => (x - left) * scale, py = (y) => 6 + (road.left - y) * scale;
+    context.fillStyle = "#f5f7f9";
+    context.fillRect(0, 0, width, height);
+    context.fillStyle = "#d9dde1";
+    context.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
+    const line = (y, style, dash) => {
+      context.beginPath();
+      context.setLineDash(dash);
+      context.lineDashOffset = dash.length ? left * scale : 0;
+      context.moveTo(0, py(y));
+      context.lineTo(width, py(y));
+      context.lineWidth = 2;
+      context.strokeStyle = style;
+      context.stroke();
+      context.setLineDash([]);
+    };
+    line(road.left, COLOURS.muted, []);
+    line(road.right, COLOURS.muted, []);
+    for (let lane = 1; lane < road.lanes; lane++) line(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
+    context.fillStyle = COLOURS.muted;
+    context.font = `11px ${FONT}`;
+    context.textAlign = "center";
+    const step = width / scale > 70 ? 20 : 10;
+    for (let x = Math.ceil(left / step) * step; px(x) < width; x += step) {
+      context.fillRect(px(x), py(road.right) + 3, 1, 4);
+      context.fillText(`${x} m`, px(x), py(road.right) + 18);
+    }
+    const car = (t, fill, label) => {
+      outline(context, corners(t, time).map(([x, y]) => [px(x), py(y)]));
+      context.lineWidth = 1.2;
+      context.strokeStyle = fill;
+      if (label !== null) {
+        context.fillStyle = fill;
+        context.fill();
+      }
+      context.stroke();
+      if (label && t.length * scale >= 40) {
+        context.fillStyle = "#fff";
+        context.font = `600 10px ${FONT}`;
+        context.fillText(label, px(at(t, "x", time)), py(at(t, "y", time)) + 3.5, t.length * scale - 4);
+      }
+    };
+    for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
+    for (const [name, actor] of view.actors) car(actor, COLOURS.actor, name);
+    car(view.ego, colour, "ego");
+    if (!touching(view, time)) return;
+    const hit = view.actors.find(([name]) => name === view.contact.other);
+    for (const t of [view.ego, ...(hit ? [hit[1]] : [])]) {
+      outline(context, corners(t, time).map(([x, y]) => [px(x), py(y)]));
+      context.lineWidth = 3;
+      context.strokeStyle = COLOURS.contact;
+      context.stroke();
+    }
+  }
+
+  // --- chase view ----------------------------------------------------------------------------------------------------
+
+  const NEAR = 0.4; // m in front of the camera; nearer than that nothing is drawn
+  const CAMERA = { behind: 10.5, above: 3.9, pitch: 0.16 };
+
+  /** Camera coordinates (right, up, depth) of a point of the world, m. */
+  function seen(camera, [x, y, z]) {
+    const [dx, dy, dz] = [x - camera.x, y - camera.y, z - camera.z];
+    const [c, s, cp, sp] = [Math.cos(camera.heading), Math.sin(camera.heading), Math.cos(CAMERA.pitch), Math.sin(CAMERA.pitch)];
+    const along = dx * c + dy * s;
+    return [dx * s - dy * c, along * sp + dz * cp, along * cp - dz * sp];
+  }
+
+  /** A polygon in camera coordinates, cut off at the near plane. */
+  function clipped(points) {
+    const kept = [];
+    points.forEach((point, k) => {
+      const next = points[(k + 1) % points.length], inside = point[2] >= NEAR;
+      if (inside) kept.push(point);
+      if (inside !== next[2] >= NEAR) {
+        const share = (NEAR - point[2]) / (next[2] - point[2]);
+        kept.push(point.map((value, axis) => value + share * (next[axis] - value)));
+      }
+    });
+    return kept;
+  }
+
+  function box(t, time, [rear, front], [bottom, top], wide, narrow) {
+    const [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    const corner = (a, b, z) => [x + a * c - b * s, y + a * s + b * c, z];
+    const ring = (z, inset, share) => [[front - inset, 1], [front - inset, -1], [rear + inset, -1], [rear + inset, 1]]
+      .map(([a, side]) => corner(a, side * share * t.width / 2, z));
+    const low = ring(bottom, 0, wide), high = ring(top, narrow < wide ? 0.35 : 0, narrow);
+    const sides = [0, 1, 2, 3].map((k) => [low[k], low[(k + 1) % 4], high[(k + 1) % 4], high[k]]);
+    return { sides: [...sides, high], shades: [0.82, 0.7, 0.92, 0.7, 1.08] };
+  }
+
+  function shaded(colour, factor) {
+    const parts = [1, 3, 5].map((start) => Math.min(255, Math.round(parseInt(colour.slice(start, start + 2), 16) * factor)));
+    return `rgb(${parts.join(",")})`;
+  }
+
+  function drawChase(canvas, scene, view, colour, time) {
+    const sheet = pen(canvas);
+    if (!sheet) return;
+    const { context, width, height } = sheet, { road } = scene;
+    const heading = at(view.ego, "heading", time);
+    const camera = {
+      x: at(view.ego, "x", time) - CAMERA.behind * Math.cos(heading), y: at(view.ego, "y", time) - CAMERA.behind * Math.sin(heading),
+      z: CAMERA.above, heading,
+    };
+    const focal = 0.95 * Math.max(height, width / 2), middle = [width / 2, 0.42 * height];
+    const screen = ([right, up, depth]) => [middle[0] + focal * right / depth, middle[1] - focal * up / depth];
+    const face = (points, fill, stroke = null) => {
+      const cut = clipped(points.map((point) => seen(camera, point)));
+      if (cut.length < 3) return;
+      outline(context, cut.map(screen));
+      context.fillStyle = fill;
+      context.fill();
+      if (!stroke) return;
+      context.lineWidth = 1;
+      context.strokeStyle = stroke;
+      context.stroke();
+    };
+    const horizon = middle[1] - focal * Math.tan(CAMERA.pitch);
+    context.fillStyle = "#dbe8f2";
+    context.fillRect(0, 0, width, height);
+    context.fillStyle = "#c9d3c2";
+    context.fillRect(0, Math.max(0, horizon), width, height);
+    const begin = camera.x - 5, end = camera.x + 400;
+    const flat = (x0, x1, y0, y1, fill) => face([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]], fill);
+    flat(begin, end, road.right, road.left, "#9aa1a8");
+    for (const y of [road.right, road.left]) flat(begin, end, y - 0.07, y + 0.07, "#fff");
+    for (let lane = 1; lane < road.lanes; lane++) {
+      const y = road.right + lane * road.laneWidth;
+      for (let x = Math.floor(begin / 9) * 9; x < camera.x + 160; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
+    }
+    for (let x = Math.ceil(begin / 50) * 50; x < camera.x + 250; x += 50) { // posts every 50 m give the eye a speed
+      for (const y of [road.right - 1, road.left + 1]) face([[x, y - 0.06, 0], [x, y + 0.06, 0], [x, y + 0.06, 1], [x, y - 0.06, 1]], "#f5f7f9", "#57606a");
+    }
+    const vehicles = [[view.ego, colour, true], ...view.actors.map(([name, actor]) => [actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]
+      .map((entry) => [...entry, seen(camera, [at(entry[0], "x", time), at(entry[0], "y", time), 0])[2]])
+      .filter(([, , , depth]) => depth > -10 && depth < 320).sort((one, other) => other[3] - one[3]);
+    for (const [t, fill] of vehicles) drawCar(t, fill);
+    if (touching(view, time)) {
+      context.lineWidth = 6;
+      context.strokeStyle = COLOURS.contact;
+      context.strokeRect(3, 3, width - 6, height - 6);
+    }
+
+    function drawCar(t, fill) {
+      const half = t.length / 2;
+      face(corners(t, time).map(([x, y]) => [x, y, 0.02]), "rgba(27,31,36,0.35)");
+      const lower = box(t, time, [-half, half], [0.25, 0.85], 1, 1);
+      const cabin = box(t, time, [-0.42 * t.length, 0.2 * t.length], [0.85, 1.42], 0.94, 0.78);
+      for (const [part, paint] of [[lower, fill], [cabin, "#33414d"]]) {
+        part.sides.map((side, k) => [side, k, side.reduce((sum, point) => sum + seen(camera, point)[2], 0)])
+          .sort((one, other) => other[2] - one[2])
+          .forEach(([side, k]) => face(side, shaded(k === 4 && paint !== fill ? fill : paint, part.shades[k]), "rgba(27,31,36,0.5)"));
+      }
+      const lit = at(t, "acceleration", time) < BRAKING;
+      const rear = lower.sides[2], mix = (a, b, share) => a.map((value, axis) => value + share * (b[axis] - value));
+      const patch = (from, to) => [[from, 0.5], [to, 0.5], [to, 0.85], [from, 0.85]]
+        .map(([across, up]) => mix(mix(rear[0], rear[1], across), mix(rear[3], rear[2], across), up));
+      const toward = seen(camera, rear[0])[2] < seen(camera, lower.sides[0][0])[2];
+      if (toward) for (const [from, to] of [[0.04, 0.22], [0.78, 0.96]]) face(patch(from, to), lit ? "#ff2a1a" : "#7a1f1a");
+    }
+  }
+
+  // --- charts over time ----------------------------------------------------------------------------------------------
+
+  const CHARTS = [
+    { title: "speed, m/s", of: (view) => view.ego.speed, low: 0 },
+    { title: `TTC, s (at most ${MOST_TTC} shown)`, of: (view) => view.ahead.ttc, low: 0, high: MOST_TTC },
+    { title: "acceleration, m/s²", of: (view) => view.ego.acceleration },
+    { title: "steering wheel, °", of: (view) => view.ego.steering_wheel_angle.map((angle) => angle * 180 / Math.PI) },
+  ];
+
+  function drawChart(canvas, chart, scene, time, whole) {
+    const sheet = pen(canvas);
+    if (!sheet) return;
+    const { context, width, height } = sheet, [left, right, top, bottom] = [40, width - 8, 20, height - 18];
+    const series = scene.views.map((view) => chart.of(view));
+    const known = series.flatMap((values) => Array.from(values)).filter((value) => Number.isFinite(value));
+    const low = chart.low ?? Math.min(-0.5, ...known), high = chart.high ?? Math.max(low + 1, ...known);
+    const px = (t) => left + (right - left) * t / whole, py = (value) => bottom - (bottom - top) * (value - low) / (high - low);
+    context.font = `11px ${FONT}`;
+    context.fillStyle = COLOURS.ink;
+    context.textAlign = "left";
+    context.fillText(chart.title, left, 12);
+    context.fillStyle = COLOURS.muted;
+    context.strokeStyle = "#e6eaee";
+    context.lineWidth = 1;
+    const digits = high - low < 5 ? 1 : 0;
+    for (const value of [low, (low + high) / 2, high]) {
+      context.textAlign = "right";
+      context.fillText(value.toFixed(digits), left - 5, py(value) + 4);
+      context.beginPath();
+      context.moveTo(left, py(value));
+      context.lineTo(right, py(value));
+      context.stroke();
+    }
+    context.textAlign = "center";
+    for (let k = 0; k <= 4; k++) context.fillText(`${(whole * k / 4).toFixed(1)} s`, Math.min(px(whole * k / 4), right - 10), height - 4);
+    context.save();
+    context.beginPath();
+    context.rect(left, top - 2, right - left, bottom - top + 4);
+    context.clip();
+    series.forEach((values, which) => {
+      const { ego, contact } = scene.views[which];
+      context.beginPath();
+      let drawing = false;
+      for (let k = 0; k < values.length; k++) {
+        if (!Number.isFinite(values[k])) { drawing = false; continue; }
+        const place = [px(ego.time[k] - ego.time[0]), py(values[k])];
+        if (drawing) context.lineTo(...place); else context.moveTo(...place);
+        drawing = true;
+      }
+      context.lineWidth = 2;
+      context.setLineDash(which ? [6, 3] : []);
+      context.strokeStyle = COLOURS.views[which];
+      context.stroke();
+      context.setLineDash([]);
+      if (!contact) return;
+      context.fillStyle = COLOURS.contact;
+      context.fillRect(px(contact.time) - 1, top, 2, bottom - top);
+    });
+    context.restore();
+    if (!known.length) {
+      context.textAlign = "center";
+      context.fillText("not known in this case", (left + right) / 2, (top + bottom) / 2);
+    }
+    context.fillStyle = COLOURS.ink;
+    context.fillRect(px(Math.min(time, whole)) - 0.5, top - 4, 1, bottom - top + 4);
+  }
+
+  // --- the player ----------------------------------------------------------------------------------------------------
+
+  const element = (tag, className, text) => {
+    const made = document.createElement(tag);
+    if (className) made.className = className;
+    if (text !== undefined) made.textContent = text;
+    return made;
+  };
+
+  const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)} ${unit}` : "–");
+
+  function reading(view, time) {
+    const { ego } = view, over = time > duration(ego) + 1e-9;
+    const held = { ...view.ahead, time: ego.time };
+    const k = nearestSample(ego, time);
+    const words = [
+      `v ${fixed(at(ego, "speed", time), 1, "m/s")}`, `a ${fixed(at(ego, "acceleration", time), 1, "m/s²")}`,
+      `steering ${fixed(ego.steering_wheel_angle[k] * 180 / Math.PI, 0, "°")}`, `gap ${fixed(held.gap[k], 1, "m")}`,
+      `TTC ${held.ttc[k] === Infinity ? "not closing" : fixed(held.ttc[k], 1, "s")}`,
+    ];
+    if (touching(view, time)) words.push(`contact at t = ${view.contact.time.toFixed(2)} s, ${view.contact.speed.toFixed(1)} m/s`);
+    else if (over) words.push("recording over");
+    return words.join(" · ");
+  }
+
+  function nearestSample(ego, time) {
+    const wanted = time + ego.time[0];
+    let k = 0;
+    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + 1e-9) k++;
+    return k;
+  }
+
+  /** A player in `root`. show(scene): scene { road, views: [{ name, ego, actors: [[name, trajectory]], contact }], ghosts }.
+   *  contact: { time, other, side, speed } or null. A trajectory has the channels that the page's data name. */
+  function player(root) {
+    const views = element("div", "replay-views");
+    const controls = element("div", "player");
+    const button = element("button", "replay-play", "Play");
+    const hit = element("button", "replay-contact", "Contact");
+    const slider = element("input", "replay-slider");
+    const clock = element("output", "replay-clock");
+    const speed = element("select", "replay-speed");
+    button.type = hit.type = "button";
+    Object.assign(slider, { type: "range", min: 0, max: 1, step: "any", value: 0 });
+    slider.setAttribute("aria-label", "Time of the replay, s");
+    speed.setAttribute("aria-label", "Speed of the replay");
+    speed.append(...SPEEDS.map((factor) => new Option(`${factor}×`, factor, factor === 1, factor === 1)));
+    controls.append(button, slider, clock, speed, hit);
+    const charts = element("div", "replay-charts");
+    const canvases = CHARTS.map((chart) => {
+      const canvas = element("canvas", "replay-chart");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${chart.title} over time`);
+      charts.append(canvas);
+      return canvas;
+    });
+    root.replaceChildren(views, controls, charts);
+    let scene = null, panes = [], frame = null, now = 0, whole = 1;
+
+    function show(next) {
+      stop();
+      scene = next;
+      for (const view of scene.views) view.ahead = ahead(view.ego, view.actors, view.contact);
+      panes = scene.views.map((view, which) => {
+        const pane = element("figure", "replay-view");
+        const title = element("figcaption", "", view.name);
+        title.style.color = COLOURS.views[which];
+        const [chase, top] = ["replay-chase", "replay-top"].map((name) => element("canvas", name));
+        chase.setAttribute("role", "img");
+        chase.setAttribute("aria-label", `Chase view of ${view.name}`);
+        top.setAttribute("role", "img");
+        top.setAttribute("aria-label", `${view.name} and the other vehicles on the road from above, to scale`);
+        const words = element("p", "replay-reading");
+        pane.append(title, chase, top, words);
+        return { pane, chase, top, words, view, colour: COLOURS.views[which] };
+      });
+      views.replaceChildren(...panes.map(({ pane }) => pane));
+      whole = Math.max(...scene.views.map((view) => duration(view.ego))) || 1;
+      slider.max = whole;
+      hit.hidden = !scene.views.some((view) => view.contact);
+      seek(scene.views[0].contact ? scene.views[0].contact.time : 0);
+    }
+
+    function seek(time) {
+      now = time;
+      slider.value = time;
+      draw();
+    }
+
+    function draw() {
+      if (!scene) return;
+      const time = now;
+      for (const { chase, top, words, view, colour } of panes) {
+        const held = Math.min(time, duration(view.ego));
+        drawChase(chase, scene, view, colour, held);
+        drawTop(top, scene, view, colour, held);
+        words.textContent = reading(view, time);
+      }
+      CHARTS.forEach((chart, k) => drawChart(canvases[k], chart, scene, time, whole));
+      clock.textContent = `${time.toFixed(1)} s`;
+    }
+
+    function stop() {
+      if (frame !== null) cancelAnimationFrame(frame);
+      frame = null;
+      button.textContent = "Play";
+    }
+
+    function play() {
+      if (frame !== null) return stop();
+      let time = now >= whole - 1e-6 ? 0 : now, before = null;
+      button.textContent = "Pause";
+      const tick = (clock) => {
+        time += before === null ? 0 : (clock - before) / 1000 * Number(speed.value);
+        before = clock;
+        seek(Math.min(time, whole));
+        if (time >= whole) return stop();
+        frame = requestAnimationFrame(tick);
+        return undefined;
+      };
+      frame = requestAnimationFrame(tick);
+      return undefined;
+    }
+
+    button.addEventListener("click", play);
+    hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
+    slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
+    window.addEventListener("resize", draw);
+    return { show, stop, draw };
+  }
+
+  return { player, ahead, at };
+})();
+
+if (typeof module !== "undefined") module.exports = sumoReplay;

@@ -1,0 +1,142 @@
+"""Two runs side by side: what changed is found whatever the order, and nothing else is compared in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import builders
+import pytest
+from report_cases import hit, pick, with_case
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.comparison import Comparison, compare
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.settings import AdsSettings
+
+GATE = GateSettings(resamples=200)
+
+
+def changes(comparison: Comparison) -> list[tuple[str, str]]:
+    return [(item.change, item.new.case) for one in comparison.ads for item in one.changed]
+
+
+def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(evaluation: Evaluation) -> None:
+    comparison = compare(evaluation, evaluation, GATE)
+    assert changes(comparison) == []
+    assert comparison.differences == ()
+    assert sum(one.pairs for one in comparison.ads) == len(evaluation.cases)
+    for one in comparison.ads:
+        for change in one.quantities.values():
+            assert (change.difference, change.low, change.high) in ((0.0, 0.0, 0.0), (None, None, None))
+
+
+def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation: Evaluation) -> None:
+    for one in compare(evaluation, evaluation, GATE).ads:
+        score = evaluation.score(one.ads, one.scenario)
+        printed = {"S": score.s, "C": score.c, "D": score.d}
+        for name, value in printed.items():
+            assert one.quantities[name].new == (None if value is None else pytest.approx(value, abs=1e-12))
+
+
+def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None:
+    safe, struck = pick(evaluation, collided=False), pick(evaluation, collided=True)
+    likened = next(case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None)
+    expected: list[tuple[str, str, CaseResult, Callable[[CaseResult], CaseResult]]] = [
+        ("new collision", "collision gone", safe, hit),
+        ("harsher", "softer", struck, lambda case: replace(case, severity=12.0)),
+        ("less human", "more human", likened, lambda case: replace(case, index=(case.index or 0.0) - 0.1)),
+        ("left the road", "back on the road", safe, lambda case: replace(case, status="off_road")),
+        ("not evaluated any more", "evaluated again", safe, lambda case: replace(case, status="timeout")),
+    ]
+    for worse, better, case, change in expected:
+        other = with_case(evaluation, case.case, change)
+        forth, back = compare(evaluation, other, GATE), compare(other, evaluation, GATE)
+        assert changes(forth) == [(worse, case.case)]
+        assert changes(back) == [(better, case.case)]
+        assert len(forth.worse) == len(back.better) == 1
+        assert not forth.better
+        assert not back.worse
+
+
+def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:
+    struck = pick(evaluation, collided=True)
+    other = with_case(evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05))
+    assert changes(compare(evaluation, other, GATE)) == []
+    assert changes(compare(evaluation, other, replace(GATE, harsher_by=0.04))) == [("harsher", struck.case)]
+
+
+def test_cases_are_paired_by_their_values_not_by_their_order_or_number(evaluation: Evaluation) -> None:
+    renumbered = [replace(case, case=f"other-{number}") for number, case in enumerate(reversed(evaluation.cases))]
+    other = replace(evaluation, cases=tuple(renumbered))
+    assert changes(compare(evaluation, other, GATE)) == []
+
+
+def test_a_case_in_one_run_only_is_counted_and_said(evaluation: Evaluation) -> None:
+    comparison = compare(evaluation, replace(evaluation, cases=evaluation.cases[1:]), GATE)
+    assert comparison.ads[0].unpaired == 1
+    assert any("exist in one run only" in note for note in comparison.notes)
+
+
+def test_an_ads_without_a_partner_is_said_and_a_pair_can_be_named(evaluation: Evaluation) -> None:
+    renamed = replace(
+        evaluation,
+        scores=tuple(replace(score, ads="new") if score.ads == builders.CALM else score for score in evaluation.scores),
+        cases=tuple(replace(case, ads="new") if case.ads == builders.CALM else case for case in evaluation.cases),
+    )
+    comparison = compare(evaluation, renamed, GATE)
+    assert {one.ads for one in comparison.ads} == {builders.HOSTILE}
+    assert any("`new` is not in the base" in note for note in comparison.notes)
+    paired = compare(evaluation, renamed, GATE, pairs={builders.CALM: "new"})
+    assert {(one.base_ads, one.ads) for one in paired.ads} >= {(builders.CALM, "new")}
+    with pytest.raises(InputError, match=r"Unknown ADS `calmer`\. Did you mean `calm`"):
+        compare(evaluation, renamed, GATE, pairs={"calmer": "new"})
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda e: replace(e, settings=replace(e.settings, seed=2)), "seed: 1 in the base, 2 in the new run"),
+        (
+            lambda e: replace(
+                e, settings=replace(e.settings, simulation=replace(e.settings.simulation, step=0.1))
+            ),
+            "simulation.step: 0.05 in the base, 0.1 in the new run",
+        ),
+        (
+            lambda e: replace(e, settings=replace(e.settings, scenario=e.settings.scenario[:1])),
+            "scenario.front_vehicle_cut_out",
+        ),
+        (
+            lambda e: replace(e, manifest={**e.manifest, "versions": {**e.manifest["versions"], "libsumo": "1.29"}}),
+            "version of libsumo: 1.28 in the base, 1.29 in the new run",
+        ),
+        (
+            lambda e: replace(e, manifest={**e.manifest, "sha256": {"routes/front_vehicle_cut_out.rou.xml": "ab"}}),
+            "routes/front_vehicle_cut_out.rou.xml: not set in the base, ab in the new run",
+        ),
+    ],
+)  # fmt: skip
+def test_what_could_change_a_score_by_itself_is_refused_unless_accepted(
+    evaluation: Evaluation, change: Callable[[Evaluation], Evaluation], words: str
+) -> None:
+    other = change(evaluation)
+    with pytest.raises(InputError, match="not only the ADS differs") as refusal:
+        compare(evaluation, other, GATE)
+    assert words in str(refusal.value)
+    comparison = compare(evaluation, other, GATE, accept_differences=True)
+    assert any(words in item.words and item.decides for item in comparison.differences)
+
+
+def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused(evaluation: Evaluation) -> None:
+    versions = {**evaluation.manifest["versions"], "numpy": "3.0"}
+    ads = (AdsSettings(builders.CALM, "lane_changer"), *evaluation.settings.ads[1:])
+    other = replace(
+        evaluation,
+        settings=replace(evaluation.settings, ads=ads),
+        manifest={**evaluation.manifest, "versions": versions},
+    )
+    words = [item.words for item in compare(evaluation, other, GATE).differences]
+    assert "version of numpy: not set in the base, 3.0 in the new run" in words
+    assert "controller of calm: idm in the base, lane_changer in the new run" in words

@@ -1,0 +1,136 @@
+"""Gates: a limit fails when its bound is passed, says by what and where, and is never judged without a base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import builders
+import pytest
+from report_cases import hit, pick, with_case
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.comparison import compare
+from sumo_eval.report.gate_settings import GateSettings, LimitSettings, read_gate
+from sumo_eval.report.gates import GateResult, failed, judge
+from sumo_eval.results import Evaluation
+
+
+def judged(base: Evaluation, new: Evaluation, *limits: LimitSettings) -> tuple[GateResult, ...]:
+    settings = GateSettings(resamples=400, **({"limit": limits} if limits else {}))
+    return judge(new, compare(base, new, settings), settings)
+
+
+def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
+    return replace(evaluation, scores=tuple(replace(score, **values) for score in evaluation.scores))
+
+
+def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
+    results = judged(evaluation, evaluation)
+    assert len(results) == 6 * len(evaluation.scores)
+    assert all(result.passed for result in results)
+
+
+def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) -> None:
+    case = pick(evaluation, collided=False)
+    bad = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
+    named = [result for result in bad if result.quantity == "new_collisions"]
+    assert [result.cases for result in named] == [(case.case,)]
+    assert case.case in named[0].sentence
+    assert "it must be at most 0" in named[0].sentence
+
+
+def test_limits_are_absolute_relative_or_of_the_value_itself(evaluation: Evaluation) -> None:
+    """D of `calm` falls by 0.05 in every case; its printed base value is in the run."""
+    lower = replace(
+        evaluation,
+        cases=tuple(
+            case if case.index is None else replace(case, index=case.index - 0.05) for case in evaluation.cases
+        ),
+    )
+    base = evaluation.score(builders.CALM, builders.SCENARIOS[0]).d
+    assert base is not None
+    share = 100.0 * 0.05 / base
+    for limit, passes in (
+        (LimitSettings("D", worse_by=0.0501), True),
+        (LimitSettings("D", worse_by=0.0499), False),
+        (LimitSettings("D", worse_by_percent=1.001 * share), True),
+        (LimitSettings("D", worse_by_percent=0.999 * share), False),
+        (LimitSettings("D", worse_by=0.0, only_if_certain=True), False),
+    ):
+        one = replace(limit, ads=builders.CALM, scenario=builders.SCENARIOS[0])
+        (result,) = judged(evaluation, lower, one)
+        assert result.passed is passes, limit
+
+
+def test_a_change_that_is_not_certain_is_excused_only_where_the_limit_says_so(evaluation: Evaluation) -> None:
+    case = next(case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None)
+    other = with_case(evaluation, case.case, lambda one: replace(one, index=0.0))
+    where = {"ads": builders.CALM, "scenario": case.scenario}
+    (strict,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, **where))
+    (lenient,) = judged(evaluation, other, LimitSettings("D", worse_by=0.0, only_if_certain=True, **where))
+    assert (strict.passed, lenient.passed) == (False, True)
+
+
+def test_an_index_that_is_not_computed_any_more_fails(evaluation: Evaluation) -> None:
+    case = pick(evaluation, collided=False, zone="safe")
+    other = with_case(evaluation, case.case, hit)
+    (result,) = judged(evaluation, other, LimitSettings("D", worse_by=1.0, ads=builders.CALM, scenario=case.scenario))
+    assert result.passed is False
+    assert "not computed any more" in result.sentence
+
+
+def test_without_a_base_only_limits_on_values_are_judged(evaluation: Evaluation) -> None:
+    settings = GateSettings(limit=(LimitSettings("new_collisions", at_most=0.0), LimitSettings("S", at_least=100.0)))
+    results = judge(evaluation, None, settings)
+    assert {result.passed for result in results if result.quantity == "new_collisions"} == {None}
+    assert {result.passed for result in results if result.quantity == "S"} == {False}
+    assert all(result.threshold == 100.0 for result in results if result.quantity == "S")
+
+
+def test_a_value_that_is_missing_cannot_be_at_least_something(evaluation: Evaluation) -> None:
+    settings = GateSettings(limit=(LimitSettings("D", at_least=0.0),))
+    results = judge(with_scores(evaluation, d=None), None, settings)
+    assert all(result.passed is False for result in results)
+
+
+GATE_FILE = """
+confidence = 0.9
+[[limit]]
+quantity = "S"
+ads = "mine"
+worse_by_percent = 5
+only_if_certain = true
+[[limit]]
+quantity = "new_collisions"
+at_most = 0
+"""
+
+
+def test_a_gate_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "gate.toml").write_text(GATE_FILE)
+    settings = read_gate(tmp_path / "gate.toml")
+    assert settings.confidence == 0.9
+    assert settings.limit[0] == LimitSettings("S", ads="mine", worse_by_percent=5.0, only_if_certain=True)
+    assert read_gate(None) == GateSettings()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "sentence"),
+    [
+        ('quantity = "S"', 'quantity = "T"', "`limit[0].quantity`"),
+        ("worse_by_percent", "worse_by_procent", "Did you mean `worse_by_percent`?"),
+        ("confidence = 0.9", "confidense = 0.9", "Did you mean `confidence`?"),
+        ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),
+        ("at_most = 0", "worse_by = 0", "is a change already"),
+        ("worse_by_percent = 5", "worse_by = -1", "must be at least 0"),
+        ("worse_by_percent = 5", "at_least = 5", "must stand beside worse_by"),
+        ("confidence = 0.9", "confidence = 1.5", "confidence"),
+        ("[[limit]]", "[[limit", "not valid TOML"),
+    ],
+)
+def test_a_mistake_in_a_gate_file_gets_a_sentence(before: str, after: str, sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "gate.toml").write_text(GATE_FILE.replace(before, after))
+    with pytest.raises(InputError) as refusal:
+        read_gate(tmp_path / "gate.toml")
+    assert sentence in str(refusal.value)

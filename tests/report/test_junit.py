@@ -1,0 +1,107 @@
+"""JUnit: a failure is the ADS doing badly, an error is a harness that could not tell; junitparser reads it back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import junitparser
+import pytest
+from report_cases import hit, pick, with_case
+
+from sumo_eval.report.comparison import compare
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gates import judge
+from sumo_eval.report.junit import comparison_suites, merged, run_suites, write_junit
+from sumo_eval.report.words import point, unevaluated
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import ReportSettings
+
+
+def read(path: Path) -> dict[str, dict[str, str]]:
+    """Suite -> test -> what junitparser says of it: passed, failure, error or skipped."""
+    kinds = {junitparser.Failure: "failure", junitparser.Error: "error", junitparser.Skipped: "skipped"}
+    return {
+        suite.name: {case.name: kinds[type(case.result[0])] if case.result else "passed" for case in suite}
+        for suite in junitparser.JUnitXml.fromfile(str(path))
+    }
+
+
+def with_report(evaluation: Evaluation, **values: object) -> Evaluation:
+    return replace(evaluation, settings=replace(evaluation.settings, report=ReportSettings(**values)))  # type: ignore[arg-type]
+
+
+def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluation, tmp_path: Path) -> None:
+    found = read(write_junit(run_suites(evaluation), tmp_path / "junit.xml"))
+    missing = {case.case for case, _ in unevaluated(evaluation)}
+    assert sum(len(tests) for tests in found.values()) == len(evaluation.cases)
+    for score in evaluation.scores:
+        tests = found[f"{score.ads} in {score.scenario}"]
+        for case in evaluation.cases:
+            if (case.ads, case.scenario) != (score.ads, score.scenario):
+                continue
+            expected = (
+                "error"
+                if not case.evaluated
+                else "failure"
+                if case.collided or case.status == "off_road"
+                else "error"
+                if case.case in missing
+                else "passed"
+            )
+            assert tests[point(case.values)] == expected, case.case
+
+
+def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None:
+    xml = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(evaluation), tmp_path / "junit.xml")))
+    stated = xml.tests, xml.failures, xml.errors
+    xml.update_statistics()
+    assert stated == (xml.tests, xml.failures, xml.errors)
+    assert xml.failures > 0
+    assert xml.errors > 0
+
+
+def test_an_unavoidable_collision_passes_only_where_the_setting_says_so(evaluation: Evaluation, tmp_path: Path) -> None:
+    lenient = with_report(evaluation, junit_failures="avoidable")
+    strict, mild = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, lenient))
+    softened = [case for case in evaluation.cases if case.collided and case.zone == "hazardous" and case.ideal_severity]
+    assert softened
+    for case in softened:
+        suite = f"{case.ads} in {case.scenario}"
+        assert (strict[suite][point(case.values)], mild[suite][point(case.values)]) == ("failure", "passed")
+    avoidable = next(case for case in evaluation.cases if case.collided and case.ideal_severity == 0.0)
+    assert mild[f"{avoidable.ads} in {avoidable.scenario}"][point(avoidable.values)] == "failure"
+
+
+def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: Path) -> None:
+    """Two cells an axis over three levels: at most 2 x 2 x 2 tests a scenario instead of one a case."""
+    celled = with_report(evaluation, junit="cell", junit_cells=2)
+    by_case, by_cell = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, celled))
+    for suite, tests in by_cell.items():
+        assert len(tests) <= 8
+        assert ("failure" in tests.values()) == ("failure" in by_case[suite].values())
+    cases = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
+    said = [case.result[0].message for suite in cases for case in suite if case.result]
+    assert any("cases failed" in message for message in said)
+
+
+def test_a_comparison_has_a_suite_of_gates_and_one_test_a_case(evaluation: Evaluation, tmp_path: Path) -> None:
+    case = pick(evaluation, collided=False)
+    other = with_case(evaluation, case.case, hit)
+    settings = GateSettings(resamples=100)
+    comparison = compare(evaluation, other, settings)
+    path = write_junit(comparison_suites(comparison, judge(other, comparison, settings)), tmp_path / "junit.xml")
+    found = read(path)
+    assert found["gates"][f"new_collisions of {case.ads} in {case.scenario}"] == "failure"
+    beside = found[f"{case.ads} in {case.scenario} beside the base"]
+    assert [name for name, verdict in beside.items() if verdict == "failure"] == [point(case.values)]
+    skipped = read(write_junit(comparison_suites(None, judge(other, None, settings)), tmp_path / "junit.xml"))
+    assert set(skipped["gates"].values()) == {"skipped"}
+
+
+@pytest.mark.parametrize("text", ["\x00\x1b[31m", "]]><x>&", "\ud800", "line\nline"])
+def test_whatever_a_controller_says_the_file_stays_xml(evaluation: Evaluation, text: str, tmp_path: Path) -> None:
+    broken = next(case for case in evaluation.cases if case.status == "crashed")
+    other = with_case(evaluation, broken.case, lambda case: replace(case, error=text))
+    found = read(write_junit(merged([run_suites(other)]), tmp_path / "junit.xml"))
+    assert found[f"{broken.ads} in {broken.scenario}"][point(broken.values)] == "error"

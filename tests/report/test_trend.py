@@ -1,0 +1,110 @@
+"""The history and its page: lines come back as written, charts are drawn to their ticks, gates are on them."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import builders
+import pytest
+from browser import CHROMIUM, Page
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.history import HISTORY, Night, open_history
+from sumo_eval.report.trend import HEIGHT, TOP, _ticks, charts, write_trend
+from sumo_eval.results import Evaluation
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+
+
+def night(name: str, status: int = 0) -> Night:
+    return Night(name, "made", f"nights/{name}", 12.5, status, None, "NO GATE <b>FAILED</b>", "0.1", "1.28", False)
+
+
+@pytest.fixture
+def history(evaluation: Evaluation, tmp_path: Path) -> Path:
+    gate = GateResult("S", builders.CALM, builders.SCENARIOS[0], True, "S is fine", 70.0, 40.0)
+    with open_history(tmp_path, create=True) as lines:
+        for number in range(3):
+            lines.add(night(f"2026-01-0{number + 1}T02-00-00Z", number % 2), evaluation, [gate])
+    return tmp_path
+
+
+def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> None:
+    with open_history(history) as lines:
+        assert lines.nights()[1] == night("2026-01-02T02-00-00Z", 1)
+        values = {(value.ads, value.scenario, value.quantity): value.value for value in lines.values()}
+        for score in evaluation.scores:
+            assert values[score.ads, score.scenario, "S"] == score.s
+            assert values[score.ads, score.scenario, "D"] == score.d
+        assert {gate.threshold for gate in lines.gates()} == {40.0}
+
+
+def test_a_night_is_never_replaced(history: Path, evaluation: Evaluation) -> None:
+    with (
+        open_history(history, create=True) as lines,
+        pytest.raises(InputError, match="nothing in it is replaced"),
+    ):
+        lines.add(night("2026-01-01T02-00-00Z"), evaluation, [])
+
+
+def test_another_format_and_another_file_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="There is no history"), open_history(tmp_path):
+        pass
+    connection = sqlite3.connect(tmp_path / HISTORY)
+    connection.execute("PRAGMA user_version = 99")
+    connection.commit()
+    connection.close()
+    with pytest.raises(InputError, match="format version 99"), open_history(tmp_path, create=True):
+        pass
+    (tmp_path / HISTORY).write_bytes(b"no database at all, only words" * 100)
+    with pytest.raises(InputError, match="is no history"), open_history(tmp_path):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "least", "expected"),
+    [
+        (0.0, 1.0, 0.0, [0.0, 0.25, 0.5, 0.75, 1.0]),
+        (50.0, 50.0, 0.0, [20.0, 40.0, 60.0, 80.0]),
+        (0.0, 0.0, 0.0, [0.0, 0.2, 0.4, 0.6]),
+        (0.0, 1.0, 1.0, [0.0, 1.0]),
+        (-3.0, 7.0, 0.0, [-5.0, -2.5, 0.0, 2.5, 5.0, 7.5]),
+    ],
+)
+def test_ticks_are_round_and_hold_the_range(low: float, high: float, least: float, expected: list[float]) -> None:
+    ticks = _ticks(low, high, least)
+    assert ticks == pytest.approx(expected)
+    assert ticks[0] <= low
+    assert ticks[-1] >= high
+
+
+def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke(history: Path) -> None:
+    with open_history(history) as lines:
+        nights, values, gates = lines.nights(), lines.values(), lines.gates()
+    gap = [
+        value if (value.night, value.quantity) != (nights[1].night, "S") else type(value)(*value_without(value))
+        for value in values
+    ]
+    chart = next(one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S")
+    assert [len(part) for part in chart.lines[0].parts] == [1, 1]
+    assert len(chart.gates) == 3
+    assert all(TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part)
+
+
+def value_without(value: object) -> tuple[object, ...]:
+    return (value.night, value.ads, value.scenario, value.quantity, None)  # type: ignore[attr-defined]
+
+
+@needs_chromium
+def test_the_trend_page_opens_without_an_error_and_without_a_request(history: Path, tmp_path: Path) -> None:
+    with open_history(history) as lines:
+        path = write_trend(history, lines)
+    assert "<b>FAILED" not in path.read_text(encoding="utf-8")
+    with Page(tmp_path / "profile") as page:
+        page.open(path.as_uri(), "document.querySelectorAll('polyline').length > 10")
+        assert page.problems == []
+        assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [path.as_uri()]
+        page.call("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
+        assert page.run("document.documentElement.scrollWidth") <= 390

@@ -1,0 +1,40 @@
+"""tools/nightly.sh: it passes arguments and the exit status on, keeps a log, and is silent after a good night."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parents[2] / "tools" / "nightly.sh"
+
+
+def night(tmp_path: Path, *arguments: str, status: int = 0) -> subprocess.CompletedProcess[str]:
+    """The script with a program in place of sumo-eval that says what it was asked for."""
+    program = tmp_path / "sumo-eval"
+    program.write_text(f'#!/bin/sh\necho "asked: $*"\nexit {status}\n')
+    program.chmod(0o755)
+    return subprocess.run(
+        [str(SCRIPT), *arguments], env={**os.environ, "SUMO_EVAL": str(program)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("status", [0, 1, 2, 3])
+def test_the_status_is_passed_on_and_only_a_good_night_is_silent(status: int, tmp_path: Path) -> None:
+    history = tmp_path / "my nights"
+    done = night(tmp_path, "a b.toml", str(history), "--gate", "g.toml", status=status)
+    assert done.returncode == status
+    said = f"asked: nightly a b.toml --history {history} --gate g.toml\n"
+    (log,) = (history / "logs").iterdir()
+    assert log.read_text() == said
+    assert done.stdout == ""
+    assert done.stderr.startswith(said) if status else done.stderr == ""
+
+
+def test_without_arguments_it_says_how_it_is_used(tmp_path: Path) -> None:
+    done = night(tmp_path)
+    assert done.returncode == 2
+    assert "usage:" in done.stderr
