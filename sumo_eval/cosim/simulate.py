@@ -131,15 +131,18 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
-        scripted = [actor for actor in self.concrete.actors if actor.lane_changes or actor.brake]
+        scripted = [(actor, _scripted_spans(actor, step)) for actor in self.concrete.actors]
         try:
             self._take_charge(traci)
             self._reset(traci)
             while self.end_reason is None:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
-                for actor in scripted:
-                    self._move_actor(traci, actor, self.time + step)
+                for actor, spans in scripted:
+                    for begin, end in spans:
+                        if begin < self.time + step < end:
+                            self._move_actor(traci, actor, self.time + step)
+                            break
                 traci.simulationStep()
                 self.steps += 1
                 self._observe(traci, self.steps * step)
@@ -256,11 +259,8 @@ class _Run:
         self.state = state
 
     def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
-        """Scripted motion; straight on at constant speed, or standing, SUMO moves the vehicle by itself."""
-        spans = [(move.begin, move.begin + move.duration) for move in actor.lane_changes]
-        if actor.brake is not None:
-            spans.append((actor.brake.begin, actor.brake.end(actor.start.speed)))
-        if actor.name not in self.actors or not any(a < time < b + self.settings.step for a, b in spans):
+        """Scripted motion at a time within one of the actor's spans."""
+        if actor.name not in self.actors:
             return
         along, across = actor.speed(time), actor.lateral_speed(time)
         heading = 0.0 if actor.slides else math.atan2(across, along)
@@ -418,6 +418,14 @@ class _Run:
             controller_latency=(self.latency_sum / max(self.answers, 1), self.latency_max),
             wall_time=wall_time,
         )
+
+
+def _scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
+    """Between which times the harness moves an actor; straight on at constant speed, or standing, SUMO does."""
+    spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
+    if actor.brake is not None:
+        spans.append((actor.brake.begin, actor.brake.end(actor.start.speed) + step))
+    return spans
 
 
 def _checked(answer: object, time: float) -> Command:
