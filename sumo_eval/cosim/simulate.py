@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.contact import Body, between, describe, first_touch
+from sumo_eval.cosim.clips import count_clip
+from sumo_eval.cosim.contact import Body, between, describe, first_touch, keeps_apart
 from sumo_eval.cosim.controller import Briefing, Controller, ControllerLike, NativeModel, load_controller
 from sumo_eval.cosim.session import session
 from sumo_eval.cosim.sumo_files import EGO
@@ -131,7 +132,7 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
-        scripted = [(actor, _scripted_spans(actor, step)) for actor in self.concrete.actors]
+        scripted = [(actor, scripted_spans(actor, step)) for actor in self.concrete.actors]
         try:
             self._take_charge(traci)
             self._reset(traci)
@@ -309,6 +310,21 @@ class _Run:
             self.end("standstill")
         elif self.time >= self.settings.time_limit - 1e-9:
             self.end("time_limit")
+        elif self.settings.end_when_decided and self._is_decided():
+            self.end("decided")
+
+    def _is_decided(self) -> bool:
+        """Whether nothing can come of the case any more: scripts are over, the ADS says that it is settled, and at the
+        present speeds nothing comes nearer.
+        """
+        ego = self.ego
+        settled = getattr(getattr(self.ads, "target", getattr(self.ads, "function", None)), "settled", None)
+        if settled is None or self.acceleration != 0.0 or ego.heading != 0.0 or not settled():
+            return False
+        for actor in self.concrete.actors:
+            if any(self.time < end for _, end in scripted_spans(actor, self.settings.step)):
+                return False
+        return all(keeps_apart(ego, other) for other in self.actors.values())
 
     def _read_placed_ego(self, traci: Any) -> Body:
         """The ego as the vehicle model moved it; SUMO must show the same."""
@@ -372,14 +388,7 @@ class _Run:
 
     def clip(self, what: str, requested: float, applied: float) -> None:
         """Count a clip and keep its worst instance."""
-        known = self.clips.get(what)
-        time = self.steps * self.settings.step
-        if known is None:
-            self.clips[what] = Clip(what, 1, time, float(requested), float(applied))
-            return
-        if abs(requested - applied) <= abs(known.requested - known.applied):
-            requested, applied = known.requested, known.applied
-        self.clips[what] = Clip(what, known.count + 1, known.first_time, float(requested), float(applied))
+        count_clip(self.clips, what, self.steps * self.settings.step, requested, applied)
 
     def sample(self, time: float) -> None:
         """Record every vehicle as it is now."""
@@ -420,7 +429,7 @@ class _Run:
         )
 
 
-def _scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
+def scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
     """Between which times the harness moves an actor; straight on at constant speed, or standing, SUMO does."""
     spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
     if actor.brake is not None:

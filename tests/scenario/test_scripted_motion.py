@@ -27,9 +27,7 @@ def test_a_lane_change_is_the_smooth_step_to_the_last_bit(time, begin, duration,
     assert move.lateral_acceleration(time) == float(offset / duration**2 * smooth_step_curvature(share))
 
 
-@given(
-    TIMES, st.floats(0.0, 5.0), st.floats(0.0, 60.0), st.floats(0.1, 12.0), st.sampled_from([math.inf, 12.65, 1.0])
-)
+@given(TIMES, st.floats(0.0, 5.0), st.floats(0.0, 60.0), st.floats(0.1, 12.0), st.sampled_from([math.inf, 12.65, 1.0]))
 def test_a_brake_is_the_braked_motion_to_the_last_bit(time, begin, speed, deceleration, jerk):
     brake, since = Brake(begin, deceleration, jerk), time - begin
     assert brake.end(speed) == begin + float(braking_time(speed, deceleration, jerk))
