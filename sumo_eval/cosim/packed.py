@@ -37,6 +37,7 @@ _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
+CHECKED_EVERY = 10  # steps after which SUMO must show every ego where the vehicle model has it
 PACK = 256  # cases in one simulation: enough that a step's fixed cost is shared, few enough that stragglers are
 _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 _STEADY = 1e-12  # m/s2, accelerations closer than this are one, as in the vehicle model
@@ -151,7 +152,7 @@ def _packed(
         network = packed_network_xml(cases[0].road, len(cases))
         with packed_session(network, packed_routes_xml(cases, settings.vehicle), settings) as traci:
             pack.drive(traci, step_timeout)
-    except Exception:
+    except Exception:  # noqa: BLE001 - logged in full, and each case is simulated alone
         _LOG.exception("A pack of %d cases failed; each of them is simulated alone.", len(cases))
         return [None] * len(cases)
     return pack.recordings(clock.perf_counter() - began)
@@ -424,8 +425,9 @@ class _Pack:
             ego = (self.x[case], self.y[case], 0.0, self.speed[case], self.acceleration[case], 0.0)
             self.ends[case] = _End(now, reason, None, ego, others)
             ended.append(case)
-        if sampled:
+        if self.steps % CHECKED_EVERY == 0:
             self._check_places(traci)
+        if sampled:
             self._sample(now)
         if ended:
             self._forget(traci, np.array(ended))
@@ -499,19 +501,22 @@ class _Pack:
 
     def recordings(self, wall_time: float) -> list[Recording | None]:
         """What each case left behind; None for those that left the pack."""
-        times = np.array([time for time, _, _ in self.samples])
-        egos = np.stack([ego for _, ego, _ in self.samples])  # (samples, 4, n)
-        others = np.stack([other for _, _, other in self.samples])  # (samples, 4, n, m)
+        times = np.array([*(time for time, _, _ in self.samples), np.inf])
+        # one row more, for the end of the longest
+        egos = np.stack([ego for _, ego, _ in (*self.samples, self.samples[-1])])  # (samples + 1, 4, n)
+        others = np.stack([other for _, _, other in (*self.samples, self.samples[-1])])  # (samples + 1, 4, n, m)
         mean, longest = float(np.mean(self.latency)), float(np.max(self.latency))
         found: list[Recording | None] = []
         for case, end in enumerate(self.ends):
             if end is None or self.left[case]:
                 found.append(None)
                 continue
-            count = int(np.searchsorted(times, end.time - 1e-9))
-            ego = _trajectory(times[:count], egos[:count, :, case], end.time, end.ego, self.settings.vehicle)
+            last = int(np.searchsorted(times, end.time - 1e-9))
+            own_times = times[: last + 1].copy()
+            own_times[last] = end.time
+            ego = _trajectory(own_times, egos[: last + 1, :, case], end.ego, self.settings.vehicle)
             actors = {
-                actor.name: _trajectory(times[:count], others[:count, :, case, j], end.time, end.others[j], actor)
+                actor.name: _trajectory(own_times, others[: last + 1, :, case, j], end.others[j], actor)
                 for j, actor in enumerate(self.actors[case])
             }
             clips = tuple(self.clips[case][what] for what in sorted(self.clips[case]))
@@ -531,14 +536,16 @@ def _body(
 
 
 def _trajectory(
-    times: FloatArray, samples: FloatArray, end_time: float, end: tuple[float, ...], body: VehicleSettings | Actor
+    times: FloatArray, samples: FloatArray, end: tuple[float, ...], body: VehicleSettings | Actor
 ) -> Trajectory:
-    """Samples of x, y, speed, acceleration (k, 4), and the row at the end: x, y, heading, speed, acceleration, and of
-    the ego the steering wheel angle.
+    """Samples of x, y, speed, acceleration (k, 4), the last of which becomes the row at the end: x, y, heading, speed,
+    acceleration, and of the ego the steering wheel angle.
     """
-    x, y, speed, acceleration = (np.append(samples[:, i], end[j]) for i, j in ((0, 0), (1, 1), (2, 3), (3, 4)))
-    straight = np.zeros(len(x))
+    x, y, _, speed, acceleration = end[:5]
+    samples[-1] = x, y, speed, acceleration
+    straight = np.zeros(len(times))
     steering = straight if len(end) > 5 else None
+    columns = samples.T
     return Trajectory(
-        np.append(times, end_time), x, y, straight, speed, acceleration, steering, length=body.length, width=body.width
+        times, columns[0], columns[1], straight, columns[2], columns[3], steering, length=body.length, width=body.width
     )

@@ -44,16 +44,21 @@ def packed_network_xml(road: Road, count: int) -> str:
 
 def packed_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings) -> str:
     """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes."""
-    types: list[str] = []
+    types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
     others: list[str] = []
     for case, concrete in enumerate(cases):
         others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case)}))
-        for index, attributes in enumerate(vehicle_types(concrete, vehicle)):
-            types.append(_element("vType", {**attributes, "id": vehicle_name(case, index)}))
-        for index, attributes in enumerate(departures(concrete, vehicle.length)):
-            name = vehicle_name(case, index)
-            others.append(_element("vehicle", {**attributes, "id": name, "type": name, "route": f"along{case}"}))
-    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *types, *others, "</routes>", ""])
+        described = zip(vehicle_types(concrete, vehicle), departures(concrete, vehicle.length), strict=True)
+        for index, (kind, attributes) in enumerate(described):
+            del kind["id"]
+            known = types.setdefault((*kind, *kind.values()), f"type{len(types)}")
+            own = {"id": vehicle_name(case, index), "type": known, "route": f"along{case}"}
+            others.append(_element("vehicle", {**attributes, **own}))
+    kinds = [
+        _element("vType", {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))})
+        for text, name in types.items()
+    ]
+    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""])
 
 
 def _element(tag: str, attributes: Mapping[str, str]) -> str:
