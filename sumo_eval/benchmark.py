@@ -76,7 +76,7 @@ def benchmark(*, cases: int, rounds: int, whole: bool, progress: Callable[[str],
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("co-simulation", lambda: cosimulation(cases, rounds)),
         ("field and D", lambda: field_and_index(rounds)),
-        ("zones", lambda: zones(2000 if cases >= 100 else 200)),
+        ("zones", lambda: zones(2000 if cases >= 100 else 100)),
         ("whole", lambda: whole_evaluation() if whole else []),
     )
     for part, measure in parts:

@@ -23,7 +23,7 @@ def bench(small: bool, whole: bool, cases: int, file: Path | None) -> None:
     from sumo_eval.benchmark import benchmark
 
     found = benchmark(
-        cases=20 if small else cases,
+        cases=8 if small else cases,
         rounds=1 if small else 3,
         whole=whole,
         progress=lambda part: click.echo(f"measuring: {part}", err=True),
