@@ -9,12 +9,15 @@ from typing import Any, Final, NoReturn
 import click
 
 from sumo_eval.commands.exit_status import INPUT_WRONG, INTERRUPTED
-from sumo_eval.errors import SumoEvalError, did_you_mean
+from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
 
 COMMANDS: Final = (
     "run",
     "score",
     "report",
+    "verify",
+    "merge",
+    "export",
     "scenarios",
     "partition",
     "bench",
@@ -44,6 +47,9 @@ class _Group(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         try:
             return super().invoke(ctx)
+        except StoppedError as stop:
+            click.echo(f"sumo-eval: {stop}", err=True)
+            sys.exit(INTERRUPTED)
         except SumoEvalError as error:
             _refuse(str(error))
         except KeyboardInterrupt:

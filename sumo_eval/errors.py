@@ -26,6 +26,10 @@ class SimulationError(SumoEvalError):
     """SUMO refused or lost something that the harness had asked of it."""
 
 
+class StoppedError(SumoEvalError):
+    """The work was stopped on request, by Ctrl-C or SIGTERM. Its text says what is kept and how to go on."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A closing half-sentence: the nearest known name, or the list of known names when none is near."""
     names = [str(candidate) for candidate in known]

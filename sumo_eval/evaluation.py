@@ -8,24 +8,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from sumo_eval.batch import run_folder
-from sumo_eval.batch.recording import Progress, quiet, record
+from sumo_eval.batch.engines import Stopping, never
+from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.store import open_store
-from sumo_eval.config import PAPER_EVALUATION, read_evaluation, with_changes
-from sumo_eval.cosim.controller import find_controller
+from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
-from sumo_eval.method.zone_partition import ZonePartition, partition
+from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
+from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling import Sample, sample
 from sumo_eval.scoring import (
     collision_terms,
     combine,
@@ -34,34 +30,31 @@ from sumo_eval.scoring import (
     drivers_left_out,
     human_likeness,
     ideal_outcomes,
+    missing_weights,
     tabulate,
 )
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.spaces import choose_points, zones_of
 
 
 def evaluate(
-    evaluation: EvaluationSettings | str | os.PathLike[str] | None = None,
+    evaluation: Evaluable = None,
     out: str | os.PathLike[str] = "results",
     *,
     workers: int | None = None,
+    engine: str | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
     progress: Progress = quiet,
+    stopping: Stopping = never,
 ) -> Evaluation:
-    """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`."""
-    settings, source = _resolve(evaluation)
-    if workers is not None:
-        settings = replace(settings, run=replace(settings.run, workers=workers))
-    for ads in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
-        find_controller(ads.controller, source)
-    spaces = [choose_points(entry, source) for entry in settings.scenario]
-    for logical, _ in spaces:
-        for name in settings.report.axes.get(logical.name, ()):
-            logical.column(name)
+    """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`.
+
+    workers, engine, scheduler: instead of those in `[run]`. resume: go on with the run in `out`, whose own evaluation
+    is what None then means. Raises StoppedError when `stopping` said so; what was done by then is kept.
+    """
     folder = Path(out)
-    run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
-    with open_store(folder / run_folder.FACTS, create=True) as store:
-        for logical, points in spaces:
-            hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
-            record(logical, points.points, hazardous, settings, source, store, progress)
+    settings, source = resolve(evaluation, folder, resume, workers=workers, engine=engine, scheduler=scheduler)
+    record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     return score(folder, progress=progress)
 
 
@@ -81,6 +74,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
     with open_store(folder / run_folder.FACTS) as store:
+        check_complete(store, folder)
         for entry in settings.scenario:
             logical, points = choose_points(entry, source)
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
@@ -97,8 +91,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
                 measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
                 rows = tabulate(facts, hazardous, indexes, collisions, ideal_outcomes(logical, store), measured)
+                unknown = missing_weights(logical, zones, facts)
                 cases += rows
-                scores.append(combine(ads.name, logical.name, rows, method, notes))  # step 6: C, D, S
+                scores.append(combine(ads.name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
     return Evaluation(settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases))
 
 
@@ -107,32 +102,3 @@ def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:
     settings, source = evaluation.settings, Path(evaluation.manifest["source_folder"])
     spaces = [catalogue.find(entry.use, source) for entry in settings.scenario]
     return {logical.name: zones_of(logical, settings.method.zones) for logical in spaces}
-
-
-@lru_cache(maxsize=16)
-def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
-    """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
-    return partition(logical, settings)
-
-
-def choose_points(entry: ScenarioSettings, source: Path) -> tuple[LogicalScenario, Sample]:
-    """A logical scenario and the points of its space that are simulated."""
-    logical = catalogue.find(entry.use, source)
-    sampling = entry.sampling
-    points = sample(logical, sampling.method, levels=sampling.levels, steps=sampling.steps)
-    if len(points.points) == 0:
-        raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
-    return logical, points
-
-
-def _resolve(evaluation: EvaluationSettings | str | os.PathLike[str] | None) -> tuple[EvaluationSettings, Path]:
-    """The settings and the folder where their relative paths start."""
-    if isinstance(evaluation, EvaluationSettings):
-        return evaluation, Path.cwd()
-    path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
-    return read_evaluation(path), path.parent.resolve()
-
-
-def _middle(logical: LogicalScenario, points: Sample) -> ConcreteScenario:
-    """The concrete scenario in the middle of the sample, the example that the run folder keeps for sumo-gui."""
-    return logical.concretes(points.points[len(points.points) // 2][None])[0]

@@ -77,6 +77,9 @@ class ScenarioResult:
     """One ADS in one logical scenario: C, D, S and what stands beside them.
 
     c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`.
+
+    c_interval, d_interval, s_interval: where C, D and S lie when the cases that could not be evaluated are counted as
+    worst and as best; None where nothing is missing. The worst of a missing safe case is a collision: then S has no D.
     """
 
     ads: str
@@ -97,6 +100,9 @@ class ScenarioResult:
     off_road: int
     not_evaluated: int
     notes: tuple[str, ...]
+    c_interval: tuple[float, float] | None = None
+    d_interval: tuple[float, float] | None = None
+    s_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

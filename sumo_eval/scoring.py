@@ -91,6 +91,15 @@ def collision_terms(
     return terms
 
 
+def missing_weights(logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact]) -> dict[str, float]:
+    """r of every case that could not be evaluated, as if it had been a collision, by case."""
+    return {
+        fact.case: float(collision_weight(logical.row(fact.values), zones))
+        for fact in facts
+        if fact.status not in EVALUATED and fact.collision is None
+    }
+
+
 def ideal_outcomes(logical: LogicalScenario, store: Store) -> dict[int, bool]:
     """Whether the ideal vehicle collided, by point; without the points where it was not driven or not evaluated."""
     return {
@@ -192,9 +201,17 @@ def _finite(value: float) -> float | None:
 
 
 def combine(
-    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[str] = ()
+    ads: str,
+    scenario: str,
+    cases: Sequence[CaseResult],
+    method: MethodSettings,
+    notes: Sequence[str] = (),
+    unknown: Mapping[str, float] | None = None,
 ) -> ScenarioResult:
-    """C, D and S of one ADS in one scenario, Eqs. 13, 17 and 18, and the counts that stand beside them."""
+    """C, D and S of one ADS in one scenario, Eqs. 13, 17 and 18, and the counts that stand beside them.
+
+    unknown: r of the cases that could not be evaluated, had they been collisions; 1 where it is not given.
+    """
     notes = list(notes)
     hits = [case for case in cases if case.collided]
     compared = [
@@ -224,8 +241,17 @@ def combine(
     missing |= {case.case for case in hits if case.ideal_severity is None}
     if not safe_hits:
         missing |= {case.case for case in safe if case.index is None}
+    c_interval = _c_interval(cases, method, unknown or {})
+    d_interval = _d_interval(safe) if safe and not safe_hits else None
+    s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
     if missing:
-        notes.append(f"{_count(len(missing), 'case')} could not be evaluated; C and D are means over the others.")
+        where = Counter(case.zone for case in cases if case.case in missing)
+        places = " and ".join(f"{number} in the {zone} zone" for zone, number in sorted(where.items()))
+        notes.append(
+            f"{_count(len(missing), 'case')} could not be evaluated ({places}); C and D are means over the others."
+        )
+    if s_interval:
+        notes.append(_interval_sentence(c_interval, d_interval, s_interval))
     beaten = sum(case.beats_ideal for case in hits)
     if beaten:
         notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
@@ -251,7 +277,87 @@ def combine(
         off_road=statuses["off_road"],
         not_evaluated=len(missing),
         notes=tuple(notes),
+        c_interval=c_interval,
+        d_interval=d_interval,
+        s_interval=s_interval,
     )
+
+
+_SEVEREST = 100.0  # m/s: past every class of severity
+
+
+def _c_interval(
+    cases: Sequence[CaseResult], method: MethodSettings, unknown: Mapping[str, float]
+) -> tuple[float, float] | None:
+    """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
+
+    Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
+    """
+    worst, best = [], []
+    open_cases = 0
+    for case in cases:
+        if case.collided and case.severity is not None and case.weight is not None:
+            known = case.ideal_severity is not None
+            open_cases += not known
+            worst.append((case.severity, case.ideal_severity if known else 0.0, case.weight))
+            best.append((case.severity, case.ideal_severity if known else case.severity, case.weight))
+        elif not case.evaluated:
+            weight = unknown.get(case.case, 1.0)
+            open_cases += 1
+            worst.append((_SEVEREST, 0.0, weight))
+            best.append((_SEVEREST, _SEVEREST, weight))
+    if not open_cases:
+        return None
+    low, high = (
+        collision_avoidance_index(u, ideal, weights, loss=method.collision.loss)
+        for u, ideal, weights in (np.array(terms, dtype=np.float64).T for terms in (worst, best))
+    )
+    return low, high
+
+
+def _d_interval(safe: Sequence[CaseResult]) -> tuple[float, float] | None:
+    """D with every safe case that has no D_i as 0, and as 1."""
+    if all(case.index is not None for case in safe):
+        return None
+    exposures = [case.exposure for case in safe]
+    low, high = (
+        exposure_weighted_index([fill if case.index is None else case.index for case in safe], exposures)
+        for fill in (0.0, 1.0)
+    )
+    return low, high
+
+
+def _s_interval(
+    c: float | None,
+    d: float | None,
+    c_interval: tuple[float, float] | None,
+    d_interval: tuple[float, float] | None,
+    safe: Sequence[CaseResult],
+    method: MethodSettings,
+) -> tuple[float, float] | None:
+    """S at both ends; a missing safe case may have been a collision, after which there is no D."""
+    if c_interval is None and d_interval is None:
+        return None
+    lowest_d = None if any(not case.evaluated for case in safe) else (d_interval[0] if d_interval else d)
+    low, high = (
+        combined_score(at_c, at_d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6).total
+        for at_c, at_d in (
+            (c_interval[0] if c_interval else c, lowest_d),
+            (c_interval[1] if c_interval else c, d_interval[1] if d_interval else d),
+        )
+    )
+    return low, high
+
+
+def _interval_sentence(
+    c_interval: tuple[float, float] | None, d_interval: tuple[float, float] | None, s_interval: tuple[float, float]
+) -> str:
+    parts = [
+        f"{name} within {interval[0]:.{digits}f}..{interval[1]:.{digits}f}"
+        for name, interval, digits in (("C", c_interval, 3), ("D", d_interval, 3), ("S", s_interval, 1))
+        if interval is not None
+    ]
+    return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:

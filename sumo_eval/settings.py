@@ -69,8 +69,8 @@ class Checked:
             kind, words = _KINDS.get(base, (object, ""))
             if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
                 raise must_be(f"`{item.name}`", owner, words, value)
-            if isinstance(value, float) and math.isnan(value):
-                raise must_be(f"`{item.name}`", owner, "a number", value)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise must_be(f"`{item.name}`", owner, "a finite number" if math.isinf(value) else "a number", value)
             for extra in getattr(hint, "__metadata__", ()):
                 for kind, attribute, words in _CHECKS:
                     if isinstance(extra, kind):
@@ -105,7 +105,9 @@ class AnthropomorphicSettings(Checked):
     side_width: Annotated[float, Positive, About("reach of a slice to each side of the centre", "m", equation="11")] = (
         1.5
     )
-    points_per_side: Annotated[int, Ge(1), About("sample points on each side of the centre", equation="11")] = 3
+    points_per_side: Annotated[
+        int, Ge(1), Le(1_000), About("sample points on each side of the centre", equation="11")
+    ] = 3
     centre_deviation_floor: Annotated[
         float, Positive, About("smallest deviation of the human centre", "m", equation="12")
     ] = 0.15
@@ -141,11 +143,16 @@ class ZoneSettings(Checked):
         About("what the GP learns: a smooth function of max ITTC, or plain +1/-1 labels", equation="7"),
     ] = "squared_time"
     target_scale: Annotated[float, Positive, About("scale of the squared-time target", "s2", equation="7")] = 10.0
-    restarts: Annotated[int, Ge(0), About("restarts of the GP's hyperparameter search", equation="8")] = 4
+    restarts: Annotated[int, Ge(0), Le(1_000), About("restarts of the GP's hyperparameter search", equation="8")] = 4
     refinements: Annotated[
-        int, Ge(0), About("rounds in which training points are added where the GP is wrong, while that is over 1 %")
+        int,
+        Ge(0),
+        Le(1_000),
+        About("rounds in which training points are added where the GP is wrong, while that is over 1 %"),
     ] = 3
-    grid_points: Annotated[int, Ge(1_000), About("points on which zones are separated and searched")] = 60_000
+    grid_points: Annotated[
+        int, Ge(1_000), Le(10_000_000), About("points on which zones are separated and searched")
+    ] = 60_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +246,7 @@ class SimulationSettings(Checked):
 class DriverSettings(Checked):
     """The skilled human drivers that D compares with."""
 
-    count: Annotated[int, Ge(2), About("number of drivers in each concrete scenario")] = 10
+    count: Annotated[int, Ge(2), Le(10_000), About("number of drivers in each concrete scenario")] = 10
     source: Annotated[str, About("`synthetic`, or package.module:function from concrete scenario to trajectories")] = (
         "synthetic"
     )
@@ -249,9 +256,22 @@ class DriverSettings(Checked):
 class RunSettings(Checked):
     """How the cases are worked off."""
 
-    workers: Annotated[int, Ge(1), About("processes that simulate cases")] = 2
-    case_timeout: Annotated[float, Positive, About("wall time a case may take", "s")] = 60.0
-    step_timeout: Annotated[float, Positive, About("wall time one controller step may take", "s")] = 1.0
+    workers: Annotated[int, Ge(1), Le(1_000), About("processes that simulate cases")] = 2
+    case_timeout: Annotated[float, Positive, Le(1e6), About("wall time a case may take", "s")] = 60.0
+    step_timeout: Annotated[float, Positive, Le(1e6), About("wall time one controller step may take", "s")] = 1.0
+    memory_limit: Annotated[float, Ge(256.0), Le(1e8), About("memory that the process of a case may fill", "MB")] = (
+        4096.0
+    )
+    cases_per_child: Annotated[int, Ge(1), About("cases after which a child process is replaced by a fresh one")] = 500
+    engine: Annotated[
+        Literal["processes", "serial", "dask"],
+        About("where cases run: in child processes, in this process without isolation, or on a Dask cluster"),
+    ] = "processes"
+    scheduler: Annotated[str, About("address of the Dask cluster's scheduler, e.g. tcp://host:8786")] = ""
+    incomplete: Annotated[
+        Literal["shown", "gate"],
+        About("what cases that could not be evaluated do: widen C and D visibly (exit 3), or fail the run (exit 1)"),
+    ] = "shown"
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 import sumo_eval
-from sumo_eval.batch.store import open_store
+from sumo_eval.batch.store import FORMAT_VERSION, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
@@ -170,7 +170,7 @@ def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:
         assert (done.folder / name).is_file()
     assert read_evaluation(done.folder / "evaluation.toml") == done.settings
     manifest = json.loads((done.folder / "manifest.json").read_text())
-    assert manifest["format_version"] == 1
+    assert manifest["format_version"] == FORMAT_VERSION
     assert {"sumo_eval", "libsumo", "numpy"} <= set(manifest["versions"])
     assert len(list((done.folder / "networks").glob("*.net.xml"))) == 1
     assert len(list((done.folder / "routes").glob("*.rou.xml"))) == 2

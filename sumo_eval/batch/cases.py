@@ -18,7 +18,10 @@ Status = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run to do. `driver` is the ADS's name, the human's name, or `ideal`; `controller` its locator."""
+    """One run to do. `driver` is the ADS's name, the human's name, or `ideal`; `controller` its locator.
+
+    `fingerprint` stands for everything that the outcome depends on; two cases with the same one have the same facts.
+    """
 
     point: int
     concrete: ConcreteScenario
@@ -28,6 +31,7 @@ class Case:
     driver_index: int = 0
     driver_count: int = 0
     seed: int = 0
+    fingerprint: str = ""
 
     @property
     def key(self) -> str:
@@ -41,7 +45,10 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a case. `recording` is missing when the process that ran it was lost."""
+    """What became of a case. `recording` is missing when the process that ran it was lost.
+
+    `log`: the traceback of an exception and the end of what the case printed.
+    """
 
     case: Case
     status: Status
@@ -52,7 +59,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every case of a run shares."""
+    """What every case of a run shares. `folder`: where relative paths in locators start."""
 
     simulation: SimulationSettings
     run: RunSettings

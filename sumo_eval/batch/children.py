@@ -1,17 +1,30 @@
-"""How child processes are made: fresh ones with the simulator loaded, which never run the user's script again."""
+"""How child processes are made: warm ones with the simulator loaded, which cannot outlive the process that wants them.
+
+A child never runs the user's script again, leads a process group of its own (a Ctrl-C at the terminal is not its
+business, and what it starts can be ended with it), and is killed by the kernel when its owner's end of the lifeline
+closes, whatever it is doing: a thread that watched could not run while C code holds the interpreter's lock.
+"""
 
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.forkserver
+import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from types import ModuleType
 from typing import Any, cast
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
 _ordinary: Any = multiprocessing.get_context(_KIND)
+
+# Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
+_ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 class Child(_ordinary.Process):  # type: ignore[misc]
@@ -23,8 +36,18 @@ class Child(_ordinary.Process):  # type: ignore[misc]
 
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
-        with _script_out_of_sight():
+        with _script_out_of_sight(), _children_environment():
             return _ordinary.Process._Popen(process_obj)
+
+    def start(self) -> None:
+        """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not the exit handlers."""
+        config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+        daemon = config.pop("daemon", None)
+        try:
+            super().start()
+        finally:
+            if daemon is not None:
+                config["daemon"] = daemon
 
 
 class _Context(type(_ordinary)):  # type: ignore[misc]
@@ -39,6 +62,32 @@ def child_context() -> BaseContext:
     return cast("BaseContext", context)
 
 
+def tie_to_owner(lifeline: Connection) -> None:
+    """Called in a child: end with the owner. `lifeline`: reading end of a pipe whose writing end the owner holds."""
+    if sys.platform == "win32":
+        threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
+        return
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        import fcntl
+
+        # A description of its own: owner and signal of the shared one would be the last child's.
+        own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
+        fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
+        fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(own, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+        if lifeline.poll():  # the owner had gone before anybody listened
+            os._exit(1)
+    else:
+        threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
+
+
+def _leave_at_end_of(lifeline: Connection) -> None:
+    lifeline.poll(None)
+    os._exit(1)
+
+
 @contextmanager
 def _script_out_of_sight() -> Iterator[None]:
     script = sys.modules["__main__"]
@@ -47,3 +96,22 @@ def _script_out_of_sight() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = script
+
+
+@contextmanager
+def _children_environment() -> Iterator[None]:
+    """The environment in which the process that makes the children starts; what the user has set stays, but for one."""
+    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    for name, value in _ENVIRONMENT.items():
+        if before[name] is None or name == "PYTHONHASHSEED":
+            os.environ[name] = value
+    try:
+        if _KIND == "forkserver":
+            multiprocessing.forkserver.ensure_running()
+        yield
+    finally:
+        for name, old in before.items():
+            if old is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = old

@@ -7,7 +7,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from sumo_eval.batch.children import child_context
+from sumo_eval.batch.children import child_context, tie_to_owner
 from sumo_eval.batch.store import open_store
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.scenario.concrete import Road
@@ -41,10 +41,16 @@ def compute_indexes(
             results += _compute_chunk(chunk)
             progress(len(results))
         return results
-    with ProcessPoolExecutor(workers, mp_context=child_context()) as pool:
-        for part in pool.map(_compute_chunk, chunks):
-            results += part
-            progress(len(results))
+    context = child_context()
+    lifeline, held = context.Pipe(duplex=False)
+    with lifeline, held:
+        pool = ProcessPoolExecutor(workers, context, initializer=tie_to_owner, initargs=(lifeline,))
+        try:
+            for part in pool.map(_compute_chunk, chunks):
+                results += part
+                progress(len(results))
+        finally:
+            pool.shutdown(cancel_futures=True)
     return results
 
 

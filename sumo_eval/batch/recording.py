@@ -2,81 +2,209 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
-from sumo_eval.batch.engines import run_cases
+from sumo_eval.batch.engines import Stopping, identify, never, run_cases
+from sumo_eval.batch.identity import harness_identity, with_fingerprint
 from sumo_eval.batch.store import Store
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.locators import load_object
+from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 
-Progress = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and how much there is."""
+
+class Progress(Protocol):
+    """Told what is being done, how much of it is done, how much there is, and how many of the done ones failed."""
+
+    def __call__(self, stage: str, done: int, total: int, failed: int = 0) -> None:
+        """Show it."""
 
 
-def quiet(stage: str, done: int, total: int) -> None:
+def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
     """Shows nothing."""
 
 
-def record(
-    logical: LogicalScenario,
-    points: FloatArray,
-    hazardous: BoolArray,
-    settings: EvaluationSettings,
-    source: Path,
-    store: Store,
-    progress: Progress,
-) -> None:
-    """Simulate one logical scenario at `points` (n, k). `source`: where relative paths of locators start."""
-    numbered = list(enumerate(logical.concretes(points)))
-    safe = [(number, concrete) for number, concrete in numbered if not hazardous[number]]
+@dataclass(frozen=True, slots=True, eq=False)
+class Space:
+    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers of those to do."""
+
+    logical: LogicalScenario
+    points: FloatArray
+    hazardous: BoolArray
+    numbers: Sequence[int]
+
+    def concrete(self, number: int) -> ConcreteScenario:
+        """The concrete scenario at a point; made when asked for, because a space can have a million of them."""
+        values: list[float] = self.points[number].tolist()
+        return self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+
+    @property
+    def safe(self) -> list[int]:
+        """The points to do that lie in the safe zone."""
+        return [number for number in self.numbers if not self.hazardous[number]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planner:
+    """Makes the cases of an evaluation, each with the fingerprint of what its facts depend on."""
+
+    settings: EvaluationSettings
+    source: Path
+    harness: str
+    identities: Mapping[str, str]
+
+    @property
+    def setup(self) -> Setup:
+        """What all cases share."""
+        return Setup(self.settings.simulation, self.settings.run, self.source)
+
+    def ads(self, space: Space) -> Iterator[Case]:
+        """Every ADS at every point."""
+        for number in space.numbers:
+            concrete = space.concrete(number)
+            for ads in self.settings.ads:
+                case = Case(number, concrete, "ads", ads.name, ads.controller, seed=self.settings.seed)
+                yield self._finished(case)
+
+    def ideal(self, space: Space, struck: set[int]) -> Iterator[Case]:
+        """The ideal vehicle at the points where an ADS hit something."""
+        for number in space.numbers:
+            if number in struck:
+                yield self._finished(Case(number, space.concrete(number), "ideal", "ideal", "ideal_braking"))
+
+    def humans(self, space: Space) -> Iterator[Case]:
+        """Every synthetic driver at every safe point."""
+        count, seed = self.settings.drivers.count, self.settings.seed
+        for number in space.safe:
+            concrete = space.concrete(number)
+            for index in range(count):
+                case = Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed)
+                yield self._finished(case)
+
+    def recorded_human(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
+        """A driver whose trajectory the user's own reference has."""
+        return self._finished(Case(number, concrete, "human", f"driver_{index:02d}", self.settings.drivers.source))
+
+    def _finished(self, case: Case) -> Case:
+        identity = self.identities.get(case.controller, "")
+        return with_fingerprint(case, self.settings.simulation, identity, self.harness)
+
+
+def planner(settings: EvaluationSettings, source: Path) -> Planner:
+    """Find every ADS and the human reference. Raises InputError when one of them cannot be loaded."""
+    named = [("ADS", ads.controller) for ads in settings.ads]
+    if settings.drivers.source != "synthetic":
+        named.append(("Human reference", settings.drivers.source))
     setup = Setup(settings.simulation, settings.run, source)
+    return Planner(settings, source, harness_identity(), identify(list(dict.fromkeys(named)), setup))
 
-    def keep(who: str, outcomes: Iterable[Outcome], total: int) -> None:
-        for done, outcome in enumerate(outcomes, start=1):
-            store.add(outcome)
-            progress(f"{logical.name}: {who}", done, total)
 
-    runs = [
-        Case(number, concrete, "ads", ads.name, ads.controller) for number, concrete in numbered for ads in settings.ads
-    ]
-    keep("ADSs", run_cases(runs, setup), len(runs))
-    struck = {fact.point for fact in store.facts("ads", logical.name) if fact.collision}
-    runs = [
-        Case(number, concrete, "ideal", "ideal", "ideal_braking") for number, concrete in numbered if number in struck
-    ]
-    keep("ideal vehicle", run_cases(runs, setup), len(runs))
+def record(space: Space, plan: Planner, store: Store, progress: Progress, stopping: Stopping = never) -> None:
+    """Simulate the cases of one logical scenario that are not recorded yet.
+
+    Raises StoppedError when `stopping` said so before all were done; what has been done is recorded.
+    """
+    name, settings = space.logical.name, plan.settings
+    work = _Work(store, plan.setup, progress, stopping)
+    work.do(f"{name}: ADSs", plan.ads(space), len(space.numbers) * len(settings.ads))
+    struck = store.struck(name)
+    _forget(store, (case for case, point, _ in store.names("ideal", name) if point not in struck))
+    work.do(f"{name}: ideal vehicle", plan.ideal(space, struck), len(struck & set(space.numbers)))
     if settings.drivers.source == "synthetic":
-        runs = _synthetic_drivers(safe, settings)
-        keep("drivers", run_cases(runs, setup), len(runs))
-    else:
-        for number, concrete in safe:
-            outcomes = list(_recorded_drivers(number, concrete, settings.drivers.source, source))
-            keep("drivers", outcomes, len(outcomes))
+        drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
+        work.do(f"{name}: drivers", plan.humans(space), len(space.safe) * len(drivers))
+        safe = set(space.safe)
+        _forget(store, (c for c, p, who in store.names("human", name) if p not in safe or who not in drivers))
+        return
+    known: set[str] = set()
+    for done, number in enumerate(space.safe, start=1):
+        for outcome in _recorded_drivers(plan, number, space.concrete(number)):
+            known.add(outcome.case.key)
+            if not store.holds(outcome.case):
+                store.add(outcome)
+        work.check()
+        progress(f"{name}: drivers", done, len(space.safe))
+    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
 
 
-def _synthetic_drivers(safe: Sequence[tuple[int, ConcreteScenario]], settings: EvaluationSettings) -> list[Case]:
-    count = settings.drivers.count
-    return [
-        Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, settings.seed)
-        for number, concrete in safe
-        for index in range(count)
-    ]
+def refuse_to_lose_cases(store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path) -> None:
+    """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs that are recorded."""
+    counts = {space.logical.name: len(space.points) for space in spaces}
+    drivers = {ads.name for ads in settings.ads}
+    for scenario in sorted({row[0] for row in store.counts()}):
+        for case, point, driver in store.names("ads", scenario):
+            if driver not in drivers or point >= counts.get(scenario, 0):
+                raise InputError(
+                    f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "
+                    "a run keeps its cases. Give the changed evaluation a folder of its own."
+                )
 
 
-def _recorded_drivers(number: int, concrete: ConcreteScenario, locator: str, source: Path) -> Iterator[Outcome]:
+class _Work:
+    """Runs cases and records their outcomes."""
+
+    def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
+        self._store, self._setup, self._progress, self._stopping = store, setup, progress, stopping
+
+    def do(self, stage: str, cases: Iterable[Case], total: int) -> None:
+        """Bring a stage to its end, or raise StoppedError."""
+        done = failed = 0
+
+        def missing() -> Iterator[Case]:
+            nonlocal done
+            for case in cases:
+                if self._store.holds(case):
+                    done += 1
+                else:
+                    yield case
+
+        with closing(run_cases(missing(), self._setup, self._stopping)) as outcomes:
+            for outcome in outcomes:
+                self._store.add(outcome)
+                done += 1
+                failed += outcome.status not in EVALUATED
+                self._progress(stage, done, total, failed)
+        if done < total:
+            self.check()
+            raise RuntimeError(f"{stage}: {total - done} of {total} cases got lost on their way")
+        self._progress(stage, done, total, failed)
+
+    def check(self) -> None:
+        """Raise StoppedError when the work shall stop."""
+        if self._stopping():
+            raise StoppedError("stopped")
+
+
+def _forget(store: Store, cases: Iterable[str]) -> None:
+    """Drop reference drives that belong to nothing any more, because an ADS or the zones have changed since."""
+    found = list(cases)
+    if found:
+        store.remove(found)
+
+
+def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
     """The trajectories that the user's function has for a concrete scenario, as cases beside the simulated ones."""
-    reference = load_object(locator, source, "Human reference")
-    for index, trajectory in enumerate(reference(concrete)):
+    locator = plan.settings.drivers.source
+    reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
+    try:
+        trajectories = list(reference(concrete))
+    except Exception as error:
+        raise InputError(
+            f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: {said(error)}."
+        ) from error
+    for index, trajectory in enumerate(trajectories):
         if not isinstance(trajectory, Trajectory):
             raise InputError(
                 f"The human reference `{locator}` must return Trajectory objects, got {type(trajectory).__name__} "
                 f"for {concrete.scenario} at {concrete.label}."
             )
-        case = Case(number, concrete, "human", f"driver_{index:02d}", locator)
+        case = plan.recorded_human(number, concrete, index)
         yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))

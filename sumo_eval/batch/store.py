@@ -1,12 +1,13 @@
-"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, written once, never changed."""
+"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one transaction."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sqlite3
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,27 +15,33 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.batch.cases import Outcome, Role, Status
+from sumo_eval.batch.cases import Case, Outcome, Role, Status
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Trajectory
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 EGO = "ego"
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
     "case" TEXT PRIMARY KEY, scenario TEXT NOT NULL, point INTEGER NOT NULL, role TEXT NOT NULL, driver TEXT NOT NULL,
     controller TEXT NOT NULL, "values" TEXT NOT NULL, exposure REAL NOT NULL, status TEXT NOT NULL, end_reason TEXT,
-    error TEXT, log TEXT NOT NULL, simulated_time REAL, collision TEXT, clips TEXT NOT NULL
+    error TEXT, simulated_time REAL, collision TEXT, clips TEXT NOT NULL, fingerprint TEXT NOT NULL
 ) WITHOUT ROWID;
-CREATE TABLE IF NOT EXISTS costs (
-    "case" TEXT PRIMARY KEY, wall_time REAL, latency_mean REAL, latency_max REAL
+CREATE TABLE IF NOT EXISTS circumstances (
+    "case" TEXT PRIMARY KEY, log TEXT NOT NULL, wall_time REAL, latency_mean REAL, latency_max REAL
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS trajectories (
     "case" TEXT NOT NULL, vehicle TEXT NOT NULL, data BLOB NOT NULL, PRIMARY KEY ("case", vehicle)
 ) WITHOUT ROWID;
-CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, point, role);
+CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 """
+_TABLES = ("facts", "circumstances", "trajectories")
+_COLUMNS = (
+    'facts."case", scenario, point, role, driver, controller, "values", exposure, status, end_reason, error, log, '
+    "simulated_time, collision, clips, wall_time, latency_mean, latency_max"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +69,7 @@ class Fact:
 
 
 class Store:
-    """The facts file of one run."""
+    """The facts file of one run. What differs from run to run - times, printed text - is kept apart from the facts."""
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
         if not create and not path.is_file():
@@ -71,14 +78,18 @@ class Store:
         self._writing = create
         self._connection = sqlite3.connect(path)
         try:
-            self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
-            if create:
+            version = self._version()
+            if create and version == 0:
                 self._connection.executescript(_SCHEMA)
                 self._connection.execute(f"PRAGMA user_version = {FORMAT_VERSION}")
-            version = self._connection.execute("PRAGMA user_version").fetchone()[0]
+                version = FORMAT_VERSION
+            if version == FORMAT_VERSION:
+                # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
+                self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
+                self._connection.execute("PRAGMA synchronous = NORMAL")
         except sqlite3.DatabaseError as error:
             self._connection.close()
-            raise InputError(f"{path} is no facts file of a run: {error}.") from error
+            raise InputError(f"{path} is no facts file of a run, or cannot be used: {error}.") from error
         if version != FORMAT_VERSION:
             self._connection.close()
             raise InputError(
@@ -86,16 +97,27 @@ class Store:
                 "Use the version of sumo_eval that wrote it."
             )
 
+    def _version(self) -> int:
+        return int(self._connection.execute("PRAGMA user_version").fetchone()[0])
+
     def close(self) -> None:
         """Close the file; a finished one is a single file that needs no write access to be read."""
-        if self._writing:
-            self._connection.execute("PRAGMA journal_mode = DELETE")
-        self._connection.close()
+        try:
+            if self._writing:
+                self._connection.execute("PRAGMA journal_mode = DELETE")
+        except sqlite3.OperationalError:
+            pass  # a full disk, or somebody who reads: the file stays as whole as it is
+        finally:
+            self._connection.close()
 
     def add(self, outcome: Outcome) -> None:
-        """Record a case: its row and all its trajectories, or nothing, in one transaction."""
+        """Record a case: its row and all its trajectories, or nothing, in one transaction.
+
+        A case of the same name takes the place of one that was recorded with another fingerprint. Raises InputError
+        when the file cannot take it in, e.g. because the disk is full.
+        """
         case, recording = outcome.case, outcome.recording
-        row = (
+        facts = (
             case.key,
             case.concrete.scenario,
             case.point,
@@ -107,34 +129,134 @@ class Store:
             outcome.status,
             recording.end_reason if recording else None,
             outcome.error,
-            outcome.log,
             recording.simulated_time if recording else None,
             json.dumps(asdict(recording.collision)) if recording and recording.collision else None,
             json.dumps([asdict(clip) for clip in recording.clips] if recording else []),
+            case.fingerprint,
         )
-        with self._connection:
-            self._connection.execute("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", row)
-            if recording is None:
-                return
-            self._connection.execute(
-                "INSERT INTO costs VALUES (?,?,?,?)", (case.key, recording.wall_time, *recording.controller_latency)
-            )
-            self._connection.executemany(
-                "INSERT INTO trajectories VALUES (?,?,?)",
-                [
-                    (case.key, name, pack(trajectory))
-                    for name, trajectory in {EGO: recording.ego, **recording.actors}.items()
-                ],
-            )
+        times = (recording.wall_time, *recording.controller_latency) if recording else (None, None, None)
+        drives = {EGO: recording.ego, **recording.actors} if recording else {}
+        packed = [(case.key, name, pack(trajectory)) for name, trajectory in drives.items()]
+        with self._changes():
+            if self._is_recorded_otherwise(case):
+                self._remove(case.key)
+            self._connection.execute("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
+            self._connection.execute("INSERT INTO circumstances VALUES (?,?,?,?,?)", (case.key, outcome.log, *times))
+            self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", packed)
+
+    def holds(self, case: Case) -> bool:
+        """Whether the case is recorded as it would be made now."""
+        return self._fingerprint(case.key) == case.fingerprint
+
+    def remove(self, cases: Iterable[str]) -> None:
+        """Take out cases that are no part of the evaluation any more."""
+        with self._changes():
+            for case in cases:
+                self._remove(case)
+
+    def _is_recorded_otherwise(self, case: Case) -> bool:
+        return self._fingerprint(case.key) not in (None, case.fingerprint)
+
+    def _fingerprint(self, case: str) -> str | None:
+        row = self._connection.execute('SELECT fingerprint FROM facts WHERE "case" = ?', (case,)).fetchone()
+        return None if row is None else str(row[0])
+
+    def _remove(self, case: str) -> None:
+        for table in _TABLES:
+            self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
+
+    @contextmanager
+    def _changes(self) -> Iterator[None]:
+        try:
+            with self._connection:
+                yield
+        except sqlite3.OperationalError as error:
+            raise InputError(f"{self.path} cannot be written: {error}. What it holds is kept.") from error
+
+    def difference(self, case: str, other: Store) -> str:
+        """Where a case differs from the same case in another store, in words."""
+        query = 'SELECT * FROM facts WHERE "case" = ?'
+        mine, theirs = (store._connection.execute(query, (case,)) for store in (self, other))
+        names = [column[0] for column in mine.description]
+        a, b = mine.fetchone(), theirs.fetchone()
+        found = [f"{n}: {x!r}, now {y!r}" for n, x, y in zip(names, a, b, strict=True) if x != y]
+        return "; ".join(found) or "a trajectory differs"
+
+    # -- about the run -------------------------------------------------------------------------------------------------
+
+    def note(self, name: str, value: str) -> None:
+        """Keep a word about the run as a whole, e.g. that it is complete."""
+        with self._changes():
+            self._connection.execute("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
+
+    def noted(self, name: str) -> str:
+        """What was noted under a name, or nothing."""
+        row = self._connection.execute("SELECT value FROM about WHERE name = ?", (name,)).fetchone()
+        return "" if row is None else str(row[0])
+
+    def take_over(self, other: Path) -> None:
+        """Copy everything recorded in another store of the same format, in one transaction."""
+        self._connection.execute("ATTACH ? AS other", (f"{other}",))
+        try:
+            with self._changes():
+                for table in _TABLES:
+                    self._connection.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")  # noqa: S608
+        except sqlite3.IntegrityError as error:
+            raise InputError(f"{other.parent} holds a case that is in another part as well: {error}.") from error
+        finally:
+            self._connection.execute("DETACH other")
+
+    # -- reading -------------------------------------------------------------------------------------------------------
 
     def facts(self, role: Role, scenario: str | None = None, driver: str | None = None) -> list[Fact]:
         """The recorded cases of a role (of one scenario, of one driver), by scenario, point and driver."""
+        return list(self.each_fact(role, scenario, driver))
+
+    def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
+        """The same one after the other, without holding them all."""
         query = (
-            'SELECT facts.*, wall_time, latency_mean, latency_max FROM facts LEFT JOIN costs USING ("case") '
+            f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
             "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
             "ORDER BY scenario, point, driver"
         )
-        return [_fact(row) for row in self._connection.execute(query, (role, scenario, driver))]
+        return (_fact(row) for row in self._connection.execute(query, (role, scenario, driver)))
+
+    def names(self, role: Role, scenario: str) -> Iterator[tuple[str, int, str]]:
+        """Case, point and driver of the recorded cases of a role in a scenario."""
+        query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = ?'
+        yield from self._connection.execute(query, (role, scenario))
+
+    def struck(self, scenario: str) -> set[int]:
+        """The points of a scenario where an ADS collided."""
+        query = "SELECT DISTINCT point FROM facts WHERE role = 'ads' AND scenario = ? AND collision IS NOT NULL"
+        return {point for (point,) in self._connection.execute(query, (scenario,))}
+
+    def counts(self) -> list[tuple[str, str, str, str, int, float]]:
+        """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
+        query = (
+            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, status, count(*), "
+            "total(exposure) FROM facts GROUP BY scenario, role, who, status ORDER BY scenario, role, who, status"
+        )
+        return list(self._connection.execute(query))
+
+    def digest(self) -> str:
+        """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
+        found = hashlib.sha256()
+        for query in (
+            'SELECT * FROM facts ORDER BY "case"',
+            'SELECT * FROM trajectories ORDER BY "case", vehicle',
+        ):
+            for row in self._connection.execute(query):
+                found.update(repr(row).encode())
+        return found.hexdigest()
+
+    def case_digest(self, case: str) -> str | None:
+        """The same of one case; None when it is not recorded."""
+        row = self._connection.execute('SELECT * FROM facts WHERE "case" = ?', (case,)).fetchone()
+        if row is None:
+            return None
+        drives = self._connection.execute('SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,))
+        return hashlib.sha256(repr((row, drives.fetchall())).encode()).hexdigest()
 
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""

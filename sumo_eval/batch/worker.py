@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
+
+import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking
 from sumo_eval.batch.cases import Case, Outcome, Setup, Status
+from sumo_eval.batch.watch import WatchedController
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.controller import Controller, NativeModel, load_controller
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import EndReason, Recording
@@ -57,6 +63,15 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     if case.role == "ideal":
         settings = _ideal_vehicle(setup.simulation)
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
-    return simulate(
-        case.concrete, case.controller, setup.simulation, folder=setup.folder, step_timeout=setup.run.step_timeout
-    )
+    _seed_global_generators(case)
+    controller: Controller = load_controller(case.controller, setup.folder)
+    if not isinstance(controller, NativeModel):
+        controller = WatchedController(controller, setup.run.step_timeout, setup.run.memory_limit)
+    return simulate(case.concrete, controller, setup.simulation, step_timeout=setup.run.step_timeout)
+
+
+def _seed_global_generators(case: Case) -> None:
+    """An ADS that draws from the global generators draws the same in every run, whatever ran in this process before."""
+    stream = random_stream(case.seed, "ads", case.key)
+    random.seed(int(stream.integers(2**63)))
+    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the generator that such an ADS uses

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from sumo_eval.commands.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.commands.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 
 if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
@@ -33,4 +33,9 @@ def finish(evaluation: Evaluation) -> NoReturn:
         click.echo(plain_table(evaluation))
     for line in closing_lines(evaluation):
         click.echo(line)
-    sys.exit(NOT_EVALUATED if evaluation.not_evaluated else DONE)
+    if not evaluation.not_evaluated:
+        sys.exit(DONE)
+    if evaluation.settings.run.incomplete == "gate":
+        click.echo("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
+        sys.exit(GATE_FAILED)
+    sys.exit(NOT_EVALUATED)

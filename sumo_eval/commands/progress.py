@@ -1,34 +1,42 @@
-"""Long work shows how far it is: a bar on a terminal, one line a stage elsewhere."""
+"""Long work shows how far it is: a bar with rate, time left and failures on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
 import sys
+import time as clock
 from collections.abc import Callable
 from typing import Any
 
 import click
 
+_LINE_EVERY = 10.0  # s between two plain lines of one stage
+
 
 class Progress:
-    """A context that gives the function to call with (stage, done, total)."""
+    """A context that gives the function to call with (stage, done, total, failed)."""
 
     def __init__(self) -> None:
         self._bar: Any = None
         self._tasks: dict[str, Any] = {}
+        self._began: dict[str, tuple[float, int]] = {}
+        self._said: dict[str, float] = {}
+        self._finished: set[str] = set()
         if sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
             from rich.progress import Progress as Bar
 
             self._bar = Bar(
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
+                TextColumn("{task.fields[rate]}"),
                 TimeRemainingColumn(),
+                TextColumn("{task.fields[failed]}", style="yellow"),
                 console=Console(stderr=True),
             )
 
-    def __enter__(self) -> Callable[[str, int, int], None]:
+    def __enter__(self) -> Callable[..., None]:
         if self._bar is not None:
             self._bar.start()
         return self._show
@@ -37,11 +45,31 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
 
-    def _show(self, stage: str, done: int, total: int) -> None:
-        if self._bar is None:
-            if done == total:
-                click.echo(f"{stage}: {total} done", err=True)
-            return
-        if stage not in self._tasks:
-            self._tasks[stage] = self._bar.add_task(stage, total=total)
-        self._bar.update(self._tasks[stage], completed=done)
+    def _show(self, stage: str, done: int, total: int, failed: int = 0) -> None:
+        now = clock.monotonic()
+        began, first = self._began.setdefault(stage, (now, done))
+        rate = (done - first) / (now - began) if now > began else 0.0
+        if self._bar is not None:
+            if stage not in self._tasks:
+                self._tasks[stage] = self._bar.add_task(stage, total=total, rate="", failed="")
+            shown_rate = f"{rate:.0f}/s" if rate else ""
+            shown_failed = f"{failed} failed" if failed else ""
+            self._bar.update(self._tasks[stage], completed=done, rate=shown_rate, failed=shown_failed)
+        elif done == total:
+            if stage not in self._finished:
+                self._finished.add(stage)
+                click.echo(f"{stage}: {total} done{_failed(failed)}", err=True)
+        elif now - self._said.setdefault(stage, now) >= _LINE_EVERY:
+            self._said[stage] = now
+            left = f", {rate:.1f}/s, about {_duration((total - done) / rate)} left" if rate else ""
+            click.echo(f"{stage}: {done} of {total}{left}{_failed(failed)}", err=True)
+
+
+def _failed(failed: int) -> str:
+    return f", {failed} failed" if failed else ""
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

@@ -160,7 +160,11 @@ class _Run:
                 self.ads.close()
             except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
                 self._keep_traceback(error)
-                self.fail("ads_error", f"The ADS raised in close: {said(error)}.")
+                sentence = f"The ADS raised in close: {said(error)}."
+                if self.collision is None:
+                    self.fail("ads_error", sentence)
+                else:  # no ADS undoes its collision by breaking down afterwards
+                    self.error = sentence
 
     def _take_charge(self, traci: Any) -> None:
         traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -189,6 +193,10 @@ class _Run:
         asked = clock.perf_counter()
         try:
             answer = self.ads.step(traci, EGO, time)
+        except ControllerTimeoutError as error:  # interrupted
+            self.latency_max = max(self.latency_max, clock.perf_counter() - asked)
+            self._keep_traceback(error)
+            raise self._too_slow(time) from error
         except (Exception, SystemExit) as error:
             self._keep_traceback(error)
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
@@ -197,11 +205,15 @@ class _Run:
         self.latency_sum += took
         self.latency_max = max(self.latency_max, took)
         if took > self.step_timeout:
-            raise ControllerTimeoutError(
-                f"The ADS must answer within {self.step_timeout:g} s, took {took:.2f} s at {time:.2f} s."
-            )
+            raise self._too_slow(time)
         self._check_clock(traci, time)
         return None if answer is None else _checked(answer, time)
+
+    def _too_slow(self, time: float) -> ControllerTimeoutError:
+        """Without the measured time, which no two runs share; it is kept as the case's latency."""
+        return ControllerTimeoutError(
+            f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
+        )
 
     def _check_clock(self, traci: Any, time: float) -> None:
         """The harness alone steps, starts and closes the simulation."""

@@ -88,9 +88,9 @@ def _row(score: ScenarioResult) -> list[tuple[str, str]]:
     cells = (
         score.ads,
         score.scenario,
-        NOT_COMPUTED if score.c is None else number(score.c, 3),
-        NOT_COMPUTED if score.d is None else number(score.d, 3),
-        number(score.s, 1),
+        _with_interval(NOT_COMPUTED if score.c is None else number(score.c, 3), score.c_interval, 3),
+        _with_interval(NOT_COMPUTED if score.d is None else number(score.d, 3), score.d_interval, 3),
+        _with_interval(number(score.s, 1), score.s_interval, 1),
         str(score.collisions),
         str(score.safe_collisions),
         str(score.cases),
@@ -99,11 +99,18 @@ def _row(score: ScenarioResult) -> list[tuple[str, str]]:
     return [(_one_line(cell), heading) for cell, heading in zip(cells, COLUMNS, strict=True)]
 
 
+def _with_interval(cell: str, interval: tuple[float, float] | None, digits: int) -> str:
+    """A value whose cases are not all there is never shown without what it could have been."""
+    if interval is None:
+        return cell
+    return f"{cell} ({number(interval[0], digits)}..{number(interval[1], digits)})"
+
+
 def _style(cell: str, heading: str) -> str:
     """Bold for the score, yellow for what a person should look into."""
     if heading == "S":
         return "bold"
-    warns = cell == NOT_COMPUTED or (heading in {"in safe zone", "not evaluated"} and cell != "0")
+    warns = cell.startswith(NOT_COMPUTED) or (heading in {"in safe zone", "not evaluated"} and cell != "0")
     return "yellow" if warns else ""
 
 

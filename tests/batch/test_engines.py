@@ -1,7 +1,8 @@
-"""Real SUMO runs in child processes: one fault costs one case, the rest is untouched, the order is kept."""
+"""Real SUMO runs in child processes: one fault costs one case, the rest is untouched, every case ends once."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -10,107 +11,179 @@ from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import run_cases
 from sumo_eval.batch.store import pack
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
-FAULTS = """
-import os, time
-from sumo_eval import Command
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
+LIMITS = {"case_timeout": 4.0, "step_timeout": 0.2, "memory_limit": 700.0}
 
-def coast(traci, ego, time): return Command(0.0)
-def raises(traci, ego, t): raise ValueError("no path found")
-def gives_nan(traci, ego, t): return Command(float("nan"))
-def wrong_type(traci, ego, t): return "brake"
-def leaves(traci, ego, t): raise SystemExit(3)
-def vanishes(traci, ego, t): os._exit(7)
-def hangs(traci, ego, t):
-    while True: pass
-def slow(traci, ego, t): time.sleep(0.3)
-class NeedsArguments:
-    def __init__(self, model): pass
-    def step(self, traci, ego, t): pass
-"""
-
-CONCRETE = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+FAULTS = {
+    "raises": ("ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
+    "gives_nan": ("ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s."),
+    "wrong_type": ("ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
+    "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
+    "interrupts": ("ads_error", "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt."),
+    "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
+    "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
+    "hangs": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
+    "hangs_in_c": ("timeout", "The case took longer than 4 s of wall time."),
+    "slow": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
+    "fills_memory": ("ads_error", "MemoryError: more than the 700 MB of `run.memory_limit`."),
+    "chatters": ("collision", ""),
+    "leaves_threads": ("collision", ""),
+    "leaves_a_process": ("collision", ""),
+    "NeedsArguments": ("rejected", "making one without arguments failed"),
+    "RaisesInClose": ("collision", "The ADS raised in close: RuntimeError: late."),
+}
+INNOCENT = ("coast", "idm")
 
 
 @pytest.fixture(scope="module")
-def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Outcome]:
-    folder = tmp_path_factory.mktemp("ads")
-    (folder / "faults.py").write_text(FAULTS)
-    names = [
-        "coast",
-        "raises",
-        "gives_nan",
-        "wrong_type",
-        "leaves",
-        "vanishes",
-        "hangs",
-        "slow",
-        "NeedsArguments",
-        "idm",
-    ]
+def outcomes() -> dict[str, Outcome]:
+    names = [name for fault in FAULTS for name in (fault, *INNOCENT)]
     cases = [
-        Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faults.py:{name}")
+        Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faulty_ads.py:{name}")
         for number, name in enumerate(names)
     ]
-    setup = Setup(SimulationSettings(), RunSettings(workers=2, case_timeout=6.0, step_timeout=0.2), folder)
+    setup = Setup(SimulationSettings(), RunSettings(workers=2, **LIMITS), HERE)
     found = list(run_cases(cases, setup))
-    assert [outcome.case.driver for outcome in found] == names, "outcomes come in the order of the cases"
-    return {outcome.case.driver: outcome for outcome in found}
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), "each exactly once"
+    by_name = {outcome.case.driver: outcome for outcome in found if outcome.case.driver not in INNOCENT}
+    innocent = [outcome for outcome in found if outcome.case.driver in INNOCENT]
+    return by_name | {outcome.case.key: outcome for outcome in innocent}
 
 
-@pytest.mark.parametrize(
-    ("name", "status", "sentence"),
-    [
-        ("raises", "ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
-        ("gives_nan", "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s."),
-        ("wrong_type", "ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
-        ("leaves", "ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
-        ("vanishes", "crashed", "The process that ran the case died with exit code 7."),
-        ("hangs", "timeout", "The case took longer than 6 s of wall time."),
-        ("slow", "ads_timeout", "The ADS must answer within 0.2 s"),
-        ("NeedsArguments", "rejected", "making one without arguments failed"),
-    ],
-)
-def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(
-    outcomes: dict[str, Outcome], name: str, status: str, sentence: str
-) -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(outcomes: dict[str, Outcome], name: str) -> None:
+    status, sentence = FAULTS[name]
     assert outcomes[name].status == status
     assert sentence in (outcomes[name].error or "")
 
 
-def test_the_traceback_of_an_exception_is_kept(outcomes: dict[str, Outcome]) -> None:
-    assert "faults.py" in outcomes["raises"].log
-
-
 def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Outcome]) -> None:
-    for name in ("coast", "idm"):
-        outcome = outcomes[name]
+    alone = {"coast": simulate(CONCRETE, lambda *_: Command(0.0)), "idm": simulate(CONCRETE, "idm")}
+    innocent = [outcome for key, outcome in outcomes.items() if key.startswith("front_vehicle")]
+    assert len(innocent) == len(FAULTS) * len(INNOCENT)
+    for outcome in innocent:
+        expected = alone[outcome.case.driver]
         assert outcome.recording is not None
-        controller = "idm" if name == "idm" else lambda traci, ego, time: _coast()
-        alone = simulate(CONCRETE, controller)
-        assert pack(outcome.recording.ego) == pack(alone.ego), "bit for bit"
-    assert outcomes["coast"].status == "collision"
-    assert outcomes["idm"].status == "ok"
+        assert (outcome.status, outcome.error) == ("ok" if outcome.case.driver == "idm" else "collision", None)
+        assert pack(outcome.recording.ego) == pack(expected.ego), "bit for bit"
 
 
-def _coast():
-    from sumo_eval import Command
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("raises", 'faulty_ads.py", line'),
+        ("hangs", "in hangs"),
+        ("segfaults", "Fatal Python error: Segmentation fault"),
+        ("hangs_in_c", "in hangs_in_c"),
+        ("vanishes", "last words before vanishing"),
+    ],
+)
+def test_the_log_shows_where_it_happened(outcomes: dict[str, Outcome], name: str, words: str) -> None:
+    assert words in outcomes[name].log
 
-    return Command(0.0)
+
+def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(
+    outcomes: dict[str, Outcome], capfd: pytest.CaptureFixture[str]
+) -> None:
+    log = outcomes["chatters"].log
+    assert "xxxx" in log
+    assert "zzzz" in log
+    assert "bytes left out" in log
+    assert len(log) < 20_000
+    assert all(not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle"))
+    setup = Setup(SimulationSettings(), RunSettings(workers=1), HERE)
+    (outcome,) = run_cases([Case(0, CONCRETE, "ads", "loud", "faulty_ads.py:chatters")], setup)
+    assert outcome.status == "collision"
+    assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-def test_the_number_of_workers_changes_no_byte(workers: int) -> None:
-    space = catalogue.load("front_vehicle_low_speed")
+def test_what_a_case_has_started_ends_with_it(outcomes: dict[str, Outcome]) -> None:
+    commands = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            commands.append(path.read_bytes())
+        except OSError:  # it has just gone
+            continue
+    assert commands
+    assert not any(b"3600.25" in command for command in commands)
+
+
+def test_no_child_is_left_and_no_zombie() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
+    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(6)]
+    outcomes = run_cases(cases, setup)
+    next(outcomes)
+    assert _pool_children()
+    outcomes.close()
+    assert not _pool_children()
+
+
+def _pool_children() -> list[int]:
+    """Processes that multiprocessing's fork server has made for this process."""
+    from multiprocessing import forkserver
+
+    server = forkserver._forkserver._forkserver_pid
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == server:
+            found.append(int(path.parent.name))
+    return found
+
+
+def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> dict[str, bytes]:
+    role = "human" if controller == "synthetic" else "ads"
     cases = [
-        Case(number, space.concrete(ego_speed=speed, lead_speed=5), "human", "driver_00", "synthetic", 0, 4, 11)
-        for number, speed in enumerate((10, 20, 30))
+        Case(number, SPACE.concrete(ego_speed=10 + 5 * number, lead_speed=5), role, "x", controller, 0, 4, 11)
+        for number in numbers
     ]
-    setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
-    bytes_found = [pack(outcome.recording.ego) for outcome in run_cases(cases, setup) if outcome.recording]
-    setup_one = Setup(SimulationSettings(), RunSettings(workers=2), Path.cwd())
-    backwards = [pack(outcome.recording.ego) for outcome in run_cases(cases[::-1], setup_one) if outcome.recording]
-    assert bytes_found == backwards[::-1]
-    assert len({len(data) for data in bytes_found}) > 1, "three different drives"
+    setup = Setup(SimulationSettings(), RunSettings(workers=workers), HERE)
+    return {o.case.key: pack(o.recording.ego) for o in run_cases(cases, setup) if o.recording is not None}
+
+
+@pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
+def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(
+    controller: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = drives(2, [0, 1, 2], controller)
+    assert len(set(two.values())) == 3, "three different drives"
+    assert drives(1, [2, 1, 0], controller) == two
+    assert drives(8, [1, 0, 2], controller) == two
+
+
+def test_a_child_is_replaced_after_its_share_of_cases() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=1, cases_per_child=2), HERE)
+    cases = [Case(n, CONCRETE, "ads", "pid", "faulty_ads.py:PrintsPid") for n in range(5)]
+    pids = [outcome.log for outcome in run_cases(cases, setup)]
+    assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [2, 2, 1]
+    assert str(os.getpid()) not in pids
+
+
+def test_the_serial_engine_gives_the_same_without_children() -> None:
+    case = Case(0, CONCRETE, "ads", "idm", "idm")
+    (here,) = run_cases([case], Setup(SimulationSettings(), RunSettings(engine="serial"), HERE))
+    (there,) = run_cases([case], Setup(SimulationSettings(), RunSettings(), HERE))
+    assert here.recording is not None
+    assert there.recording is not None
+    assert pack(here.recording.ego) == pack(there.recording.ego)
+
+
+def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
+    asked: list[bool] = []
+
+    def stopping() -> bool:
+        asked.append(True)
+        return len(asked) > 5
+
+    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
+    assert len(list(run_cases(cases, setup, stopping))) == 5

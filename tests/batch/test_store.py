@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,7 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
     connection.execute("PRAGMA user_version = 99")
     connection.commit()
     connection.close()
-    with pytest.raises(InputError, match="format version 99; this sumo_eval reads version 1"), open_store(path):
+    with pytest.raises(InputError, match="format version 99; this sumo_eval reads version 2"), open_store(path):
         pass
 
 
@@ -129,5 +130,44 @@ def test_reading_a_store_cannot_change_it(tmp_path: Path) -> None:
     path = tmp_path / "facts.sqlite"
     with open_store(path, create=True):
         pass
-    with open_store(path) as store, pytest.raises(sqlite3.OperationalError):
+    with open_store(path) as store, pytest.raises(InputError, match="readonly"):
         store.add(Outcome(case(), "crashed", None, "late"))
+
+
+def filled(path: Path, order: list[int], log: str = "") -> str:
+    with open_store(path, create=True) as store:
+        for point in order:
+            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", (0.1 * len(order), 0.2), 0.3)
+            store.add(Outcome(case(point), "ok", recording, None, log))
+        return store.digest()
+
+
+def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(tmp_path: Path) -> None:
+    forth = filled(tmp_path / "a", [1, 2, 3])
+    assert filled(tmp_path / "b", [3, 1, 2], "printed at 12:00") == forth
+    assert filled(tmp_path / "c", [1, 2]) != forth
+    assert filled(tmp_path / "d", [1, 2, 4]) != forth
+
+
+def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
+    first, second = replace(case(), fingerprint="a"), replace(case(), fingerprint="b")
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(first, "ok", Recording(drive(), {"lead": drive(seed=4)}, None, "road_end")))
+        assert (store.holds(first), store.holds(second)) == (True, False)
+        store.add(Outcome(second, "crashed", None, "The process died."))
+        assert (store.holds(first), store.holds(second)) == (False, True)
+        (fact,) = store.facts("ads")
+        assert fact.status == "crashed"
+        assert store.trajectories(fact.case) == {}
+
+
+def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -> None:
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+        store._connection.execute("PRAGMA max_page_count = 12")
+        big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
+        with pytest.raises(InputError, match=r"cannot be written: database or disk is full"):
+            store.add(Outcome(case(8), "ok", Recording(drive(), big, None, "road_end")))
+        kept = len(store.facts("ads"))
+    with open_store(tmp_path / "facts.sqlite") as store:
+        assert len(store.facts("ads")) == kept == 1

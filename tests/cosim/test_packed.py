@@ -1,6 +1,7 @@
 """A pack gives every case exactly what it would have had alone."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,13 +9,15 @@ from cosim_cases import case, lead
 
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.ads.r157_careful_driver import CarefulDriver, CarefulDriverWithAeb
+from sumo_eval.batch.cases import Case, Setup
+from sumo_eval.batch.worker import run_case
 from sumo_eval.cosim import packed as packing
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
 from sumo_eval.cosim.session import packed_session
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.sampling import sample
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 DECIDED = SimulationSettings(end_when_decided=True)
@@ -68,6 +71,16 @@ def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
         assert whole.ego.x[:n].tobytes() == decided.ego.x[:n].tobytes()
         if decided.end_reason == "decided":
             assert whole.end_reason in ("time_limit", "road_end")
+
+
+@pytest.mark.parametrize("ads", ["careful_driver", "idm"])
+def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
+    """Under the watch of the batch, too; an ADS that says nothing drives to the end."""
+    passed = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
+    run = Setup(DECIDED, RunSettings(), Path())
+    recording = run_case(Case(0, passed, "ads", "mine", ads), run).recording
+    assert recording is not None
+    assert recording.end_reason == ("decided" if ads == "careful_driver" else "time_limit")
 
 
 def test_recordings_come_in_the_order_of_the_cases_whatever_the_pack(monkeypatch):

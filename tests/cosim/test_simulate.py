@@ -87,7 +87,7 @@ def test_it_ends_in_an_ads_error():
 def test_it_ends_in_an_ads_timeout():
     found = simulate(case(), lambda *_: clock.sleep(0.02), step_timeout=0.01)
     assert found.end_reason == "ads_timeout"
-    assert found.error.startswith("The ADS must answer within 0.01 s, took 0.0")
+    assert found.error == "The ADS must answer within 0.01 s, took longer at 0.00 s."  # no digit of the clock's
     assert found.controller_latency[1] >= 0.02
 
 
@@ -327,7 +327,7 @@ def test_an_ads_that_raises_ends_its_case_only(where, error):
 
 def test_a_collision_is_kept_when_the_ads_then_raises_in_close():
     found = simulate(case(lead(gap=5.0)), Faulty("close", RuntimeError("late")))
-    assert found.end_reason == "ads_error"
+    assert found.end_reason == "contact"
     assert found.collision.other == "lead"
     assert found.error == "The ADS raised in close: RuntimeError: late."
 

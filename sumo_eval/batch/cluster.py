@@ -1,0 +1,94 @@
+"""Cases on an existing Dask cluster (extra `cluster`): batches of cases, the usual isolation on each worker."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from itertools import islice
+from typing import Any
+
+from sumo_eval.batch.cases import Case, Outcome, Setup
+from sumo_eval.batch.engines import Stopping, run_in_children
+from sumo_eval.batch.identity import harness_identity
+from sumo_eval.errors import InputError
+
+BATCH = 25  # cases a task: a task costs the scheduler about 2 ms, and a lost worker costs this many cases again
+_BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
+_TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
+_CONNECT_TIME = 10.0  # s
+
+
+def run_batch(cases: list[Case], setup: Setup, harness: str) -> list[Outcome] | str:
+    """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same facts."""
+    if harness_identity() != harness:
+        return "has another version of sumo_eval or of libsumo than the process that collects the facts"
+    return list(run_in_children(cases, setup))
+
+
+def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[Outcome, None, None]:
+    """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as batches end.
+
+    A batch whose worker is lost goes to another one; an outcome that had not come back yet is made again.
+    """
+    client = _connect(setup.run.scheduler)
+    from distributed import as_completed
+
+    try:
+        under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
+        batches: dict[str, tuple[list[Case], int]] = {}
+        harness = harness_identity()
+        waiting = iter(cases)
+
+        def submit(batch: list[Case], times: int) -> None:
+            future = client.submit(run_batch, batch, setup, harness, pure=False)
+            batches[future.key] = batch, times
+            under_way.add(future)
+
+        def fill() -> None:
+            most = max(sum(client.nthreads().values()), 1) * _BATCHES_PER_THREAD
+            while len(batches) < most and not stopping():
+                batch = list(islice(waiting, BATCH))
+                if not batch:
+                    return
+                submit(batch, 1)
+
+        fill()
+        while batches:
+            future = next(under_way)
+            batch, times = batches.pop(future.key)
+            fault = _fault(future)
+            if fault is None:
+                found = future.result()
+                if isinstance(found, str):
+                    raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
+                yield from found
+            elif times < _TIMES:
+                submit(batch, times + 1)
+            else:
+                yield from (
+                    Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch
+                )
+            future.release()
+            fill()
+    finally:
+        client.close()
+
+
+def _fault(future: Any) -> str | None:
+    """What went wrong with a task as such, None when it came back."""
+    if future.status == "finished":
+        return None
+    error = future.exception() if future.status == "error" else None
+    return f"{type(error).__name__}: {error}" if error is not None else str(future.status)
+
+
+def _connect(address: str) -> Any:
+    if not address:
+        raise InputError("The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786.")
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("The engine `dask` needs the extra `cluster`: pip install 'sumo_eval[cluster]'.") from error
+    try:
+        return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"There is no Dask scheduler at {address}: {error}.") from error

@@ -1,0 +1,115 @@
+"""What a case's facts depend on, as short texts that are equal exactly when the facts may be taken over."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+import sys
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sumo_eval.batch.cases import Case
+from sumo_eval.cosim.controller import find_controller
+from sumo_eval.errors import InputError
+from sumo_eval.locators import load_object
+from sumo_eval.settings import SimulationSettings
+
+_PACKAGE = Path(__file__).parent.parent
+_ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
+
+
+@cache
+def harness_identity() -> str:
+    """Versions of the simulator and of this package, and a hash of the rooms of it that make facts.
+
+    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
+    """
+    files = sorted(file for room in _ROOMS_THAT_MAKE_FACTS for file in (_PACKAGE / room).rglob("*.py"))
+    sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in (*files, _PACKAGE / "batch" / "worker.py")}
+    return _text({"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources})
+
+
+def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
+    """Locator, version and hashes of the source files of what a user named; the error when it is not there.
+
+    named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
+
+    Runs in a fresh child process, because finding an ADS means running its file. Source files are the modules that
+    loading it brings in and that lie beside it or in its package; of a command, the files that its words name.
+    """
+    before = set(sys.modules)
+    kind, locator = named
+    try:
+        found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
+    except InputError as error:
+        return InputError(str(error))
+    module = sys.modules.get(getattr(found, "__module__", ""), None)
+    files = _own_files(module, before) if module is not None else _named_files(locator, folder)
+    base = module.__name__.partition(".")[0] if module is not None else ""
+    sources = {_place(file, folder): _hash(file) for file in sorted(files)}
+    return _text({"locator": locator, "version": _version(base, module), "sources": sources})
+
+
+def with_fingerprint(case: Case, simulation: SimulationSettings, identity: str, harness: str) -> Case:
+    """The case with the hash of everything that its facts depend on; limits of time and memory are not among it."""
+    content = repr((replace(case, fingerprint=""), simulation, identity, harness))
+    return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())
+
+
+def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
+    """Files of the modules that came with a module and belong to it."""
+    own = _file(module)
+    if own is None:
+        return set()
+    top = module.__name__.partition(".")[0]
+    beside = own.parent
+    files = {own}
+    for name, other in list(sys.modules.items()):
+        file = None if name in before else _file(other)
+        if file is None:
+            continue
+        if name.partition(".")[0] == top or (file.is_relative_to(beside) and "site-packages" not in file.parts):
+            files.add(file)
+    return files
+
+
+def _file(module: Any) -> Path | None:
+    name = getattr(module, "__file__", None)
+    file = Path(name) if isinstance(name, str) else None
+    return file if file is not None and file.is_file() else None
+
+
+def _named_files(locator: str, folder: Path) -> set[Path]:
+    try:
+        words = shlex.split(locator.partition(":")[2])
+    except ValueError:
+        return set()
+    return {folder / word for word in words if (folder / word).is_file()}
+
+
+def _version(package: str, module: ModuleType | None) -> str:
+    try:
+        return version(package) if package else ""
+    except PackageNotFoundError:
+        return str(getattr(module, "__version__", ""))
+
+
+def _place(file: Path, folder: Path) -> str:
+    """Relative to the evaluation where possible: the same run on another machine is the same run."""
+    if file.is_relative_to(folder):
+        return str(file.relative_to(folder))
+    home = next((parent for parent in file.parents if str(parent) in sys.path), file.parent)
+    return str(file.relative_to(home))
+
+
+def _hash(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _text(content: dict[str, Any]) -> str:
+    return json.dumps(content, sort_keys=True)

@@ -1,0 +1,58 @@
+"""Small evaluations on disk, run by the command line as a person would."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import sumo_eval
+
+EVALUATION = """
+name = "batch"
+seed = 5
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+levels = {levels}
+[[ads]]
+name = "mine"
+controller = "my_ads.py:MyAds"
+[[ads]]
+name = "idm"
+controller = "idm"
+[drivers]
+count = 2
+[run]
+workers = 2
+case_timeout = {case_timeout}
+"""
+
+MY_ADS = """
+import random
+from sumo_eval import Command
+
+class MyAds:
+    def step(self, traci, ego, time):
+        return Command(random.uniform(-2.0, 0.5))
+"""
+
+
+def write_evaluation(folder: Path, ads: str = MY_ADS, levels: int = 3, case_timeout: float = 20.0) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "my_ads.py").write_text(ads)
+    path = folder / "evaluation.toml"
+    path.write_text(EVALUATION.format(levels=levels, case_timeout=case_timeout))
+    return path
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
+
+
+def sumo_eval_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+
+
+def digest(folder: Path) -> str:
+    return sumo_eval.open_run(folder).digest()

@@ -1,0 +1,170 @@
+"""The fault campaign: faults by the thousand, kills at random moments, broken evaluation files. `pytest -m campaign`.
+
+SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the full size that is run; the table says what was run.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import time
+import traceback
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from batch.runs import command, digest, write_evaluation
+from campaign.mutants import mutant
+from click.testing import CliRunner
+
+import sumo_eval
+from sumo_eval.batch.cases import Case, Setup
+from sumo_eval.batch.engines import run_cases
+from sumo_eval.cli import main
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
+
+SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
+ADS = Path(__file__).parent.parent / "batch"
+
+# What each fault must be called. A fault of memory can hit SUMO's own allocation, which ends the process.
+EXPECTED = {
+    "raises": {"ads_error"},
+    "gives_nan": {"ads_error"},
+    "wrong_type": {"ads_error"},
+    "hangs": {"ads_timeout"},
+    "hangs_in_c": {"timeout"},
+    "leaves": {"ads_error"},
+    "vanishes": {"crashed"},
+    "segfaults": {"crashed"},
+    "fills_memory": {"ads_error", "crashed"},
+    "chatters": {"collision"},
+    "leaves_threads": {"collision"},
+}
+
+
+def size(full: int) -> int:
+    return max(1, round(full * SHARE))
+
+
+@pytest.mark.campaign
+def test_faults_by_the_thousand_cost_their_own_cases(capsys: pytest.CaptureFixture[str]) -> None:
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+    limits = RunSettings(workers=2, case_timeout=30.0, step_timeout=5.0, memory_limit=800.0)
+    tight = {"hangs": replace(limits, step_timeout=0.1), "hangs_in_c": replace(limits, case_timeout=2.5)}
+    number = size(1000)
+    lines = [f"{'fault':<16}{'cases':>7}{'s':>8}  ended as"]
+    wrong = []
+    for fault, expected in EXPECTED.items():
+        cases = [Case(n, concrete, "ads", fault, f"faulty_ads.py:{fault}") for n in range(number)]
+        good = [Case(n, concrete, "ads", "idm", "idm") for n in range(number // 10)]
+        mixed = random.Random(fault).sample(cases + good, len(cases) + len(good))
+        began = time.perf_counter()
+        found = list(run_cases(mixed, Setup(SimulationSettings(), tight.get(fault, limits), ADS)))
+        took = time.perf_counter() - began
+        assert sorted(o.case.key for o in found) == sorted(case.key for case in mixed), "each exactly once"
+        ends = Counter(o.status for o in found if o.case.driver == fault)
+        beside = Counter(o.status for o in found if o.case.driver == "idm")
+        lines.append(f"{fault:<16}{number:>7}{took:>8.1f}  {dict(ends)}; idm beside it: {dict(beside)}")
+        if not set(ends) <= expected or set(beside) > {"ok"}:
+            wrong.append(lines[-1])
+    with capsys.disabled():
+        print("\n" + "\n".join(lines))
+    assert not wrong
+
+
+@pytest.mark.campaign
+def test_runs_that_are_killed_again_and_again_end_with_the_same_content(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kills, folders = kill_and_resume(tmp_path, size(50), levels=4)
+    with capsys.disabled():
+        print(f"\n{kills} kills of {folders} runs: every run ended with the digest of an uninterrupted one")
+
+
+def kill_and_resume(tmp_path: Path, wanted: int, levels: int) -> tuple[int, int]:
+    """Kill runs `wanted` times at random moments, resume each to its end, compare; how many kills and runs it took."""
+    path = write_evaluation(tmp_path, levels=levels)
+    began = time.perf_counter()
+    subprocess.run(command("run", path, "--out", tmp_path / "whole"), capture_output=True, check=True)
+    longest = time.perf_counter() - began
+    expected = digest(tmp_path / "whole")
+    draw = random.Random(1)
+    kills = folders = 0
+    while kills < wanted:
+        folders += 1
+        out = tmp_path / f"killed_{folders}"
+        for _ in range(8):
+            process = subprocess.Popen(
+                command("run", path, "--out", out, "--resume"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+            )
+            try:
+                process.wait(draw.uniform(0.0, longest))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                kills += 1
+            _, errors = process.communicate()
+            assert b"Traceback" not in errors, errors.decode()
+            if process.returncode == 0 or kills == wanted:
+                break
+        done = subprocess.run(command("run", path, "--out", out, "--resume"), capture_output=True, check=False)
+        assert done.returncode == 0, done.stderr.decode()
+        assert digest(out) == expected
+    return kills, folders
+
+
+def run_mutant(number: int, folder: Path) -> str:
+    """Run a broken evaluation file; how it ended: refused, scored, incomplete. Fails on anything else."""
+    data, name = mutant(number)
+    path, out = folder / f"{number}.toml", folder / f"run_{number}"
+    path.write_bytes(data)
+    runner = CliRunner()
+    result = runner.invoke(main, ["run", str(path), "--dry-run"])
+    if result.exit_code == 0 and " with " in result.output and _small(result.output):
+        result = runner.invoke(main, ["run", str(path), "--out", str(out)])
+    fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
+    assert result.exception is None or isinstance(result.exception, SystemExit), f"{number} {name}\n{fault}"
+    assert result.exit_code in (0, 1, 2, 3), f"{number} {name}: {result.exit_code}"
+    assert "Traceback" not in result.output, f"{number} {name}"
+    if result.exit_code == 2:
+        assert result.output.startswith("sumo-eval: "), f"{number} {name}: {result.output}"
+        return "refused"
+    if not out.exists():
+        return "valid, too large to run here"
+    opened = sumo_eval.open_run(out)
+    assert opened.scores["cases"].sum() == len(opened.cases) == (opened.drives["role"] == "ads").sum(), (
+        f"{number} {name}"
+    )
+    return "scored" if result.exit_code == 0 else "incomplete"
+
+
+def _small(words: str) -> bool:
+    drives = [int(word) for word in words.split() if word.isdecimal()]
+    return sum(drives[:3]) < 200
+
+
+@pytest.mark.campaign
+def test_broken_evaluation_files_never_show_a_traceback(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ends: Counter[str] = Counter()
+    faults = []
+    for number in range(size(2000)):
+        try:
+            ends[run_mutant(number, tmp_path)] += 1
+        except AssertionError as error:
+            faults.append(str(error))
+    with capsys.disabled():
+        print(f"\n{sum(ends.values())} broken evaluation files: {dict(ends)}; {len(faults)} faults")
+        print("\n".join(faults[:20]))
+    assert not faults
+
+
+def test_a_few_broken_evaluation_files_never_show_a_traceback(tmp_path: Path) -> None:
+    ends = {run_mutant(number, tmp_path) for number in range(12)}
+    assert "refused" in ends
+
+
+def test_a_run_that_is_killed_twice_ends_with_the_same_content(tmp_path: Path) -> None:
+    kills, _ = kill_and_resume(tmp_path, 2, levels=2)
+    assert kills == 2

@@ -1,0 +1,88 @@
+"""A run as tables: what pandas and duckdb read is what was recorded."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from batch.runs import sumo_eval_cli, write_evaluation
+
+import sumo_eval
+from sumo_eval.batch.store import FORMAT_VERSION, open_store
+from sumo_eval.errors import InputError
+from sumo_eval.exchange import export
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("exchange")
+    assert sumo_eval_cli("run", write_evaluation(folder, levels=2), "--out", folder / "run").returncode == 0
+    return folder / "run"
+
+
+def test_an_opened_run_gives_tables_and_trajectories(run: Path) -> None:
+    opened = sumo_eval.open_run(run)
+    assert set(opened.cases["ads"]) == {"mine", "idm"}
+    assert list(opened.scores["ads"]) == ["mine", "idm"]
+    drives = opened.drives
+    assert set(drives["role"]) >= {"ads", "human"}
+    assert opened.counts["drives"].sum() == len(drives)
+    case = opened.cases["case"][0]
+    with open_store(run / "facts.sqlite") as store:
+        expected = store.trajectory(case)
+    assert np.array_equal(opened.trajectories(case)["ego"].x, expected.x)
+    table = opened.trajectory_table(case)
+    assert set(table["vehicle"]) == {"ego", "lead"}
+    with pytest.raises(InputError, match="no trajectory of case `nobody`"):
+        opened.trajectories("nobody")
+
+
+def test_csv_brings_every_number_back(run: Path, tmp_path: Path) -> None:
+    done = sumo_eval_cli("export", run, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    opened = sumo_eval.open_run(run)
+    cases, drives = pd.read_csv(tmp_path / "cases.csv"), pd.read_csv(tmp_path / "drives.csv")
+    assert list(cases["case"]) == list(opened.cases["case"])
+    assert list(drives["case"]) == list(opened.drives["case"])
+    assert {"parameter_ego_speed", "parameter_lead_speed"} <= set(drives.columns)
+    with (tmp_path / "trajectories.csv").open(newline="") as file:
+        samples = list(csv.DictReader(file))
+    assert {row["case"] for row in samples} == set(drives["case"])
+    case = drives["case"][0]
+    x = [float(row["x"]) for row in samples if (row["case"], row["vehicle"]) == (case, "ego")]
+    assert x == opened.trajectories(case)["ego"].x.tolist()
+
+
+def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    written = export(run, tmp_path / "it's here", "parquet")
+    assert [path.name for path in written] == ["cases.parquet", "drives.parquet", "trajectories.parquet"]
+    export(run, tmp_path / "csv")
+    for path in written:
+        expected = pd.read_csv(tmp_path / "csv" / f"{path.stem}.csv")
+        table = duckdb.sql("SELECT * FROM read_parquet(?)", params=[str(path)])
+        assert table.columns == list(expected.columns)
+        assert len(table) == len(expected)
+        if path.stem == "trajectories":
+            np.testing.assert_allclose(table.fetchnumpy()["x"], expected["x"], rtol=1e-14)
+    assert sorted(path.name for path in (tmp_path / "it's here").iterdir()) == sorted(p.name for p in written)
+
+
+def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Path) -> None:
+    for command in (("export", tmp_path, "--out", tmp_path / "out"), ("verify", tmp_path)):
+        done = sumo_eval_cli(*command)
+        assert (done.returncode, "is no run folder" in done.stderr, "Traceback" in done.stderr) == (2, True, False)
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for name in ("evaluation.toml", "facts.sqlite"):
+        (copy / name).write_bytes((run / name).read_bytes())
+    manifest = (run / "manifest.json").read_text()
+    (copy / "manifest.json").write_text(manifest)
+    with pytest.raises(InputError, match=r"has not been scored, cases\.csv is missing"):
+        export(copy, tmp_path / "out")
+    (copy / "manifest.json").write_text(manifest.replace(f'"format_version": {FORMAT_VERSION}', '"format_version": 99'))
+    with pytest.raises(InputError, match="format version 99"):
+        sumo_eval.open_run(copy)

@@ -1,0 +1,90 @@
+"""What is missing from C and D widens them: worked numbers, and the exit status that follows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from batch.runs import sumo_eval_cli, write_evaluation
+
+from sumo_eval.report.terminal import plain_table
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring import combine
+from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
+
+EMPTY = CaseResult(
+    case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok", end_reason=None, error=None,
+    wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None,
+    overlap=None, side=None, severity=None, loss=None, ideal_severity=None, weight=None, beats_ideal=False, index=None,
+    length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
+)  # fmt: skip
+HIT = replace(EMPTY, case="hit", status="collision", collided=True, severity=10.0, ideal_severity=4.0, weight=0.5)
+SAFE = replace(EMPTY, case="safe", zone="safe", exposure=3.0, index=0.8)
+LOST = replace(EMPTY, case="lost", status="crashed")
+LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
+
+
+def combined(*cases: CaseResult, unknown: dict[str, float] | None = None) -> ScenarioResult:
+    return combine("a", "s", cases, MethodSettings(), (), unknown)
+
+
+def test_a_complete_score_has_no_interval() -> None:
+    result = combined(HIT, SAFE)
+    assert (result.c_interval, result.d_interval, result.s_interval) == (None, None, None)
+
+
+def test_a_missing_hazardous_case_widens_c_by_its_own_weight() -> None:
+    result = combined(HIT, SAFE, LOST, unknown={"lost": 1.5})
+    assert result.c == pytest.approx(0.4), "the mean over what is there: 4 / 10"
+    low, high = result.c_interval or (0.0, 0.0)
+    assert low == pytest.approx(0.5 * 0.4 / 2.0), "the ideal vehicle avoids it: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
+    assert high == pytest.approx((0.5 * 0.4 + 1.5) / 2.0), "as gentle as the ideal vehicle"
+    assert result.d_interval is None
+    assert result.s_interval == (pytest.approx(50 * 0.1 + 50 * 0.8), pytest.approx(50 * 0.85 + 50 * 0.8))
+
+
+def test_a_missing_safe_case_widens_d_by_its_exposure_and_may_leave_no_d() -> None:
+    result = combined(SAFE, LOST_SAFE)
+    assert result.d == pytest.approx(0.8)
+    assert result.d_interval == (pytest.approx(3 * 0.8 / 4), pytest.approx((3 * 0.8 + 1) / 4))
+    assert result.c_interval == (0.0, 1.0), "no other collision: it alone would be C"
+    low, high = result.s_interval or (9.0, 9.0)
+    assert low == 0.0, "had it been a collision in the safe zone, there would be no D"
+    assert high == pytest.approx(50 + 50 * 0.85)
+
+
+def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c() -> None:
+    result = combined(HIT, replace(HIT, case="other", ideal_severity=None), SAFE)
+    assert result.not_evaluated == 1
+    assert result.c_interval == (pytest.approx(0.2), pytest.approx(0.7)), "(0.4 + 0) / 2 and (0.4 + 1) / 2"
+
+
+def test_c_lies_within_its_interval_whatever_is_missing() -> None:
+    for weight in (0.0, 0.1, 1.0, 3.0):
+        result = combined(HIT, SAFE, LOST, unknown={"lost": weight})
+        low, high = result.c_interval or (9.0, -9.0)
+        assert low <= (result.c or 0.0) <= high
+
+
+def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval() -> None:
+    result = combined(HIT, SAFE, LOST, LOST_SAFE, unknown={"lost": 1.5, "lost_safe": 1.0})
+    counted, interval = result.notes
+    assert counted.startswith("2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)")
+    assert interval.startswith("With the missing cases counted as worst and as best: C within 0.067..0.900, D within")
+    settings = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
+    table = plain_table(Evaluation("e", Path(), settings, {}, (), (result,), ()))
+    assert "0.400 (0.067..0.900)" in table
+
+
+@pytest.mark.parametrize(("setting", "status"), [("shown", 3), ("gate", 1)])
+def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(
+    setting: str, status: int, tmp_path: Path
+) -> None:
+    ads = "def MyAds(traci, ego, time):\n    raise ValueError(traci.vehicle.getSpeed(ego))\n"
+    path = write_evaluation(tmp_path, ads, levels=2)
+    path.write_text(path.read_text() + f'incomplete = "{setting}"\n')
+    done = sumo_eval_cli("run", path, "--out", tmp_path / "run")
+    assert done.returncode == status, done.stderr
+    assert "not computed (0.000..1.000)" in done.stdout
+    assert ("The gate failed" in done.stdout) == (setting == "gate")
