@@ -73,12 +73,13 @@ def set_speed(traci: Any, ego: str, time: float) -> None:
 def benchmark(*, cases: int, rounds: int, whole: bool, progress: Callable[[str], None]) -> dict[str, Any]:
     """Measure everything; `cases`: of the R157 cut-in grid. The result is plain data for a table or for JSON."""
     rows: list[Row] = []
-    parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
+    parts: list[tuple[str, Callable[[], list[Row]]]] = [
         ("co-simulation", lambda: cosimulation(cases, rounds)),
         ("field and D", lambda: field_and_index(rounds)),
         ("zones", lambda: zones(2000 if cases >= 100 else 100)),
-        ("whole", lambda: whole_evaluation() if whole else []),
-    )
+    ]
+    if whole:
+        parts.append(("whole", whole_evaluation))
     for part, measure in parts:
         progress(part)
         rows += measure()
