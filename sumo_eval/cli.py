@@ -29,6 +29,7 @@ COMMANDS: Final = (
     "scenarios",
     "partition",
     "check",
+    "bench",
 )  # sumo_eval/commands/NAME.py defines NAME
 
 

@@ -306,6 +306,13 @@ class SimulationSettings(Checked):
     lane_change_duration: Annotated[
         float, Positive, About("duration of a lane change that SUMO itself performs for the ego", "s")
     ] = 5.0
+    end_when_decided: Annotated[
+        bool,
+        About(
+            "end a case as soon as no contact can come of it; quicker where only collisions count, but shorter drives "
+            "change D"
+        ),
+    ] = False
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
     ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15

@@ -17,7 +17,16 @@ from sumo_eval.errors import InputError
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 EndReason = Literal[
-    "contact", "standstill", "road_end", "off_road", "time_limit", "ads_error", "ads_timeout", "sim_error", "recorded"
+    "contact",
+    "standstill",
+    "road_end",
+    "off_road",
+    "time_limit",
+    "decided",
+    "ads_error",
+    "ads_timeout",
+    "sim_error",
+    "recorded",
 ]
 Side = Literal["front", "rear", "left", "right"]
 

@@ -5,15 +5,39 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.ads.perception import Sensor, lateral_overlap
 from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.packed import PackedScene
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 
 def no_reaction(traci: Any, ego: str, time: float) -> Command:
     """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead."""
     return Command(0.0)
+
+
+class PackedNoReaction:
+    """`no_reaction` in many cases at once."""
+
+    def __init__(self, scenario: Briefing) -> None:
+        self._cases = 0
+
+    def step(self, scene: PackedScene, time: float) -> FloatArray:
+        """No acceleration, (n,)."""
+        self._cases = len(scene.x)
+        return np.zeros(self._cases)
+
+    def settled(self) -> BoolArray:
+        """Always, (n,)."""
+        return np.ones(self._cases, dtype=bool)
+
+
+no_reaction.packed = PackedNoReaction  # type: ignore[attr-defined]
+no_reaction.settled = lambda: True  # type: ignore[attr-defined]
 
 
 class IdealBraking:
@@ -41,3 +65,27 @@ class IdealBraking:
             if other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0:
                 return Command(-self.deceleration)
         return Command(0.0)
+
+    def packed(self, scenario: Briefing) -> PackedIdealBraking:
+        """The same in many cases at once."""
+        return PackedIdealBraking(self.deceleration)
+
+
+class PackedIdealBraking:
+    """`ideal_braking` in many cases at once."""
+
+    def __init__(self, deceleration: float) -> None:
+        self._deceleration = deceleration
+        self._cases = 0
+
+    def step(self, scene: PackedScene, time: float) -> FloatArray:
+        """Acceleration of each ego, (n,) m/s2."""
+        self._cases = len(scene.x)
+        ahead = scene.other_x > scene.x[:, None]
+        closing = scene.speed[:, None] > scene.other_speed
+        overlap = scene.half_width + scene.other_half_width - np.abs(scene.y[:, None] - scene.other_y) > 0.0
+        return np.where((ahead & closing & overlap).any(axis=1), -self._deceleration, 0.0)
+
+    def settled(self) -> BoolArray:
+        """Never: it is the reference, and drives every case to its end, (n,)."""
+        return np.zeros(self._cases, dtype=bool)

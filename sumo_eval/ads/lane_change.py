@@ -49,6 +49,8 @@ class LanePath:
 
     def y(self, x: float) -> float:
         """y at x, m."""
+        if self.offset == 0.0:
+            return self.start
         return self.start + self.offset * smooth_step((x - self.begin) / self.length)
 
     def at(self, x: float) -> PathPoint:

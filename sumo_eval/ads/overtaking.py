@@ -120,15 +120,16 @@ class Overtaking:
     ) -> list[Lead]:
         """The vehicles that the ego would come nearer than `clearance` (m) if it were `faster` (m/s) than it is."""
         speed = me.along + faster
-        off_path = me.y - self.path.y(me.x)
+        path, my_x, half_width = self.path, me.x, self._half_width
+        off_path = me.y - path.y(my_x)
         leads = []
         for other in others:
-            if other.x <= me.x:
+            if other.x <= my_x:
                 continue
             gap = bumper_gap(me, other)
             closing = speed - other.along
-            y = self.path.y(me.x + speed * max(gap, 0.0) / closing) if closing > 0.0 else self.path.target
-            if abs(y + off_path - other.y) < self._half_width + other.half_width + clearance:
+            y = path.y(my_x + speed * max(gap, 0.0) / closing) if closing > 0.0 else path.target
+            if abs(y + off_path - other.y) < half_width + other.half_width + clearance:
                 leads.append(Lead(other, gap, closing))
         return leads
 

@@ -37,14 +37,15 @@ class Mover(NamedTuple):
 
     def after(self, time: float) -> Mover:
         """The same vehicle `time` s later if it keeps its velocity, or goes on braking until it stands."""
-        if self.braking <= 0.0:
-            return self._replace(x=self.x + self.along * time, y=self.y + self.across * time)
-        rolling = min(time, max(self.along, 0.0) / self.braking)
-        return self._replace(
-            x=self.x + rolling * (self.along - 0.5 * self.braking * rolling),
-            y=self.y + self.across * rolling,
-            along=self.along - self.braking * rolling,
-        )
+        name, x, y, heading, along, across, half_length, half_width, braking = self
+        if braking <= 0.0:
+            return Mover(
+                name, x + along * time, y + across * time, heading, along, across, half_length, half_width, braking
+            )
+        rolling = min(time, max(along, 0.0) / braking)
+        x += rolling * (along - 0.5 * braking * rolling)
+        y += across * rolling
+        return Mover(name, x, y, heading, along - braking * rolling, across, half_length, half_width, braking)
 
 
 class Scene(NamedTuple):
@@ -70,7 +71,7 @@ class Sensor:
     def look(self, traci: Any, ego: str) -> Scene:
         """The scene at the present step. `traci`: the running libsumo module; `ego`: the ego's vehicle id."""
         vehicle = traci.vehicle
-        others = tuple(self._read(vehicle, name) for name in vehicle.getIDList() if name != ego)
+        others = tuple([self._read(vehicle, name) for name in vehicle.getIDList() if name != ego])
         return Scene(self._read(vehicle, ego), others)
 
     def _read(self, vehicle: Any, name: str) -> Mover:
@@ -79,8 +80,10 @@ class Sensor:
             size = self._sizes[name] = (0.5 * vehicle.getLength(name), 0.5 * vehicle.getWidth(name))
         half_length, half_width = size
         x, y = vehicle.getPosition(name)
-        heading = math.radians(90.0 - vehicle.getAngle(name))
-        speed = vehicle.getSpeed(name)
+        angle, speed = vehicle.getAngle(name), vehicle.getSpeed(name)
+        if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
+            return Mover(name, x - half_length, y, 0.0, speed, 0.0, half_length, half_width)
+        heading = math.radians(90.0 - angle)
         if abs(heading) < 1e-9:
             return Mover(name, x - half_length, y, 0.0, speed, 0.0, half_length, half_width)
         heading = math.remainder(heading, math.tau)
@@ -109,11 +112,8 @@ def gap_behind(me: Mover, other: Mover) -> float:
 
 def lateral_overlap(me: Mover, other: Mover) -> float:
     """Width of the strip along the road that both bodies share, m; negative: their distance across."""
-    return min(
-        me.half_width + other.half_width - abs(me.y - other.y),
-        2.0 * me.half_width,
-        2.0 * other.half_width,
-    )
+    mine, its = me.half_width, other.half_width
+    return min(mine + its - abs(me.y - other.y), 2.0 * mine, 2.0 * its)
 
 
 def lead_in_path(me: Mover, others: Iterable[Mover]) -> Mover | None:

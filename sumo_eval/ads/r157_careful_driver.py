@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.ads.perception import Mover, Scene, Sensor, bumper_gap, lateral_overlap
 from sumo_eval.ads.r157 import (
@@ -28,6 +28,9 @@ from sumo_eval.ads.r157 import (
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
+
+if TYPE_CHECKING:
+    from sumo_eval.ads.r157_packed import PackedCarefulDriver
 
 DRIVER_BRAKES = BrakeRamp(HUMAN_BRAKING, build_up=0.6)
 AEB_BRAKES = BrakeRamp(0.85 * GRAVITY, build_up=0.6)
@@ -127,6 +130,16 @@ class CarefulDriver:
             if self._aeb_began is not None:
                 wanted = max(wanted, AEB_BRAKES.at(middle - self._aeb_began))
         return Command(-wanted)
+
+    def settled(self) -> bool:
+        """Whether it brakes for nothing, nor is about to."""
+        return all(known.necessary is None for known in self._watched.values()) and self._aeb_began is None
+
+    def packed(self, scenario: Briefing) -> PackedCarefulDriver | None:
+        """The same driver in many cases at once; there is none with the AEB stage."""
+        from sumo_eval.ads.r157_packed import PackedCarefulDriver
+
+        return None if self.aeb else PackedCarefulDriver(self, scenario)
 
     def _brakes_begin(self, scene: Scene, time: float) -> float | None:
         """When the brakes begin (or began) to act, s; None when nothing calls for them."""

@@ -40,6 +40,9 @@ class WatchedController:
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
         self._stepping = False
+        ads: Any = getattr(controller, "target", getattr(controller, "function", None))
+        if hasattr(ads, "settled"):
+            self.settled = ads.settled  # what an ADS says of itself, for cases that end when they are decided
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:

@@ -24,6 +24,7 @@ _STATUS: dict[EndReason, Status] = {
     "standstill": "ok",
     "road_end": "ok",
     "time_limit": "ok",
+    "decided": "ok",
     "off_road": "off_road",
     "ads_error": "ads_error",
     "ads_timeout": "ads_timeout",

@@ -109,6 +109,17 @@ def first_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) ->
     return min(share, 1.0)
 
 
+def keeps_apart(ego: Body, other: Body) -> bool:
+    """Whether two bodies that go on straight along the road at their speeds never touch."""
+    if other.heading != 0.0 or other.across != 0.0:
+        return False
+    ahead = other.x - ego.x
+    length = 0.5 * ego.length + 0.5 * other.length
+    if abs(other.y - ego.y) >= 0.5 * ego.width + 0.5 * other.width:
+        return True
+    return (ahead >= length and other.speed >= ego.speed) or (-ahead >= length and other.speed <= ego.speed)
+
+
 def describe(time: float, name: str, ego: Body, other: Body) -> Collision:
     """The collision at the instant of touching."""
     return Collision(

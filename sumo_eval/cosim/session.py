@@ -61,6 +61,29 @@ def session(
             _close()
 
 
+@contextmanager
+def packed_session(network: str, routes: str, settings: SimulationSettings) -> Iterator[Any]:
+    """The running libsumo module with the vehicles of these files standing at their starts, closed at the end.
+
+    network, routes: the files' texts. Whether the vehicles stand where they should is the caller's to check.
+    """
+    if libsumo.simulation.isLoaded():
+        raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
+    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
+        here = Path(folder)
+        (here / "net.xml").write_text(network, encoding="utf-8")
+        (here / "rou.xml").write_text(routes, encoding="utf-8")
+        try:
+            with _stderr_into(here / "stderr.txt"):
+                libsumo.start(_arguments(here / "net.xml", here / "rou.xml", here / "sumo.log", settings))
+                libsumo.simulationStep()  # inserts the vehicles, moves nothing
+            yield libsumo
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise SimulationError(f"SUMO could not run the pack: {said(error)}.") from error
+        finally:
+            _close()
+
+
 def command_line(
     concrete: ConcreteScenario,
     settings: SimulationSettings,
@@ -74,6 +97,10 @@ def command_line(
     text = routes_xml(concrete, settings.vehicle, ego_type)
     told = settings.conditions.reveal_scenario
     routes.write_text(text if told else _COMMENT.sub("", text), encoding="utf-8")
+    return _arguments(network, routes, log, settings)
+
+
+def _arguments(network: Path, routes: Path, log: Path, settings: SimulationSettings) -> list[str]:
     options = {
         "net-file": str(network),
         "route-files": str(routes),

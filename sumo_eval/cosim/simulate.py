@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.actuation import Actuation
-from sumo_eval.cosim.contact import Body, between, describe, first_touch
+from sumo_eval.cosim.clips import count_clip
+from sumo_eval.cosim.contact import Body, between, describe, first_touch, keeps_apart
 from sumo_eval.cosim.controller import (
     Briefing,
     Controller,
@@ -172,7 +173,7 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
-        scripted = [actor for actor in self.concrete.actors if actor.lane_changes or actor.brake]
+        scripted = [(actor, scripted_spans(actor, step)) for actor in self.concrete.actors]
         GUARD.begin(self.actors, step, self.settings.conditions.interference)
         try:
             self._take_charge(traci)
@@ -180,8 +181,11 @@ class _Run:
             while self.end_reason is None:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
-                for actor in scripted:
-                    self._move_actor(traci, actor, self.time + step)
+                for actor, spans in scripted:
+                    for begin, end in spans:
+                        if begin < self.time + step < end:
+                            self._move_actor(traci, actor, self.time + step)
+                            break
                 traci.simulationStep()
                 self.steps += 1
                 self._observe(traci, self.steps * step)
@@ -345,11 +349,8 @@ class _Run:
         self.state = state
 
     def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
-        """Scripted motion; straight on at constant speed, or standing, SUMO moves the vehicle by itself."""
-        spans = [(move.begin, move.begin + move.duration) for move in actor.lane_changes]
-        if actor.brake is not None:
-            spans.append((actor.brake.begin, actor.brake.end(actor.start.speed)))
-        if actor.name not in self.actors or not any(a < time < b + self.settings.step for a, b in spans):
+        """Scripted motion at a time within one of the actor's spans."""
+        if actor.name not in self.actors:
             return
         along, across = actor.speed(time), actor.lateral_speed(time)
         heading = 0.0 if actor.slides else math.atan2(across, along)
@@ -398,6 +399,21 @@ class _Run:
             self.end("standstill")
         elif self.time >= self.settings.time_limit - 1e-9:
             self.end("time_limit")
+        elif self.settings.end_when_decided and self._is_decided():
+            self.end("decided")
+
+    def _is_decided(self) -> bool:
+        """Whether nothing can come of the case any more: scripts are over, the ADS says that it is settled, and at the
+        present speeds nothing comes nearer.
+        """
+        ego = self.ego
+        settled = getattr(getattr(self.ads, "target", getattr(self.ads, "function", None)), "settled", None)
+        if settled is None or self.acceleration != 0.0 or ego.heading != 0.0 or not settled():
+            return False
+        for actor in self.concrete.actors:
+            if any(self.time < end for _, end in scripted_spans(actor, self.settings.step)):
+                return False
+        return all(keeps_apart(ego, other) for other in self.actors.values())
 
     def _read_placed_ego(self, traci: Any) -> Body:
         """The ego as the vehicle model moved it; SUMO must show the same."""
@@ -461,14 +477,7 @@ class _Run:
 
     def clip(self, what: str, requested: float, applied: float) -> None:
         """Count a clip and keep its worst instance."""
-        known = self.clips.get(what)
-        time = self.steps * self.settings.step
-        if known is None:
-            self.clips[what] = Clip(what, 1, time, float(requested), float(applied))
-            return
-        if abs(requested - applied) <= abs(known.requested - known.applied):
-            requested, applied = known.requested, known.applied
-        self.clips[what] = Clip(what, known.count + 1, known.first_time, float(requested), float(applied))
+        count_clip(self.clips, what, self.steps * self.settings.step, requested, applied)
 
     def sample(self, time: float) -> None:
         """Record every vehicle as it is now."""
@@ -514,6 +523,14 @@ class _Run:
             controller_latency=(self.latency_sum / max(self.answers, 1), self.latency_max),
             wall_time=wall_time,
         )
+
+
+def scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
+    """Between which times the harness moves an actor; straight on at constant speed, or standing, SUMO does."""
+    spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
+    if actor.brake is not None:
+        spans.append((actor.brake.begin, actor.brake.end(actor.start.speed) + step))
+    return spans
 
 
 def _checked(answer: object, time: float) -> Command:

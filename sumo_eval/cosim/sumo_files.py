@@ -91,7 +91,20 @@ def routes_xml(
     vehicle = concrete.ego_vehicle(vehicle)
     routes = etree.Element("routes")
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
-    limits = {
+    for attributes in vehicle_types(concrete, vehicle, ego_type):
+        etree.SubElement(routes, "vType", attributes)
+    etree.SubElement(routes, "route", id="along", edges=_EDGE)
+    for attributes in departures(concrete, vehicle.length):
+        etree.SubElement(routes, "vehicle", attributes)
+    return _text(routes)
+
+
+def vehicle_types(
+    concrete: ConcreteScenario, vehicle: VehicleSettings, ego_type: Mapping[str, str] | None = None
+) -> list[dict[str, str]]:
+    """Attributes of the vTypes of a case, the ego's first; `vehicle` has the body that the scenario prescribes."""
+    ego = {
+        "id": EGO,
         "length": _number(vehicle.length),
         "width": _number(vehicle.width),
         "accel": _number(vehicle.max_acceleration),
@@ -104,29 +117,32 @@ def routes_xml(
         "speedDev": "0",
         "tau": "1",
         "color": "0,0.6,0.2",
+        **(ego_type or {}),
     }
-    etree.SubElement(routes, "vType", {"id": EGO, **limits, **(ego_type or {})})
-    for actor in concrete.actors:
-        etree.SubElement(
-            routes,
-            "vType",
-            {
-                "id": actor.name,
-                "length": _number(actor.length),
-                "width": _number(actor.width),
-                "accel": "10",
-                "decel": "10",
-                "emergencyDecel": "10",
-                "maxSpeed": _number(concrete.road.speed_limit),
-                "desiredMaxSpeed": _desired(actor.start.speed),
-                "minGap": "0",
-                "sigma": "0",
-                "speedDev": "0",
-                "color": "0.8,0.2,0.1",
-            },
-        )
-    etree.SubElement(routes, "route", id="along", edges=_EDGE)
-    starts = [(EGO, concrete.ego, vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    others = [
+        {
+            "id": actor.name,
+            "length": _number(actor.length),
+            "width": _number(actor.width),
+            "accel": "10",
+            "decel": "10",
+            "emergencyDecel": "10",
+            "maxSpeed": _number(concrete.road.speed_limit),
+            "desiredMaxSpeed": _desired(actor.start.speed),
+            "minGap": "0",
+            "sigma": "0",
+            "speedDev": "0",
+            "color": "0.8,0.2,0.1",
+        }
+        for actor in concrete.actors
+    ]
+    return [ego, *others]
+
+
+def departures(concrete: ConcreteScenario, ego_length: float) -> list[dict[str, str]]:
+    """Attributes of the vehicles of a case, the ego first."""
+    found = []
+    starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
         lane = min(max(round(start.y / concrete.road.lane_width), 0), concrete.road.lanes - 1)
         offset = start.y - concrete.road.lane_centre(lane)
@@ -142,8 +158,8 @@ def routes_xml(
         }
         if offset:
             attributes["departPosLat"] = _number(offset)
-        etree.SubElement(routes, "vehicle", attributes)
-    return _text(routes)
+        found.append(attributes)
+    return found
 
 
 def _remarks(concrete: ConcreteScenario, origin: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.settings import VehicleSettings
 
@@ -28,8 +29,7 @@ class Command:
     steering: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class EgoState:
+class EgoState(NamedTuple):
     """Centre (x, y) m, heading rad, speed m/s, acceleration m/s2, steering wheel angle rad."""
 
     x: float
@@ -54,7 +54,10 @@ def advance(
     the steering.
     """
     clips: list[Clipped] = []
-    steering_end, curvature, lateral = _steer(state, command, limits, step, clips)
+    if command.steering == 0.0 and state.steering_wheel_angle == 0.0:  # straight on, as nearly always
+        steering_end = curvature = lateral = 0.0
+    else:
+        steering_end, curvature, lateral = _steer(state, command, limits, step, clips)
     target = _limit_acceleration(command.acceleration, lateral, limits, clips)
     acceleration, speed, distance = drive(state.speed, state.acceleration, target, limits, step)
     if speed > limits.max_speed:
@@ -71,8 +74,6 @@ def _steer(
     state: EgoState, command: Command, limits: VehicleSettings, step: float, clips: list[Clipped]
 ) -> tuple[float, float, float]:
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration within the step."""
-    if command.steering == 0.0 and state.steering_wheel_angle == 0.0:  # straight on, as nearly always
-        return 0.0, 0.0, 0.0
     carried = max(abs(state.acceleration) - limits.brake_jerk * step, 0.0)
     fastest = state.speed + step * max(state.acceleration, min(command.acceleration, limits.max_acceleration), 0.0)
     grip = grip_steering_wheel_angle(fastest, limits, carried)
@@ -181,12 +182,13 @@ def _along_arc(state: EgoState, distance: float, curvature: float, wheelbase: fl
     if curvature == 0.0:
         x, y = state.x + distance * math.cos(state.heading), state.y + distance * math.sin(state.heading)
         return x, y, state.heading
+    x, y, heading = state[:3]
     half = 0.5 * wheelbase
-    x = state.x - half * math.cos(state.heading)
-    y = state.y - half * math.sin(state.heading)
+    x -= half * math.cos(heading)
+    y -= half * math.sin(heading)
     turn = distance * curvature
     chord = distance if abs(turn) < 1e-12 else distance * math.sin(0.5 * turn) / (0.5 * turn)
-    x += chord * math.cos(state.heading + 0.5 * turn)
-    y += chord * math.sin(state.heading + 0.5 * turn)
-    heading = state.heading + turn
+    x += chord * math.cos(heading + 0.5 * turn)
+    y += chord * math.sin(heading + 0.5 * turn)
+    heading += turn
     return x + half * math.cos(heading), y + half * math.sin(heading), heading

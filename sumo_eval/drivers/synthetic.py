@@ -56,18 +56,20 @@ class Attention:
     def known(self, scene: Scene, time: float) -> list[Mover]:
         """Look at the true scene at `time`; return the vehicles that the driver acts upon."""
         me = scene.me
+        memories = self._memory
         for other in visible(me, scene.others, HIDING_SHARE):
-            if other.name not in self._memory:
-                self._memory[other.name] = deque()
+            memory = memories.get(other.name)
+            if memory is None:
+                memory = memories[other.name] = deque()
                 self._first_seen[other.name] = time
                 if time > 0.0:
                     self._delay = self._alerted_delay
             elif other.x > me.x and (abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED):
                 self._delay = self._alerted_delay
-            self._memory[other.name].append((time, self._with_braking(other, time)))
+            memory.append((time, _with_braking(other, memory, time)))
         past = time - self._delay + 1e-9
         known = []
-        for name, memory in self._memory.items():
+        for name, memory in memories.items():
             if self._first_seen[name] > past:
                 continue
             while len(memory) > 1 and memory[1][0] <= past:
@@ -76,14 +78,14 @@ class Attention:
             known.append(other.after(time - seen))
         return known
 
-    def _with_braking(self, other: Mover, time: float) -> Mover:
-        """The vehicle with its braking since the last look, if it is strong enough to be noticed."""
-        memory = self._memory[other.name]
-        if not memory:
-            return other
-        before, last = memory[-1]
-        braking = (last.along - other.along) / (time - before)
-        return other._replace(braking=braking) if braking > NOTICED_BRAKING else other
+
+def _with_braking(other: Mover, memory: deque[tuple[float, Mover]], time: float) -> Mover:
+    """The vehicle with its braking since the last look, if it is strong enough to be noticed."""
+    if not memory:
+        return other
+    before, last = memory[-1]
+    braking = (last.along - other.along) / (time - before)
+    return other._replace(braking=braking) if braking > NOTICED_BRAKING else other
 
 
 class SyntheticDriver:

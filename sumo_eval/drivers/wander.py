@@ -45,20 +45,23 @@ class SmoothNoise:
         frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
         phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
         self._waves = tuple(zip(frequencies.tolist(), phases.tolist(), strict=True))
+        self._bent_waves = tuple((frequency, phase, frequency * frequency) for frequency, phase in self._waves)
         self._amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
 
     def value(self, time: float) -> float:
         """n(time)."""
-        return self._amplitude * sum([math.sin(frequency * time + phase) for frequency, phase in self._waves])
+        sin = math.sin
+        return self._amplitude * sum([sin(frequency * time + phase) for frequency, phase in self._waves])
 
     def at(self, time: float) -> NoisePoint:
         """n, dn/dt and d2n/dt2 at `time` (s)."""
         value = rate = bend = 0.0
-        for frequency, phase in self._waves:
+        sin, cos = math.sin, math.cos
+        for frequency, phase, squared in self._bent_waves:
             angle = frequency * time + phase
-            sine = math.sin(angle)
+            sine = sin(angle)
             value += sine
-            rate += frequency * math.cos(angle)
-            bend -= frequency * frequency * sine
+            rate += frequency * cos(angle)
+            bend -= squared * sine
         amplitude = self._amplitude
         return NoisePoint(amplitude * value, amplitude * rate, amplitude * bend)

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_solve, cholesky
 from scipy.ndimage import generate_binary_structure, label
 from scipy.optimize import minimize
 from scipy.spatial import KDTree
@@ -545,11 +546,15 @@ def _fit(
     notes.extend(_bound_notes(logical, kernel))
     # Three digits are more than the likelihood can tell apart, and keep zones free of the last digits of the search.
     rounded = kernel.clone_with_theta(np.log([float(f"{value:.3g}") for value in np.exp(kernel.theta)]))
-    fitted = GaussianProcessRegressor(rounded, alpha=tolerance, optimizer=None).fit(unit, target)
-    signal, noise = fitted.kernel_.k1, fitted.kernel_.k2
+    # What `GaussianProcessRegressor.fit` does, without the likelihood, which would cost as much again.
+    covariance = rounded(unit)
+    covariance[np.diag_indices_from(covariance)] += tolerance
+    factor = cholesky(covariance, lower=True, check_finite=False)
+    weights = cho_solve((factor, True), target, check_finite=False)
+    signal, noise = rounded.k1, rounded.k2
     return Surface(
         points=unit,
-        weights=np.ravel(fitted.alpha_),
+        weights=weights,
         length_scales=np.broadcast_to(signal.k2.length_scale, k).astype(np.float64),
         signal_deviation=math.sqrt(signal.k1.constant_value),
         noise_deviation=math.sqrt(noise.noise_level),

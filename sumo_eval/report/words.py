@@ -54,6 +54,7 @@ _END = {
     "road_end": "the ego reached the end of the road",
     "off_road": "the ego left the road",
     "time_limit": "the simulated time limit was reached",
+    "decided": "nothing could come of it any more",
     "ads_error": "the controller failed",
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",

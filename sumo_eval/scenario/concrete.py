@@ -71,6 +71,10 @@ def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
     return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
 
 
+def _within_unit(share: float) -> float:
+    return min(max(share, 0.0), 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class LaneChange:
     """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right)."""
@@ -81,15 +85,18 @@ class LaneChange:
 
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
-        return float(self.offset * smooth_step((time - self.begin) / self.duration))
+        s = _within_unit((time - self.begin) / self.duration)
+        return self.offset * (s**3 * (10.0 + s * (-15.0 + 6.0 * s)))
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        return float(self.offset / self.duration * smooth_step_rate((time - self.begin) / self.duration))
+        s = _within_unit((time - self.begin) / self.duration)
+        return self.offset / self.duration * (30.0 * s**2 * (1.0 - s) ** 2)
 
     def lateral_acceleration(self, time: float) -> float:
         """Lateral acceleration at a time, m/s2."""
-        return float(self.offset / self.duration**2 * smooth_step_curvature((time - self.begin) / self.duration))
+        s = _within_unit((time - self.begin) / self.duration)
+        return self.offset / self.duration**2 * (60.0 * s * (1.0 - s) * (1.0 - 2.0 * s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,15 +181,37 @@ class Brake:
 
     def end(self, speed: float) -> float:
         """When a vehicle that began to brake at `speed` m/s stands, s."""
-        return self.begin + float(braking_time(speed, self.deceleration, self.jerk))
+        return self.begin + self._time_to_stand(speed)
 
     def speed(self, speed: float, time: float) -> float:
         """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
-        return float(braked_speed(speed, self.deceleration, time - self.begin, self.jerk))
+        rise, t, rising = self._phases(speed, time)
+        share = rising / rise if rise > 0.0 else 0.0
+        return max(speed - self.deceleration * (rising * share / 2.0 + (t - rising)), 0.0)
 
     def distance(self, speed: float, time: float) -> float:
         """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
-        return speed * self.begin + float(braked_distance(speed, self.deceleration, time - self.begin, self.jerk))
+        since = time - self.begin
+        if since < 0.0:
+            return speed * self.begin + speed * since
+        rise, t, rising = self._phases(speed, time)
+        share = rising / rise if rise > 0.0 else 0.0
+        plateau = max(t - rise, 0.0)
+        lost = self.deceleration * (rising**2 * share / 6.0 + rise * plateau / 2.0 + plateau**2 / 2.0)
+        return speed * self.begin + (speed * t - lost)
+
+    def _time_to_stand(self, speed: float) -> float:
+        """`braking_time` for one plain float."""
+        rise = self.deceleration / self.jerk
+        if speed >= self.deceleration * rise / 2.0:
+            return speed / self.deceleration + rise / 2.0
+        return math.sqrt(2.0 * speed * rise / self.deceleration)
+
+    def _phases(self, speed: float, time: float) -> tuple[float, float, float]:
+        """Time that the deceleration takes to rise, time since the brake was touched, and how much of it it rose, s."""
+        rise = self.deceleration / self.jerk
+        t = min(max(time - self.begin, 0.0), self._time_to_stand(speed))
+        return rise, t, min(t, rise)
 
     def acceleration(self, speed: float, time: float) -> float:
         """Acceleration at a time, m/s2; where it jumps, the one after the jump."""
@@ -226,7 +255,7 @@ class Actor:
 
     def y(self, time: float) -> float:
         """Lateral position of the centre at a time, m."""
-        return self.start.y + sum(move.lateral(time) for move in self.lane_changes)
+        return self.start.y + sum([move.lateral(time) for move in self.lane_changes])
 
     def speed(self, time: float) -> float:
         """Speed along the road at a time, m/s."""
@@ -234,10 +263,12 @@ class Actor:
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        return sum(move.lateral_speed(time) for move in self.lane_changes)
+        return sum([move.lateral_speed(time) for move in self.lane_changes])
 
     def acceleration(self, time: float) -> float:
         """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
+        if self.brake is None and not self.lane_changes:
+            return 0.0
         along, across = self.speed(time), self.lateral_speed(time)
         braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
         if across == 0.0 or self.slides:

@@ -1,0 +1,133 @@
+"""`careful_driver` in many cases at once: the same decisions as in `r157_careful_driver`, on arrays, to the last bit.
+
+Arrays are (n, m) for n cases with m other vehicles each, nan where the plain driver holds None.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.ads.r157 import FOLLOWING_HEADWAY, HEADWAY_ROUNDING
+from sumo_eval.ads.r157_careful_driver import CUT_IN_TTC, DRIVER_BRAKES, CarefulDriver
+from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.packed import PackedScene
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+
+class PackedCarefulDriver:
+    """Performance model 1 of UN R157 at the wheel of n egos."""
+
+    def __init__(self, driver: CarefulDriver, scenario: Briefing) -> None:
+        self._driver = driver
+        self._step = scenario.step
+        self._lane_width = scenario.road.lane_width
+        self._began = False
+
+    def settled(self) -> BoolArray:
+        """Where it brakes for nothing, nor is about to, (n,)."""
+        return np.asarray(np.isnan(self._necessary).all(axis=1))
+
+    def step(self, scene: PackedScene, time: float) -> FloatArray:
+        """Acceleration of each ego, (n,) m/s2."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self._wanted(scene, time)
+
+    def _begin(self, scene: PackedScene, time: float) -> None:
+        self._began = True
+        nothing = np.full(scene.other_x.shape, np.nan)
+        self._lane = self._lane_width * np.round(scene.other_y / self._lane_width)
+        self._offset = np.zeros(scene.other_x.shape)
+        self._time = time
+        self._speed = scene.other_speed.copy()
+        self._strayed, self._braked = nothing.copy(), nothing.copy()
+        self._evaluated, self._necessary = nothing.copy(), nothing.copy()
+
+    def _wanted(self, scene: PackedScene, time: float) -> FloatArray:
+        if not self._began:
+            self._begin(scene, time)
+        driver, step = self._driver, self._step
+        self._look(scene, time)
+
+        x, y, speed = scene.x[:, None], scene.y[:, None], scene.speed[:, None]
+        gap = scene.other_x - x - scene.other_half_length - scene.half_length
+        widths = np.minimum(2.0 * scene.half_width, 2.0 * scene.other_half_width)
+        overlap = np.minimum(scene.half_width + scene.other_half_width - np.abs(y - scene.other_y), widths)
+        ahead = scene.other_x > x
+        closing = speed - scene.other_speed
+        own_lane = np.abs(self._lane - y) < 0.5 * self._lane_width
+        towards = ~np.isnan(self._strayed) & ~own_lane & (self._offset * (y - self._lane) > 0.0)
+
+        over = ~ahead | ((overlap <= 0.0) & ~towards) | ((speed <= scene.other_speed) & (self._braking <= 0.0))
+        over &= ~np.isnan(self._necessary)
+        for memory in (self._braked, self._evaluated, self._necessary):
+            memory[over] = np.nan
+
+        left = np.where(closing > 0.0, gap / closing, np.inf)
+        evaluated = self._strayed + driver.evaluation
+        cut_in = ahead & np.isnan(self._necessary) & towards & (left > 0.0) & (left < CUT_IN_TTC)
+        cut_in &= time >= evaluated - 0.5 * step
+        necessary = np.maximum(evaluated, time - np.minimum(CUT_IN_TTC - left, step))
+        self._necessary = np.where(cut_in, necessary, self._necessary)
+
+        near = np.where(speed > 0.0, gap / speed, np.inf) <= FOLLOWING_HEADWAY + HEADWAY_ROUNDING
+        needed = self._needed(gap, speed, scene.other_speed)
+        self._judge_path(scene, time, ahead, overlap > 0.0, towards, own_lane, closing > 0.0, near, needed)
+
+        first = np.min(np.where(ahead & ~np.isnan(self._necessary), self._necessary, np.inf), axis=1)
+        since = time + 0.5 * step - (first + driver.reaction)
+        ramp = DRIVER_BRAKES.level * np.minimum(since / DRIVER_BRAKES.build_up, 1.0)
+        return np.asarray(-np.where(since <= 0.0, 0.0, ramp))
+
+    def _look(self, scene: PackedScene, time: float) -> None:
+        driver = self._driver
+        self._braking = (self._speed - scene.other_speed) / self._step
+        self._speed = scene.other_speed.copy()
+        offset = scene.other_y - self._lane
+        strays = np.isnan(self._strayed) & (np.abs(offset) > driver.wander)
+        share = (driver.wander - np.abs(self._offset)) / (np.abs(offset) - np.abs(self._offset))
+        self._strayed = np.where(strays, self._time + share * (time - self._time), self._strayed)
+        brakes = np.isnan(self._braked) & (self._braking > driver.lead_braking)
+        self._braked = np.where(brakes, time - self._step, self._braked)
+        self._offset, self._time = offset, time
+
+    def _needed(self, gap: FloatArray, speed: FloatArray, lead_speed: FloatArray) -> FloatArray:
+        """`needed_deceleration` with the evaluation and the reaction still to come."""
+        delay = self._driver.evaluation + self._driver.reaction
+        closing = speed - lead_speed
+        room = gap - np.maximum(closing, 0.0) * delay
+        needed = np.where(closing <= 0.0, 0.0, np.where(room > 0.0, closing * closing / (2.0 * room), np.inf))
+        room = gap + lead_speed * lead_speed / (2.0 * self._braking) - speed * delay
+        stopping = np.maximum(needed, np.where(room > 0.0, speed * speed / (2.0 * room), np.inf))
+        return np.where(self._braking <= 0.0, needed, stopping)
+
+    def _judge_path(
+        self, scene: PackedScene, time: float, ahead: BoolArray, in_path: BoolArray, towards: BoolArray,
+        own_lane: BoolArray, closing: BoolArray, near: BoolArray, needed: FloatArray,
+    ) -> None:  # fmt: skip
+        """The vehicles in each ego's lane, nearest first, down to the first that hides what is beyond it."""
+        driver = self._driver
+        order = np.argsort(np.where(ahead, scene.other_x, np.inf), axis=1, kind="stable")
+        rows = np.arange(len(order))
+        going = np.ones(len(order), dtype=bool)
+        leaves = np.full(len(order), -1, dtype=np.intp)
+        for rank in range(order.shape[1]):
+            at: tuple[NDArray[np.intp], NDArray[np.intp]] = (rows, order[:, rank])
+            going &= ahead[at]
+            strayed_lead = np.where(leaves >= 0, self._strayed[rows, leaves], np.nan)
+            near_lead = (leaves >= 0) & near[rows, leaves]
+            revealed = (leaves >= 0) & closing[at] & ~np.isnan(strayed_lead) & (near_lead | near[at])
+            braked = self._braked[at]
+            perceived = np.where(needed[at] > driver.in_path_limit, time, np.nan)
+            seen_braking = ~np.isnan(braked) & near[at]
+            perceived = np.where(seen_braking, np.maximum(braked, time - driver.evaluation), perceived)
+            perceived = np.where(revealed, np.maximum(strayed_lead, time - driver.evaluation), perceived)
+            judged = going & in_path[at] & np.isnan(self._necessary[at]) & ~towards[at]
+            evaluated = self._evaluated[at]
+            evaluated = np.where(judged & np.isnan(evaluated), perceived + driver.evaluation, evaluated)
+            self._evaluated[at] = evaluated
+            acts = judged & (time >= evaluated - 0.5 * self._step)
+            self._necessary[at] = np.where(acts, evaluated, self._necessary[at])
+            leaving = ~np.isnan(self._strayed[at]) & own_lane[at]
+            leaves = np.where(going & leaving & (leaves < 0), order[:, rank], leaves)
+            going &= leaving | ~in_path[at]

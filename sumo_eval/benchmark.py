@@ -1,0 +1,232 @@
+"""What everything costs on this machine: bare libsumo, the harness, the field, D, zones, a whole evaluation.
+
+Processor time of this process, not wall time, so that other programs disturb little; the rows of one table are measured
+in turns, several rounds, and the least of each counts. What carries over to other machines are the ratios.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.batch.cases import Case, Outcome
+from sumo_eval.batch.store import open_store
+from sumo_eval.cosim import Command, simulate, simulate_many
+from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
+from sumo_eval.cosim.session import packed_session, session, simulator_version
+from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.trajectory_field import KERNEL, trajectory_field
+from sumo_eval.method.zone_partition import partition
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Recording
+
+SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)  # the step of the public simulators of UN R157
+TARGET = 1061.0  # cases a second and core of a public tool without a traffic simulator
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One measurement: what, how much, in which unit, and a ratio with its meaning ("" where there is none)."""
+
+    group: str
+    what: str
+    value: float
+    unit: str
+    ratio: float | None = None
+    ratio_of: str = ""
+
+
+class TenLines:
+    """A user's controller, as the README has it."""
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Brake at less than 4 s to contact."""
+        lead = traci.vehicle.getLeader(ego, 200.0)
+        if lead and lead[0]:
+            closing = traci.vehicle.getSpeed(ego) - traci.vehicle.getSpeed(lead[0])
+            if closing > 0 and lead[1] < 4.0 * closing:
+                return Command(acceleration=-4.0)
+        return Command(acceleration=0.0)
+
+
+def set_speed(traci: Any, ego: str, time: float) -> None:
+    """A user's function that commands SUMO itself."""
+    lead = traci.vehicle.getLeader(ego, 200.0)
+    if lead and lead[0] and lead[1] < 4.0 * (traci.vehicle.getSpeed(ego) - traci.vehicle.getSpeed(lead[0])):
+        traci.vehicle.setSpeed(ego, max(traci.vehicle.getSpeed(ego) - 0.4, 0.0))
+
+
+def benchmark(*, cases: int, rounds: int, whole: bool, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Measure everything; `cases`: of the R157 cut-in grid. The result is plain data for a table or for JSON."""
+    rows: list[Row] = []
+    parts: list[tuple[str, Callable[[], list[Row]]]] = [
+        ("co-simulation", lambda: cosimulation(cases, rounds)),
+        ("field and D", lambda: field_and_index(rounds)),
+        ("zones", lambda: zones(2000 if cases >= 100 else 100)),
+    ]
+    if whole:
+        parts.append(("whole", whole_evaluation))
+    for part, measure in parts:
+        progress(part)
+        rows += measure()
+    machine = {
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "simulator": simulator_version(),
+        "kernel": KERNEL,
+    }
+    return {"format_version": 1, "machine": machine, "cases": cases, "rows": [asdict(row) for row in rows]}
+
+
+def cosimulation(cases: int, rounds: int) -> list[Row]:
+    """Cases of the cut-in grid, recorded: each way of driving them beside bare libsumo on as many steps."""
+    logical = catalogue.load("cut_in")
+    grid = sample(logical).points
+    concretes = list(logical.concretes(grid[:: max(len(grid) // cases, 1)][:cases]))
+    ways: dict[str, Callable[[], list[Recording]]] = {
+        "native SUMO ego (sumo:IDM)": lambda: [simulate(one, "sumo:IDM", SETTINGS) for one in concretes],
+        "user's function, setSpeed": lambda: [simulate(one, set_speed, SETTINGS) for one in concretes],
+        "user's ten lines, vehicle model and moveToXY": lambda: [
+            simulate(one, TenLines, SETTINGS) for one in concretes
+        ],
+        "careful_driver, one at a time": lambda: [simulate(one, "careful_driver", SETTINGS) for one in concretes],
+        "careful_driver, packed": lambda: list(simulate_many(concretes, "careful_driver", SETTINGS)),
+        "no_reaction, packed": lambda: list(simulate_many(concretes, "no_reaction", SETTINGS)),
+    }
+    recordings = {name: way() for name, way in ways.items()}  # warms up, and says how many steps there are
+    steps = {name: [round(one.simulated_time / SETTINGS.step) for one in found] for name, found in recordings.items()}
+    timed: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        for name, way in ways.items():
+            timed.setdefault(name, []).append(_seconds(way))
+            timed.setdefault(f"bare {name}", []).append(_seconds(_bare, concretes, steps[name]))
+        timed.setdefault("bare packed", []).append(_seconds(_bare_pack, concretes, steps["careful_driver, packed"]))
+    rows = []
+    count = len(concretes)
+    for name in ways:
+        took, bare = min(timed[name]), min(timed[f"bare {name}"])
+        mean = float(np.mean(steps[name]))
+        rows.append(
+            Row(
+                "co-simulation",
+                f"{name} ({mean:.0f} steps a case)",
+                count / took,
+                "cases/s",
+                bare / took,
+                "bare libsumo",
+            )
+        )
+    first = min(timed["bare careful_driver, packed"])
+    rows.append(Row("co-simulation", "bare libsumo, one at a time, as many steps", count / first, "cases/s"))
+    together = min(timed["bare packed"])
+    packed = min(timed["careful_driver, packed"])
+    rows.append(
+        Row("co-simulation", "bare libsumo, packed, as many steps", count / together, "cases/s", together / packed,
+            "of it that careful_driver, packed, reaches")
+    )  # fmt: skip
+    rows.append(
+        Row("co-simulation", "careful_driver, packed, beside a public tool", count / packed, "cases/s",
+            count / packed / TARGET, f"{TARGET:g} cases/s")
+    )  # fmt: skip
+    rows.append(_storing(concretes, recordings["careful_driver, packed"]))
+    return rows
+
+
+def _bare(concretes: Sequence[ConcreteScenario], steps: Sequence[int]) -> None:
+    """Start, step and close, and nothing else."""
+    for concrete, count in zip(concretes, steps, strict=True):
+        with session(concrete, SETTINGS) as traci:
+            for _ in range(count):
+                traci.simulationStep()
+
+
+def _bare_pack(concretes: Sequence[ConcreteScenario], steps: Sequence[int]) -> None:
+    """The same in one simulation; each case's vehicles are taken off when it ends."""
+    settings = concretes[0].simulation(SETTINGS)
+    texts = packed_network_xml(concretes[0].road, len(concretes)), packed_routes_xml(concretes, settings.vehicle)
+    ends: dict[int, list[int]] = {}
+    for case, count in enumerate(steps):
+        ends.setdefault(count, []).append(case)
+    with packed_session(*texts, settings) as traci:
+        for step in range(max(steps)):
+            traci.simulationStep()
+            for case in ends.get(step + 1, ()):
+                for index in range(1 + len(concretes[case].actors)):
+                    traci.vehicle.remove(f"{case}.{index}")
+
+
+def _storing(concretes: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> Row:
+    with tempfile.TemporaryDirectory() as folder, open_store(Path(folder) / "facts.sqlite", create=True) as store:
+        outcomes = [
+            Outcome(Case(number, concrete, "ads", "careful_driver", "careful_driver"), "ok", recording)
+            for number, (concrete, recording) in enumerate(zip(concretes, recordings, strict=True))
+        ]
+
+        def add_all() -> None:
+            for outcome in outcomes:
+                store.add(outcome)
+
+        took = _seconds(add_all)
+    return Row("co-simulation", "storing recordings", 1e3 * took / len(outcomes), "ms/case")
+
+
+def field_and_index(rounds: int) -> list[Row]:
+    """The field's kernel beside the machine's exp, and D of a case beside the simulation of its runs."""
+    logical = catalogue.load("front_vehicle_cut_out")
+    concrete = logical.concrete(ego_speed=25.0, obstacle_speed=10.0, gap=110.0)
+    began = time.process_time()
+    drivers = [simulate(concrete, human_controller(index, 10, 1, concrete)).ego for index in range(10)]
+    ads = simulate(concrete, "lane_changer").ego
+    simulated = time.process_time() - began
+    places = np.random.default_rng(1).uniform((50.0, -1.75), (600.0, 5.25), (7000, 2))
+    numbers = np.random.default_rng(2).uniform(-0.3, 0.3, 4096)
+    trajectory_field(places, ads)
+    terms = len(places) * round(ads.duration / 0.1 + 1)
+    kernel = min(_seconds(trajectory_field, places, ads) for _ in range(3 * rounds)) / terms
+    exp = min(_seconds(lambda: [np.exp(numbers) for _ in range(500)]) for _ in range(3 * rounds)) / (500 * 4096)
+    index = min(_seconds(anthropomorphic_index, ads, drivers, logical.road) for _ in range(rounds))
+    return [
+        Row("field and D", "field, a term", 1e9 * kernel, "ns", exp / kernel, "numpy's exp alone"),
+        Row("field and D", "D of a case, 10 drivers", 1e3 * index, "ms", simulated / index, "its 11 simulations"),
+    ]
+
+
+def zones(points: int) -> list[Row]:
+    """Zones of a scenario on its own grid, and on many training points."""
+    logical = catalogue.load("front_vehicle_cut_out")
+    many = logical.from_unit(np.random.default_rng(1).random((points, len(logical.parameters))))
+    return [
+        Row("zones", "front_vehicle_cut_out, its own grid", _seconds(partition, logical), "s"),
+        Row("zones", f"{points} training points", _seconds(lambda: partition(logical, points=many)), "s"),
+    ]
+
+
+def whole_evaluation() -> list[Row]:
+    """The paper's evaluation in a process of its own, wall time."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        command = [sys.executable, "-m", "sumo_eval", "run", "--out", f"{folder}/run"]
+        subprocess.run(command, check=True, capture_output=True)
+        return [Row("whole", "the paper's evaluation, cold, wall time", time.perf_counter() - began, "s")]
+
+
+def _seconds(work: Callable[..., object], *args: object) -> float:
+    began = time.process_time()
+    work(*args)
+    return time.process_time() - began

@@ -1,0 +1,188 @@
+"""A pack gives every case exactly what it would have had alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cosim_cases import case, lead
+
+from sumo_eval.ads.known_answers import IdealBraking, no_reaction
+from sumo_eval.ads.r157_careful_driver import CarefulDriver, CarefulDriverWithAeb
+from sumo_eval.batch.cases import Case, Setup
+from sumo_eval.batch.worker import run_case
+from sumo_eval.cosim import packed as packing
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
+from sumo_eval.cosim.session import packed_session
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+DECIDED = SimulationSettings(end_when_decided=True)
+
+
+def everything(recording: Recording) -> tuple[object, ...]:
+    """All of a recording that is no wall time, to the last bit."""
+    vehicles = {"ego": recording.ego, **recording.actors}
+    channels = {name: [getattr(it, channel).tobytes() for channel in CHANNELS] for name, it in vehicles.items()}
+    outcome = repr((recording.end_reason, recording.error, recording.collision, recording.clips))
+    return outcome, channels, [(it.length, it.width) for it in vehicles.values()]
+
+
+def points(name: str, every: int):
+    logical = catalogue.load(name)
+    return list(logical.concretes(sample(logical).points[::every]))
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Counts the cases that left the packs."""
+    seen: list[object] = []
+
+    def counted(concrete, *args, **kwargs):
+        seen.append(concrete)
+        return simulate(concrete, *args, **kwargs)
+
+    monkeypatch.setattr(packing, "simulate", counted)
+    return seen
+
+
+@pytest.mark.parametrize("settings", [SimulationSettings(), replace(DECIDED, step=0.1)], ids=["whole", "decided"])
+@pytest.mark.parametrize(
+    ("scenario", "every"), [("cut_in", 191), ("r157_cut_out", 101), ("front_vehicle_braking", 67), ("ncap_ccrb", 11)]
+)
+@pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "ideal_braking"])
+def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, every, settings, alone):
+    cases = points(scenario, every)
+    together = [everything(recording) for recording in simulate_many(cases, ads, settings)]
+    assert not alone
+    assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
+
+
+def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
+    cases = points("cut_in", 53)
+    for whole, decided in zip(
+        simulate_many(cases, "careful_driver"), simulate_many(cases, "careful_driver", DECIDED), strict=True
+    ):
+        assert repr(whole.collision) == repr(decided.collision)
+        n = len(decided.ego) - 1
+        assert whole.ego.x[:n].tobytes() == decided.ego.x[:n].tobytes()
+        if decided.end_reason == "decided":
+            assert whole.end_reason in ("time_limit", "road_end")
+
+
+@pytest.mark.parametrize("ads", ["careful_driver", "idm"])
+def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
+    """Under the watch of the batch, too; an ADS that says nothing drives to the end."""
+    passed = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
+    run = Setup(DECIDED, RunSettings(), Path())
+    recording = run_case(Case(0, passed, "ads", "mine", ads), run).recording
+    assert recording is not None
+    assert recording.end_reason == ("decided" if ads == "careful_driver" else "time_limit")
+
+
+def test_recordings_come_in_the_order_of_the_cases_whatever_the_pack(monkeypatch):
+    monkeypatch.setattr(packing, "PACK", 3)
+    monkeypatch.setattr(packing, "SORTED_AT_ONCE", 5)
+    cases = points("cut_in", 131)
+    starts = [recording.ego.speed[0] for recording in simulate_many(cases, CarefulDriver, DECIDED)]
+    assert starts == [concrete.ego.speed for concrete in cases]
+    assert len(set(starts)) > 3
+
+
+class Gives:
+    """Keeps its speed; in the cases with the given ego speed it answers `answer`."""
+
+    def __init__(self, answer: float, at: float) -> None:
+        self.answer, self.at = answer, at
+
+    def step(self, traci, ego, time):
+        return None
+
+    def packed(self, scenario):
+        return self
+
+    def settled(self):
+        return np.zeros(self.cases, dtype=bool)
+
+
+class PackedGives(Gives):
+    def step(self, scene, time):
+        self.cases = len(scene.x)
+        return np.where((scene.speed == self.at) & (time > 0.3), self.answer, 0.0)
+
+
+class Scalar(Gives):
+    def step(self, traci, ego, time):
+        from sumo_eval import Command
+
+        return Command(self.answer if traci.vehicle.getSpeed(ego) == self.at and time > 0.3 else 0.0)
+
+    def packed(self, scenario):
+        return PackedGives(self.answer, self.at)
+
+
+SHORT = SimulationSettings(time_limit=1.0)
+
+
+def test_a_faulty_case_costs_only_itself(alone):
+    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0, 20.0)]
+    faulty = Scalar(float("nan"), 15.0)
+    first, second, third = simulate_many(cases, faulty, SHORT)
+    assert alone == [cases[1]]
+    assert second.end_reason == "ads_error"
+    assert "must be a finite number, got nan" in (second.error or "")
+    assert [everything(one) for one in (first, third)] == [
+        everything(simulate(concrete, faulty, SHORT)) for concrete in (cases[0], cases[2])
+    ]
+
+
+@pytest.mark.parametrize("answer", [3.0, -50.0, 50.0, -4.0], ids=["drives", "beyond brakes", "beyond drive", "brakes"])
+def test_what_the_vehicle_cannot_do_is_clipped_and_counted_as_alone(answer, alone):
+    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    ads = Scalar(answer, 15.0)
+    together = [everything(recording) for recording in simulate_many(cases, ads, SHORT)]
+    assert together == [everything(simulate(concrete, ads, SHORT)) for concrete in cases]
+    assert not alone
+
+
+class Breaks(Scalar):
+    def packed(self, scenario):
+        class Broken:
+            def step(self, scene, time):
+                raise RuntimeError("out of order")
+
+        return Broken()
+
+
+def test_a_packed_form_that_raises_costs_no_case_and_is_logged(alone, caplog):
+    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
+    recordings = list(simulate_many(cases, Breaks(0.0, 0.0), SHORT))
+    assert [recording.end_reason for recording in recordings] == ["time_limit"] * 2
+    assert alone == cases
+    assert "A pack of 2 cases failed" in caplog.text
+    assert "out of order" in caplog.text
+
+
+def test_what_cannot_be_packed_is_simulated_alone(alone):
+    turning = points("front_vehicle_cut_out", 97)  # its lead turns while it changes lane
+    assert all(recording.error is None for recording in simulate_many(turning, "no_reaction", SHORT))
+    assert list(simulate_many(points("cut_in", 997), CarefulDriverWithAeb, SHORT))
+    steering = points("cut_in", 997)
+    assert list(simulate_many(steering, "idm", SHORT))
+    assert alone == [*turning, *steering, *steering]
+
+
+def test_vehicles_of_different_roads_of_a_pack_do_not_see_each_other():
+    follower, leader = case(speed=20.0), case(speed=5.0, x=70.0)
+    texts = packed_network_xml(follower.road, 2), packed_routes_xml([follower, leader], SHORT.vehicle)
+    with packed_session(*texts, SHORT) as traci:
+        assert traci.vehicle.getPosition("1.0")[0] > traci.vehicle.getPosition("0.0")[0]
+        assert not (traci.vehicle.getLeader("0.0", 200.0) or ("",))[0]
+
+
+def test_known_answers_have_packed_forms():
+    assert no_reaction.packed
+    assert IdealBraking().packed

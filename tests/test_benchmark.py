@@ -1,0 +1,29 @@
+"""The benchmark runs, small; nothing here asserts a time."""
+
+import json
+
+from click.testing import CliRunner
+
+from sumo_eval.benchmark import SETTINGS, TenLines, set_speed
+from sumo_eval.cli import main
+from sumo_eval.cosim import simulate
+from sumo_eval.scenario import catalogue
+
+CUT_IN = catalogue.load("cut_in").concrete(ego_speed=30.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
+
+
+def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
+    result = CliRunner().invoke(main, ["bench", "--small", "--json", str(tmp_path / "bench.json")])
+    assert result.exit_code == 0, result.output
+    print(result.output)
+    found = json.loads((tmp_path / "bench.json").read_text())
+    assert found["format_version"] == 1
+    assert {row["group"] for row in found["rows"]} == {"co-simulation", "field and D", "zones"}
+    assert all(row["value"] > 0.0 for row in found["rows"])
+    assert sum(row["ratio"] is not None for row in found["rows"]) >= 8
+    assert "x bare libsumo" in result.output
+
+
+def test_the_measured_controllers_react():
+    for ads in (TenLines, set_speed):
+        assert simulate(CUT_IN, ads, SETTINGS).ego.speed.min() < 29.0
