@@ -71,6 +71,8 @@ class Checked:
                 raise must_be(f"`{item.name}`", owner, words, value)
             if isinstance(value, float) and math.isnan(value):
                 raise must_be(f"`{item.name}`", owner, "a number", value)
+            if value is None:  # its type allows that, and no bound applies to it
+                continue
             for extra in getattr(hint, "__metadata__", ()):
                 for kind, attribute, words in _CHECKS:
                     if isinstance(extra, kind):
