@@ -268,20 +268,28 @@ class SamplingSettings(Checked):
 
     method: Annotated[
         str | None,
-        About("how points are chosen: grid, or a sample that the scenario names; default: the scenario's own"),
+        About(
+            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
+            "exposure_danger, file, module:name, or a sample that the scenario names; default: the scenario's own"
+        ),
     ] = None
     levels: Annotated[
         int | dict[str, int] | None,
         About("points on each axis, one number or by parameter; default: the space's steps"),
     ] = None
     steps: Annotated[dict[str, float] | None, About("step by parameter name; others keep the space's own")] = None
+    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them")] = None
+    strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
+        None
+    )
+    file: Annotated[str | None, About("CSV with a column for each parameter; relative to the evaluation file")] = None
 
 
 @dataclass(frozen=True, slots=True)
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
-    use: Annotated[str, About("a shipped name or module:name")]
+    use: Annotated[str, About("a shipped name, a scenario file (.toml) or module:name")]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
 
 

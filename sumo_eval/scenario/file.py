@@ -6,6 +6,7 @@ plain data throughout: two readings of one file are equal, and both can be sent 
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import tomllib
@@ -331,7 +332,9 @@ class Place:
                 raise must_be(f"{what} = `{expression.text}`", self.owner, wanted, f"{found:g} at {at}")
             return found
 
-        ego = Start(real(self.ego_x, "x of the ego"), real(self.ego_y, "y of the ego"), real(self.ego_speed, "speed", 0.0))
+        ego = Start(
+            real(self.ego_x, "x of the ego"), real(self.ego_y, "y of the ego"), real(self.ego_speed, "speed", 0.0)
+        )
         actors = []
         for item in self.vehicles:
             what = f"of vehicle `{item.name}`"
@@ -419,9 +422,7 @@ class _Builder:
         constraints = tuple(
             Constraint(
                 item.about or f"one where {item.require}",
-                Condition(
-                    checked_names(condition(item.require, self.where), self.known, self.where), definitions
-                ),
+                Condition(checked_names(condition(item.require, self.where), self.known, self.where), definitions),
             )
             for item in table.constraint
         )
@@ -481,7 +482,7 @@ class _Builder:
             values = item.values
             if len(values) < 2:
                 raise must_be("`values`", owner, "at least two numbers", list(values))
-            step = min((b - a for a, b in zip(values[:-1], values[1:], strict=True)))
+            step = min(b - a for a, b in itertools.pairwise(values))
             if step <= 0:
                 raise must_be("`values`", owner, "ascending", list(values))
             low, high = values[0], values[-1]

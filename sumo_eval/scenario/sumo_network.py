@@ -64,7 +64,9 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         for lane in of_edge:
             off = max(abs(turn(point)[1] - _centre(of_edge, lane)) for point in lane.shape)
             if off > STRAIGHT:
-                raise must_be(f"Lane `{lane.id}`", owner, f"straight within {STRAIGHT:g} m of the first", f"{off:.2f} m")
+                raise must_be(
+                    f"Lane `{lane.id}`", owner, f"straight within {STRAIGHT:g} m of the first", f"{off:.2f} m"
+                )
     if len({lane.width for lane in first}) > 1:
         raise InputError(f"The lanes of edge `{edges[0]}` of {owner} must have one width.")
     length = turn(lanes[-1][0].shape[-1])[0]

@@ -15,7 +15,17 @@ NAMES = sorted(catalogue.SCENARIOS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_scenario_is_equal_to_its_file(name):
     shipped, written = catalogue.load(name), read_scenario(scenario_file(name))
-    for part in ("name", "about", "source", "parameters", "road", "ego_body", "time_limit", "samples", "default_sample"):
+    for part in (
+        "name",
+        "about",
+        "source",
+        "parameters",
+        "road",
+        "ego_body",
+        "time_limit",
+        "samples",
+        "default_sample",
+    ):
         assert getattr(written, part) == getattr(shipped, part), part
     assert written.exposure_about == shipped.exposure_about
     box = shipped.from_unit(qmc.Sobol(len(shipped.names), rng=np.random.default_rng(7)).random(256))
