@@ -16,7 +16,10 @@ TOUCH = 1e-6  # m, bodies closer than this touch
 
 
 class Body(NamedTuple):
-    """A vehicle body's pose and motion at an instant: centre (x, y) m, heading rad, speed m/s along the heading."""
+    """A vehicle body's pose and motion at an instant: centre (x, y) m, heading rad, speed m/s along the heading.
+
+    across: m/s, to the left of the heading, of a body that slides.
+    """
 
     x: float
     y: float
@@ -24,11 +27,13 @@ class Body(NamedTuple):
     speed: float
     length: float
     width: float
+    across: float = 0.0
 
     @property
     def velocity(self) -> tuple[float, float]:
         """(vx, vy), m/s."""
-        return self.speed * math.cos(self.heading), self.speed * math.sin(self.heading)
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return self.speed * c - self.across * s, self.speed * s + self.across * c
 
     @property
     def radius(self) -> float:
@@ -80,6 +85,7 @@ def between(before: Body, after: Body, share: float) -> Body:
         before.speed + share * (after.speed - before.speed),
         after.length,
         after.width,
+        before.across + share * (after.across - before.across),
     )
 
 

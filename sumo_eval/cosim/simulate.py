@@ -120,6 +120,7 @@ class _Run:
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors
         }
+        self.sliding = {actor.name: actor for actor in concrete.actors if actor.slides}
         self.tracks = {EGO: _Track(vehicle.length, vehicle.width)}
         self.tracks |= {actor.name: _Track(actor.length, actor.width) for actor in concrete.actors}
         self.sample(0.0)
@@ -262,8 +263,9 @@ class _Run:
         if actor.name not in self.actors or not any(a < time < b + self.settings.step for a, b in spans):
             return
         along, across = actor.speed(time), actor.lateral_speed(time)
-        traci.vehicle.setSpeed(actor.name, math.hypot(along, across))
-        _place(traci, actor.name, actor.x(time), actor.y(time), math.atan2(across, along), actor.length)
+        heading = 0.0 if actor.slides else math.atan2(across, along)
+        traci.vehicle.setSpeed(actor.name, along if actor.slides else math.hypot(along, across))
+        _place(traci, actor.name, actor.x(time), actor.y(time), heading, actor.length)
 
     # -- observation ---------------------------------------------------------------------------------------------------
 
@@ -279,6 +281,8 @@ class _Run:
             except traci.TraCIException:
                 self.clip("actor_left_the_network", now, now)
                 continue
+            if name in self.sliding:
+                other = other._replace(across=self.sliding[name].lateral_speed(now))
             actors[name] = other
             share = first_touch(was, body, last, other)
             if share is not None and (touched is None or share < touched[0]):

@@ -132,9 +132,12 @@ _R157 = "UN Regulation No. 157, performance models; ranges cover the grids of JR
 def _r157_actor(
     name: str, gap: float, speed: float, y: float = 0.0, move: ConstantLateral | None = None, brake: Brake | None = None
 ) -> Actor:
-    """A vehicle `gap` m (bumper to bumper) ahead of the ego."""
+    """A vehicle `gap` m (bumper to bumper) ahead of the ego. It slides across: dx0, dy0 and the known outcomes of the
+    regulation's scenarios are those of rectangles along the road.
+    """
     start = Start(EGO_START + gap + R157_BODY.length, y, speed)
-    return Actor(name, start, () if move is None else (move,), R157_BODY.length, R157_BODY.width, brake)
+    moves = () if move is None else (move,)
+    return Actor(name, start, moves, R157_BODY.length, R157_BODY.width, brake, slides=True)
 
 
 LEAD_BRAKING_DELAY = 1.0  # s before ideal braking: the paper's for a danger that has to be noticed first
@@ -195,10 +198,6 @@ def _other_slower(values: Values) -> BoolArray:
     return np.asarray(values["cut_in_speed"] < values["ego_speed"])
 
 
-def _other_drives_forward(values: Values) -> BoolArray:
-    return np.asarray(values["lateral_speed"] <= values["cut_in_speed"])
-
-
 CUT_IN = LogicalScenario(
     name="cut_in",
     about="A slower vehicle in the left lane moves into the ego's lane at constant lateral speed.",
@@ -211,10 +210,6 @@ CUT_IN = LogicalScenario(
     ),
     constraints=(
         Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),
-        Constraint(
-            "one where the other drives forward rather than sideways (lateral_speed <= cut_in_speed)",
-            _other_drives_forward,
-        ),
     ),
     road=R157_ROAD,
     place=_cut_in_place,

@@ -211,7 +211,11 @@ class Brake:
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """Another vehicle: keeps its speed along the road until it brakes, and performs its lane changes as scripted."""
+    """Another vehicle: keeps its speed along the road until it brakes, and performs its lane changes as scripted.
+
+    slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's tables are made with;
+    otherwise it points where it goes.
+    """
 
     name: str
     start: Start
@@ -219,6 +223,7 @@ class Actor:
     length: float = 4.5
     width: float = 1.8
     brake: Brake | None = None
+    slides: bool = False
 
     def __post_init__(self) -> None:
         if self.brake is None:
@@ -251,7 +256,7 @@ class Actor:
         """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
         along, across = self.speed(time), self.lateral_speed(time)
         braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
-        if across == 0.0:
+        if across == 0.0 or self.slides:
             return braking
         sideways = sum(move.lateral_acceleration(time) for move in self.lane_changes)
         return (along * braking + across * sideways) / math.hypot(along, across)

@@ -225,7 +225,7 @@ def test_law_a_contact_is_a_contact_and_before_it_there_is_none():
 bodies = st.builds(
     Body,
     x=st.floats(-5, 5), y=st.floats(-5, 5), heading=st.floats(-3.1, 3.1), speed=st.floats(0, 40),
-    length=st.floats(3, 6), width=st.floats(1.5, 2.5),
+    length=st.floats(3, 6), width=st.floats(1.5, 2.5), across=st.floats(-3, 3),
 )  # fmt: skip
 shifts = st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.3, 0.3))
 laws = settings(derandomize=True, deadline=None, max_examples=150)

@@ -10,6 +10,7 @@ import pytest
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.controller import ControllerLike
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
+from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.concrete import Brake, ConstantLateral
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
@@ -24,15 +25,6 @@ SETTINGS = SimulationSettings(
 )  # fmt: skip
 
 Row = dict[str, str]
-
-
-class Sliding(Actor):
-    """A vehicle that keeps its heading while it moves across, like the upright rectangles of the tables."""
-
-    __slots__ = ()
-
-    def lateral_speed(self, time: float) -> float:
-        return 0.0
 
 
 def table(name: str) -> list[Row]:
@@ -62,38 +54,43 @@ def cut_in(
     *,
     x: float = EGO_X,
     side: float = 1.0,
-    vehicle: type[Actor] = Sliding,
+    slides: bool = True,
 ) -> ConcreteScenario:
     """A vehicle `gap` m ahead in the lane to the left (side -1: right) begins to come over at t = 0. m, m/s."""
     start = Start(x + LENGTH + gap, LANE + side * LANE, other_speed)
     move = ConstantLateral(0.0, lateral_speed, -side * LANE)
-    return scene(speed, vehicle("cut_in", start, (move,), LENGTH, WIDTH), x=x)
+    return scene(speed, Actor("cut_in", start, (move,), LENGTH, WIDTH, slides=slides), x=x)
 
 
 def cut_out(speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: float) -> ConcreteScenario:
     """The lead begins to leave to the left at t = 0 and reveals a standing vehicle `obstacle_gap` m ahead of it."""
     lead_x = EGO_X + LENGTH + lead_gap
-    lead = Sliding("lead", Start(lead_x, LANE, speed), (ConstantLateral(0.0, lateral_speed, LANE),), LENGTH, WIDTH)
+    move = ConstantLateral(0.0, lateral_speed, LANE)
+    lead = Actor("lead", Start(lead_x, LANE, speed), (move,), LENGTH, WIDTH, slides=True)
     obstacle = Actor("obstacle", Start(lead_x + LENGTH + obstacle_gap, LANE, 0.0), (), LENGTH, WIDTH)
     return scene(speed, lead, obstacle)
 
 
-def braking(speed: float, gap: float, deceleration: float) -> ConcreteScenario:
-    """The lead, as fast as the ego, brakes from t = 0."""
-    start = Start(EGO_X + LENGTH + gap, LANE, speed)
-    return scene(speed, Actor("lead", start, (), LENGTH, WIDTH, Brake(0.0, deceleration)))
-
-
 def of_row(kind: str, row: Row) -> ConcreteScenario:
-    """The row of a `cut_in`, `cut_out` or `decel` table."""
+    """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it."""
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
-        return cut_in(speed, kmh(row["vo_kmh"]), float(row["dx0_m"]), float(row["vy_mps"]))
+        gap, lateral = float(row["dx0_m"]), float(row["vy_mps"])
+        return load("cut_in").concrete(
+            ego_speed=speed, cut_in_speed=kmh(row["vo_kmh"]), gap=gap, lateral_speed=lateral
+        )
     if kind == "cut_out":
-        lead_gap = float(row["dx0_m"]) if "dx0_m" in row else 2.0 * speed
-        return cut_out(speed, lead_gap, float(row["dx0_f_m"]), float(row["vy_mps"]))
+        gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
+        if row.get("gap_rule", "thw2") == "thw2":
+            return load("r157_cut_out").concrete(ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral)
+        return cut_out(speed, float(row["dx0_m"]), gap, lateral)
     gap = float(row["dx0_m"]) if "dx0_m" in row else float(row["thw_s"]) * speed
-    return braking(speed, gap, G * float(row["lead_decel_g"]))
+    deceleration = G * float(row["lead_decel_g"])
+    if gap <= 2.5 * speed:
+        shipped = load("front_vehicle_braking")
+        return shipped.concrete(ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration)
+    start = Start(EGO_X + LENGTH + gap, LANE, speed)
+    return scene(speed, Actor("lead", start, (), LENGTH, WIDTH, Brake(0.0, deceleration)))
 
 
 def collides(concrete: ConcreteScenario, controller: ControllerLike, settings: SimulationSettings = SETTINGS) -> bool:

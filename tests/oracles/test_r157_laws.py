@@ -10,7 +10,6 @@ import pytest
 from r157_cases import EGO_X, LANE, SETTINGS, cut_in
 
 from sumo_eval.cosim import simulate
-from sumo_eval.scenario import Actor
 
 CONTROLLERS = ["careful_driver", "reg157"]
 Point = tuple[float, float, float, float]
@@ -57,13 +56,12 @@ def test_shifting_the_world_along_the_road_moves_nothing(controller):
         assert (here.collision is None) == (there.collision is None)
 
 
-@pytest.mark.parametrize("vehicle", [Actor, None], ids=["turning", "sliding"])
+@pytest.mark.parametrize("slides", [True, False], ids=["sliding", "turning"])
 @pytest.mark.parametrize("controller", [*CONTROLLERS, "fsm", "rss"])
-def test_a_mirrored_cut_in_has_the_mirrored_result(controller, vehicle):
-    kind = {} if vehicle is None else {"vehicle": vehicle}
+def test_a_mirrored_cut_in_has_the_mirrored_result(controller, slides):
     for point in points(3, 8):
-        left = simulate(cut_in(*point, **kind), controller, SETTINGS)
-        right = simulate(cut_in(*point, side=-1.0, **kind), controller, SETTINGS)
+        left = simulate(cut_in(*point, slides=slides), controller, SETTINGS)
+        right = simulate(cut_in(*point, side=-1.0, slides=slides), controller, SETTINGS)
         assert left.ego.x == pytest.approx(right.ego.x, abs=1e-6)
         mirrored = 2.0 * LANE - right.actors["cut_in"].y
         assert left.actors["cut_in"].y == pytest.approx(mirrored, abs=1e-6)
