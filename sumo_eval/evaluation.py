@@ -20,11 +20,13 @@ from sumo_eval.batch.store import open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation, with_changes
 from sumo_eval.cosim.controller import find_controller
 from sumo_eval.errors import InputError
+from sumo_eval.method.danger import danger
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.request import Request
 from sumo_eval.scenario.sampling import Sample, sample
 from sumo_eval.scoring import (
     collision_terms,
@@ -52,13 +54,13 @@ def evaluate(
         settings = replace(settings, run=replace(settings.run, workers=workers))
     for ads in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
         find_controller(ads.controller, source)
-    spaces = [choose_points(entry, source) for entry in settings.scenario]
+    spaces = [choose_points(entry, source, settings) for entry in settings.scenario]
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     with open_store(folder / run_folder.FACTS, create=True) as store:
         for logical, points in spaces:
             hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
-            record(logical, points.points, hazardous, settings, source, store, progress)
+            record(logical, points, hazardous, settings, source, store, progress)
     return score(folder, progress=progress)
 
 
@@ -79,7 +81,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     cases: list[CaseResult] = []
     with open_store(folder / run_folder.FACTS) as store:
         for entry in settings.scenario:
-            logical, points = choose_points(entry, source)
+            logical, points = choose_points(entry, source, settings)
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
             for ads in settings.ads:
@@ -112,11 +114,22 @@ def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
     return partition(logical, settings)
 
 
-def choose_points(entry: ScenarioSettings, source: Path) -> tuple[LogicalScenario, Sample]:
+def choose_points(
+    entry: ScenarioSettings, source: Path, settings: EvaluationSettings
+) -> tuple[LogicalScenario, Sample]:
     """A logical scenario and the points of its space that are simulated."""
-    logical = catalogue.find(entry.use, source)
-    sampling = entry.sampling
-    points = sample(logical, sampling.method, levels=sampling.levels, steps=sampling.steps)
+    logical, sampling = catalogue.find(entry.use, source), entry.sampling
+    request = Request(
+        levels=sampling.levels,
+        steps=sampling.steps,
+        count=sampling.count,
+        strength=sampling.strength,
+        file=sampling.file,
+        folder=source,
+        seed=settings.seed,
+        danger=lambda points: danger(logical, points, settings.method.zones),
+    )
+    points = sample(logical, sampling.method, request=request)
     if len(points.points) == 0:
         raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
     return logical, points

@@ -12,8 +12,9 @@ from sumo_eval.errors import InputError
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling import Sample
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
+from sumo_eval.trajectory import BoolArray, Recording, Trajectory
 
 Progress = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and how much there is."""
@@ -25,15 +26,15 @@ def quiet(stage: str, done: int, total: int) -> None:
 
 def record(
     logical: LogicalScenario,
-    points: FloatArray,
+    points: Sample,
     hazardous: BoolArray,
     settings: EvaluationSettings,
     source: Path,
     store: Store,
     progress: Progress,
 ) -> None:
-    """Simulate one logical scenario at `points` (n, k). `source`: where relative paths of locators start."""
-    numbered = list(enumerate(logical.concretes(points)))
+    """Simulate one logical scenario at the chosen points. `source`: where relative paths of locators start."""
+    numbered = list(enumerate(logical.concretes(points.points, points.exposure)))
     safe = [(number, concrete) for number, concrete in numbered if not hazardous[number]]
     setup = Setup(settings.simulation, settings.run, source)
 

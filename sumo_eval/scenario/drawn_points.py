@@ -98,7 +98,12 @@ def _drawn(logical: LogicalScenario, request: Request, label: str, attention: ob
     weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
     if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
         raise must_be("The exposure", f"scenario `{logical.name}`", "finite, and above 0 somewhere", weight.sum())
-    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be picked twice.
+    if np.ptp(weight) <= 1e-9 * weight.max():
+        return points[:count], more[:count]
+    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be picked twice. Shuffled,
+    # because points that lie evenly apart in a Sobol sequence do not lie evenly in space.
+    order = stream.permutation(len(points))
+    points, more, weight = points[order], more[order], weight[order]
     picks = (stream.uniform() + np.arange(count)) / count
     reach = np.cumsum(weight) / weight.sum()
     chosen = np.unique(np.minimum(np.searchsorted(reach, picks), len(points) - 1), return_counts=True)

@@ -112,6 +112,7 @@ class VehicleTable(Checked):
     y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
     length: Annotated[float, Positive, About("body", "m")] = 4.5
     width: Annotated[float, Positive, About("body", "m")] = 1.8
+    slides: Annotated[bool, About("keeps its heading while it moves across, instead of pointing where it goes")] = False
     manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
 
 
@@ -219,11 +220,6 @@ def check_file(path: Path) -> tuple[str, ...]:
     )
 
 
-def schema() -> dict[str, Any]:
-    """JSON schema of a scenario file, for editors."""
-    return _ADAPTER.json_schema()
-
-
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:
     end = logical.road.length + logical.road.run_out
     for name, start, length in [("ego", ego, 0.0), *((item.name, item.start, item.length) for item in actors)]:
@@ -305,6 +301,7 @@ class Vehicle:
     y: Expression
     length: float
     width: float
+    slides: bool
     moves: tuple[Move, ...]
 
 
@@ -357,7 +354,7 @@ class Place:
                     moves.append(LaneChange(begin, numbers["duration"], numbers["offset"]))
                 elif move.do == "move_sideways":
                     moves.append(ConstantLateral(begin, numbers["speed"], numbers["offset"]))
-            actors.append(Actor(item.name, start, tuple(moves), item.length, item.width, brake))
+            actors.append(Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides))
         return ego, tuple(actors)
 
 
@@ -528,6 +525,7 @@ class _Builder:
             y=self._number(item.y, f"y of {what}"),
             length=item.length,
             width=item.width,
+            slides=item.slides,
             moves=moves,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -203,6 +203,11 @@ class LogicalScenario:
             self.name, point, exposure, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
         )
 
-    def concretes(self, points: ArrayLike) -> Sequence[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points` (n, k)."""
-        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in np.asarray(points).tolist()]
+    def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:
+        """The concrete scenarios at the rows of `points` (n, k). exposure: (n,) of each, where it is not the space's."""
+        rows = np.asarray(points).tolist()
+        found = [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]
+        if exposure is None:
+            return found
+        counts = np.asarray(exposure, dtype=np.float64).tolist()
+        return [replace(concrete, exposure=count) for concrete, count in zip(found, counts, strict=True)]
