@@ -11,7 +11,16 @@ import click
 from sumo_eval.commands.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.errors import SumoEvalError, did_you_mean
 
-COMMANDS: Final = ("run", "score", "report", "scenarios", "partition", "sample", "schema")  # sumo_eval/commands/NAME.py defines NAME
+COMMANDS: Final = (
+    "run",
+    "score",
+    "report",
+    "scenarios",
+    "partition",
+    "sample",
+    "schema",
+    "boundary",
+)  # sumo_eval/commands/NAME.py defines NAME
 
 
 class _Group(click.Group):

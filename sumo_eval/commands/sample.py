@@ -34,9 +34,7 @@ def sample(
     from sumo_eval.report.points_page import write_points
     from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
-    entry = ScenarioSettings(
-        scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file)
-    )
+    entry = ScenarioSettings(scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file))
     settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
     logical, chosen = choose_points(entry, Path.cwd(), settings)
     how = method or ("grid" if levels else "file" if file else logical.default_sample)

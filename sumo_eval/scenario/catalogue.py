@@ -208,9 +208,7 @@ CUT_IN = LogicalScenario(
         Parameter("gap", 0.0, 100.0, 10.0, "m", "dx0: bumper to bumper along the road when the lateral motion begins"),
         Parameter("lateral_speed", 0.2, 3.0, 0.7, "m/s", "Vy: lateral speed of the other until the lane centre"),
     ),
-    constraints=(
-        Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),
-    ),
+    constraints=(Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),),
     road=R157_ROAD,
     place=_cut_in_place,
     approach=_cut_in_approach,
@@ -419,7 +417,7 @@ SCENARIOS = {
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or as `file.toml`, `module:name` or `file.py:name` relative to `folder`."""
+    """A logical scenario by its shipped name, or `file.toml`, `module:name`, `file.py:name` relative to `folder`."""
     if use.endswith(".toml"):
         return read_scenario((Path.cwd() if folder is None else folder) / use)
     if ":" not in use:

@@ -204,7 +204,7 @@ class LogicalScenario:
         )
 
     def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points` (n, k). exposure: (n,) of each, where it is not the space's."""
+        """The concrete scenarios at the rows of `points` (n, k). exposure: (n,), where it is not the space's own."""
         rows = np.asarray(points).tolist()
         found = [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]
         if exposure is None:

@@ -76,9 +76,7 @@ def of_row(kind: str, row: Row) -> ConcreteScenario:
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
         gap, lateral = float(row["dx0_m"]), float(row["vy_mps"])
-        return load("cut_in").concrete(
-            ego_speed=speed, cut_in_speed=kmh(row["vo_kmh"]), gap=gap, lateral_speed=lateral
-        )
+        return load("cut_in").concrete(ego_speed=speed, cut_in_speed=kmh(row["vo_kmh"]), gap=gap, lateral_speed=lateral)
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
         if row.get("gap_rule", "thw2") == "thw2":
