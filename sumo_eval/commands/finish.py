@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 def finish(evaluation: Evaluation) -> NoReturn:
     """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
+    from sumo_eval.confidence.assessment import assess
     from sumo_eval.evaluation import zone_partitions
+    from sumo_eval.report.confidence_section import write_confidence
     from sumo_eval.report.html import write_report
     from sumo_eval.report.tables import cases_csv, scores_json
     from sumo_eval.report.terminal import closing_lines, plain_table, score_table
@@ -24,7 +26,10 @@ def finish(evaluation: Evaluation) -> NoReturn:
     scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
     (evaluation.folder / "scores.json").write_text(scores + "\n", encoding="utf-8")
     cases_csv(evaluation, evaluation.folder / "cases.csv")
-    write_report(evaluation, zone_partitions(evaluation))
+    partitions = zone_partitions(evaluation)
+    confidence = assess(evaluation, partitions)
+    write_confidence(confidence, evaluation.folder)
+    write_report(evaluation, partitions, confidence)
     if sys.stdout.isatty():
         from rich.console import Console
 

@@ -13,8 +13,10 @@ import jinja2
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report.confidence_section import confidence_section
 from sumo_eval.report.page_data import choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
@@ -45,13 +47,17 @@ REPORT = "report.html"
 _TEMPLATES = "sumo_eval.report"
 
 
-def write_report(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Path:
+def write_report(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], confidence: Confidence | None = None
+) -> Path:
     """Write `report.html` into the evaluation's folder and return its path.
 
-    partitions: the zones of every logical scenario of the evaluation, by its name.
+    partitions: the zones of every logical scenario of the evaluation, by its name. confidence: how far the scores can
+    be trusted; without it the report has no such section.
     """
     path = evaluation.folder / REPORT
-    page = _template().render(_context(evaluation, partitions))
+    section = "" if confidence is None else confidence_section(evaluation, confidence)
+    page = _template().render(_context(evaluation, partitions), confidence=section)
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
