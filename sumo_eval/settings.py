@@ -270,7 +270,7 @@ class SamplingSettings(Checked):
         str | None,
         About(
             "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
-            "exposure_danger, file, module:name, or a sample that the scenario names; default: the scenario's own"
+            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"
         ),
     ] = None
     levels: Annotated[
@@ -282,7 +282,9 @@ class SamplingSettings(Checked):
     strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
         None
     )
-    file: Annotated[str | None, About("CSV with a column for each parameter; relative to the evaluation file")] = None
+    file: Annotated[
+        str | None, About("CSV of points, or mapping of an OpenSCENARIO variation; relative to the evaluation file")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from sumo_eval.scenario.drawn_points import by_exposure, by_exposure_and_danger,
 from sumo_eval.scenario.grid import full_grid
 from sumo_eval.scenario.listed_points import from_csv, from_function
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.openscenario_points import from_openscenario
 from sumo_eval.scenario.request import Drawn, Levels, Request, Steps
 from sumo_eval.trajectory import FloatArray
 
@@ -48,6 +49,7 @@ METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozens
         "exposure": (by_exposure, frozenset({"count"})),
         "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
         "file": (from_csv, frozenset({"file"})),
+        "openscenario": (from_openscenario, frozenset({"file", "count"})),
     }
 )
 """Ways to choose points, by the name they have in an evaluation file, and the keys that each of them takes."""
