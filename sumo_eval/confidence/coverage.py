@@ -71,7 +71,7 @@ def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
         np.add.at(counts, (place[:, y], place[:, x]), 1.0)
         pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
     unit = logical.to_unit(points)
-    distance = KDTree(unit).query(logical.to_unit(everywhere))[0]
+    distance = np.asarray(KDTree(unit).query(logical.to_unit(everywhere))[0])
     emptiest = int(np.argmax(distance))
     return SpaceCoverage(
         buckets=buckets,

@@ -37,12 +37,12 @@ def further_cases(
     (Neyman's allocation), and within the part to the place farthest from all cases.
     """
     unit = logical.to_unit(points)
-    near = KDTree(unit).query(unit, k=min(NEIGHBOURS + 1, len(points)))[1].reshape(len(points), -1)
+    near = np.asarray(KDTree(unit).query(unit, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(points), -1)
     variance = np.var(influence[near], axis=1)
     candidates = evenly(logical, CANDIDATES, random_stream(seed, "further cases", logical.name))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
-    distance, cell = KDTree(unit).query(where)
+    distance, cell = (np.asarray(part) for part in KDTree(unit).query(where))
     held = np.ones(len(points))
     chosen: list[int] = []
     free = np.bincount(cell, minlength=len(points)) > 0

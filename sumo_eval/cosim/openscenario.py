@@ -19,7 +19,7 @@ HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
 
 
 def opendrive_xml(road: Road) -> str:
-    """The road as OpenDRIVE 1.6: the reference line is its left edge; lane -1 is the leftmost, the last the rightmost."""
+    """The road as OpenDRIVE 1.6: the reference line is its left edge; lane -1 is the leftmost one."""
     length = road.length + road.run_out
     root = etree.Element("OpenDRIVE")
     etree.SubElement(root, "header", revMajor="1", revMinor="6", name=road.name)

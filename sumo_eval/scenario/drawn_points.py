@@ -33,7 +33,7 @@ def latin_hypercube(logical: LogicalScenario, request: Request) -> Drawn:
 def sobol(logical: LogicalScenario, request: Request) -> Drawn:
     """The first `count` points of a scrambled Sobol sequence."""
     count = request.wanted(_owner(logical))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if count & (count - 1):
         notes = (f"Sobol points are evenest in powers of 2; {count} is none.",)
     stream = random_stream(request.seed, "sampling", logical.name, "sobol")
@@ -123,13 +123,15 @@ def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
 
 def _values(item: Parameter, shares: FloatArray) -> FloatArray:
     if item.values:
-        return np.array(item.values)[np.minimum((shares * len(item.values)).astype(int), len(item.values) - 1)]
+        place = np.minimum((shares * len(item.values)).astype(np.intp), len(item.values) - 1)
+        return np.asarray(np.array(item.values, dtype=np.float64)[place])
     return _rounded(item, item.low + shares * (item.high - item.low))
 
 
 def _rounded(item: Parameter, values: FloatArray) -> FloatArray:
     digits = DIGITS - math.floor(math.log10(item.high - item.low))
-    return np.clip(np.round(values, digits), item.low, item.high)
+    found: FloatArray = np.clip(np.round(values, digits), item.low, item.high)
+    return found
 
 
 def _owner(logical: LogicalScenario) -> str:

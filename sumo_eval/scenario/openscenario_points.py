@@ -72,7 +72,7 @@ class Constraint:
             if self.rule not in ("equalTo", "notEqualTo"):
                 raise must_be(f"`{self.rule}`", f"parameter `{self.parameter}`", "of numbers", f"{mine!r}, {other!r}")
             mine, other = str(mine), str(other)
-        return bool(_RULES[self.rule](mine, other))  # type: ignore[no-untyped-call]
+        return bool(_RULES[self.rule](mine, other))
 
 
 @dataclass(frozen=True, slots=True)
