@@ -144,6 +144,9 @@ class ZoneSettings(Checked):
     ] = "squared_time"
     target_scale: Annotated[float, Positive, About("scale of the squared-time target", "s2", equation="7")] = 10.0
     restarts: Annotated[int, Ge(0), About("restarts of the GP's hyperparameter search", equation="8")] = 4
+    refinements: Annotated[
+        int, Ge(0), About("rounds in which training points are added where the GP is wrong, while that is over 1 %")
+    ] = 3
     grid_points: Annotated[int, Ge(1_000), About("points on which zones are separated and searched")] = 60_000
 
 

@@ -31,7 +31,7 @@ def posterior_factor(zones: ZonePartition, points: ArrayLike) -> FloatArray:
 
     noise = surface.noise_deviation**2 + (TARGET_TOLERANCE * zones.training_target) ** 2
     known = cho_factor(covariance(surface.points, surface.points) + np.diag(noise), lower=True)
-    unit = zones.logical.to_unit(rows)
+    unit = surface.coordinates(zones.logical.to_unit(rows))
     cross = covariance(unit, surface.points)
     variance = surface.signal_deviation**2 - np.einsum("ij,ji->i", cross, cho_solve(known, cross.T))
     y = zones.predicted(rows)

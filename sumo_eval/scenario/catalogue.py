@@ -11,7 +11,15 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.file import read_scenario
-from sumo_eval.scenario.logical import Approach, Constraint, LogicalScenario, NamedSample, Parameter, Values
+from sumo_eval.scenario.logical import (
+    Approach,
+    Constraint,
+    LogicalScenario,
+    NamedSample,
+    Parameter,
+    Values,
+    ZoneCoordinates,
+)
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 BODY_LENGTH = 4.5  # m, every vehicle of the paper's scenarios
@@ -187,6 +195,15 @@ def _cut_in_approach(values: Values) -> Approach:
     )
 
 
+_FAR = 100.0  # m
+
+
+def _cut_in_coordinates(values: Values) -> tuple[FloatArray, ...]:
+    closing = values["ego_speed"] - values["cut_in_speed"]
+    left = values["gap"] - closing * CUT_IN_APART / values["lateral_speed"]
+    return closing, np.tanh(left / _FAR)  # far ahead and long past are each all alike
+
+
 def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
     lane = R157_ROAD.lane_width
     move = ConstantLateral(begin=0.0, speed=values["lateral_speed"], offset=-lane)
@@ -212,6 +229,7 @@ CUT_IN = LogicalScenario(
     road=R157_ROAD,
     place=_cut_in_place,
     approach=_cut_in_approach,
+    zone_coordinates=ZoneCoordinates(("closing speed", "gap left when the lane is entered"), _cut_in_coordinates),
     ego_body=R157_BODY,
     time_limit=R157_TIME,
 )

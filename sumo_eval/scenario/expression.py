@@ -36,6 +36,7 @@ _FUNCTIONS: dict[str, tuple[Callable[..., Any], int | None]] = {
     "sqrt": (np.sqrt, 1),
     "exp": (np.exp, 1),
     "log": (np.log, 1),
+    "tanh": (np.tanh, 1),
     "where": (np.where, 3),
 }
 """Functions by name and how many values they take (None: two or more). `where(condition, then, else)`."""

@@ -25,7 +25,15 @@ from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
-from sumo_eval.scenario.logical import Approach, Constraint, LogicalScenario, NamedSample, Parameter, Values
+from sumo_eval.scenario.logical import (
+    Approach,
+    Constraint,
+    LogicalScenario,
+    NamedSample,
+    Parameter,
+    Values,
+    ZoneCoordinates,
+)
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -134,6 +142,10 @@ class ZoneTable(Checked):
     conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
     passing_length: Annotated[
         float | None, Positive, About("an ego further ahead than that when the conflict begins has passed", "m")
+    ] = None
+    coordinates: Annotated[
+        dict[str, Formula] | None,
+        About("in words = expression: in which the criticality is smooth; default: the parameters"),
     ] = None
 
 
@@ -359,6 +371,20 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
+class Coordinates:
+    """Values by name (arrays) -> what the zones' GP sees."""
+
+    definitions: Definitions
+    expressions: tuple[Expression, ...]
+
+    def __call__(self, values: Values) -> tuple[FloatArray, ...]:
+        """One array for each coordinate, of the values' shape."""
+        known = self.definitions.extend(values)
+        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+        return tuple(np.broadcast_to(expression.value(known), shape) for expression in self.expressions)
+
+
+@dataclass(frozen=True, slots=True)
 class ZoneRule:
     """Values by name (arrays) -> the approach that criticality is computed from."""
 
@@ -449,6 +475,7 @@ class _Builder:
             exposure_about=_exposure_about(spread, density),
             ego_body=body,
             time_limit=table.end.time,
+            zone_coordinates=self._coordinates(definitions),
             samples=tuple(self._sample(item, len(parameters)) for item in table.sample),
             default_sample=table.default_sample,
         )
@@ -562,6 +589,13 @@ class _Builder:
             conflict_begin=self._number(zone.conflict_begin, "`zone.conflict_begin`"),
             passing_length=math.inf if zone.passing_length is None else zone.passing_length,
         )
+
+    def _coordinates(self, definitions: Definitions) -> ZoneCoordinates | None:
+        given = self.table.zone.coordinates
+        if not given:
+            return None
+        expressions = tuple(self._number(formula, f"zone.coordinates `{name}`") for name, formula in given.items())
+        return ZoneCoordinates(tuple(given), Coordinates(definitions, expressions))
 
     def _sample(self, item: SampleTable, columns: int) -> NamedSample:
         for row in item.points:

@@ -79,6 +79,18 @@ class Approach:
 
 
 @dataclass(frozen=True, slots=True)
+class ZoneCoordinates:
+    """Coordinates in which criticality is smooth, where the parameters themselves are not: they may be fewer.
+
+    of: values by name (arrays) -> one array for each of `names`. A cut-in's criticality depends on the closing speed
+    and the gap that is left when the lane is entered; seen over four parameters that is a thin and bent sheet.
+    """
+
+    names: tuple[str, ...]
+    of: Callable[[Values], tuple[FloatArray, ...]]
+
+
+@dataclass(frozen=True, slots=True)
 class NamedSample:
     """A list of points that somebody prescribes, rows in the order of `LogicalScenario.parameters`."""
 
@@ -100,7 +112,8 @@ class LogicalScenario:
     approach: values by name (arrays) -> `Approach`, what the zones are computed from.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
-    where nobody says: `grid`, or the name of one of `samples`.
+    where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
+    parameters.
     """
 
     name: str
@@ -117,6 +130,7 @@ class LogicalScenario:
     time_limit: float | None = None
     samples: tuple[NamedSample, ...] = ()
     default_sample: str = "grid"
+    zone_coordinates: ZoneCoordinates | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

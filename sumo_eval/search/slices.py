@@ -47,6 +47,7 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         place=_Filled(logical.place, held),
         approach=_Filled(logical.approach, held),
         exposure=_Filled(logical.exposure, held),
+        zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),
         default_sample="grid",
     )

@@ -77,7 +77,7 @@ def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point
     # 60 -> 20 km/h at 0.9 m/s: exactly hazardous from 11.2 to 37.2 m
     slice_of_gaps = [[60 / 3.6, 20 / 3.6, gap, 0.9] for gap in (0.0, 27.0, 80.0)]
     assert zones.hazardous(slice_of_gaps).tolist() == [False, True, False]
-    assert boundary_error(zones, 5_000).feasible < 0.12
+    assert boundary_error(zones, 5_000).feasible < 0.01
     assert any("a coarser one of" in note for note in zones.notes)
 
 
@@ -86,7 +86,7 @@ def test_a_braking_lead_is_judged_by_the_search_and_learnt():
     # At 9.81 m/s2 the lead stands after 20.4 m; the ego needs 20 + 40 m and has 10 m more. At 1.81 it has 110 + 50 m.
     assert zones.hazardous([[20.0, 0.5, 9.81]])[0]
     assert not zones.hazardous([[20.0, 2.5, 1.81]])[0]
-    assert boundary_error(zones, 5_000).feasible < 0.05
+    assert boundary_error(zones, 5_000).feasible < 0.02
 
 
 # --- the paper's scenarios --------------------------------------------------------------------------------------------

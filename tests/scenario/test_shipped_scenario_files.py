@@ -39,6 +39,11 @@ def test_a_shipped_scenario_is_equal_to_its_file(name):
     ours, theirs = written.approach(columns), shipped.approach(columns)
     for part in ("ego_speed", "obstacle_speed", "gap", "delay", "obstacle_deceleration", "conflict_begin"):
         assert np.allclose(getattr(ours, part), getattr(theirs, part), rtol=1e-12, atol=1e-12), part
+    assert (written.zone_coordinates is None) == (shipped.zone_coordinates is None)
+    if shipped.zone_coordinates is not None:
+        assert written.zone_coordinates.names == shipped.zone_coordinates.names
+        pairs = zip(written.zone_coordinates.of(columns), shipped.zone_coordinates.of(columns), strict=True)
+        assert all(np.allclose(mine, other, rtol=1e-12, atol=1e-12) for mine, other in pairs)
     assert ours.passing_length == theirs.passing_length
     assert ours.has_closed_form == theirs.has_closed_form
 
