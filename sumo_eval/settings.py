@@ -285,9 +285,7 @@ class SamplingSettings(Checked):
     strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
         None
     )
-    file: Annotated[
-        str | None, About("CSV of points, or mapping of an OpenSCENARIO variation; relative to the evaluation file")
-    ] = None
+    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = None
 
 
 @dataclass(frozen=True, slots=True)

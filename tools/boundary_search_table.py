@@ -1,7 +1,7 @@
-"""How well the boundary search does beside random, grid and Sobol trials of the same number: the table of docs/space.md.
+"""The boundary search beside random, grid and Sobol trials of the same number: the table of docs/space.md.
 
-python tools/boundary_search_table.py [--budget 500] [--cache FOLDER]: three slices of 10,000 points, each simulated once
-for the truth (some minutes), then every method through SUMO with the same budget and the same classifier.
+python tools/boundary_search_table.py [--budget 500] [--cache FOLDER]: three slices of 10,000 points, each simulated
+once for the truth (some minutes), then every method through SUMO with the same budget and the same classifier.
 """
 
 from __future__ import annotations

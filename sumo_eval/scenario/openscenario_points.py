@@ -50,7 +50,7 @@ _REFERENCE = re.compile(r"\$(\w+)")
 
 @dataclass(frozen=True, slots=True)
 class SpaceMapping:
-    """A mapping file: the variation, our parameters as expressions of theirs, and the values that theirs are held to."""
+    """A mapping file: the variation, our parameters as expressions of theirs, and the values theirs are held to."""
 
     distribution: Path
     parameters: tuple[tuple[str, Expression], ...]
@@ -77,7 +77,7 @@ class Constraint:
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A parsed variation: combinations to try, default values of what is not varied, and constraint groups by parameter.
+    """A parsed variation: combinations to try, defaults of what is not varied, and constraint groups by parameter.
 
     groups: parameter -> its groups, each a tuple of constraints.
     """

@@ -55,7 +55,7 @@ def truth_d():
 
 
 def truth_c():
-    # nine of ten cases at x < 0.14 collide, far from the safe zone; Ug/U is 0.2 + 0.6 u with u in U(0, 1), and r = 1 + u:
+    # nine of ten cases at x < 0.14 collide, far from the safe zone; Ug/U = 0.2 + 0.6 u, u in U(0, 1), and r = 1 + u:
     # int (1+u)(0.2+0.6u) du / int (1+u) du = (0.2 + 0.8/2 + 0.6/3) / 1.5
     return 0.8 / 1.5
 
