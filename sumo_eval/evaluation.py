@@ -55,6 +55,9 @@ def evaluate(
     for ads in settings.ads:  # a misspelt controller must not be found out after an hour of simulation
         find_controller(ads.controller, source)
     spaces = [choose_points(entry, source, settings) for entry in settings.scenario]
+    for logical, _ in spaces:
+        for name in settings.report.axes.get(logical.name, ()):
+            logical.column(name)
     folder = Path(out)
     run_folder.create(folder, settings, source, [_middle(logical, points) for logical, points in spaces])
     with open_store(folder / run_folder.FACTS, create=True) as store:

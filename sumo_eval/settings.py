@@ -260,6 +260,10 @@ class ReportSettings(Checked):
             "name or controller of the ADS that decides what was preventable; the ideal vehicle if none is so called"
         ),
     ] = "careful_driver"
+    axes: Annotated[
+        dict[str, tuple[str, str]],
+        About("the two parameters that a scenario's maps show, by scenario; others: the two with most values"),
+    ] = field(default_factory=dict)
 
 
 # --- an evaluation ----------------------------------------------------------------------------------------------------

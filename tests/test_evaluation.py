@@ -19,7 +19,15 @@ from sumo_eval.batch.store import open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 
 
 def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_speed", "front_vehicle_cut_out")):
@@ -36,6 +44,20 @@ def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_sp
 def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     out = tmp_path_factory.mktemp("runs") / "small"
     return sumo_eval.evaluate(small("ideal_braking", "idm", "lane_changer", "no_reaction"), out)
+
+
+def test_the_ideal_vehicle_scores_c_1_in_each_shipped_scenario(tmp_path: Path) -> None:
+    corners = SamplingSettings(method="grid", levels=2)
+    everywhere = EvaluationSettings(
+        name="everywhere",
+        scenario=tuple(ScenarioSettings(name, sampling=corners) for name in sorted(SCENARIOS)),
+        ads=(AdsSettings("ideal", "ideal_braking"),),
+        drivers=DriverSettings(count=2),
+        run=RunSettings(workers=2),
+    )
+    scores = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
+    assert {score.scenario: score.c for score in scores} == dict.fromkeys(SCENARIOS, 1.0)
+    assert sum(score.collisions > 0 for score in scores) >= 2, "there is something to be ideal at"
 
 
 def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done: Evaluation) -> None:

@@ -138,7 +138,7 @@ def _group(
     """Everything the page says of one logical scenario."""
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
-    view = choose_view(logical, cases)
+    view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     judged = verdicts(evaluation)
     found = {judged[case.case] for case in cases}
     units = {item.name: item.unit for item in logical.parameters}

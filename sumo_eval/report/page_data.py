@@ -82,7 +82,7 @@ def _scenario(
 ) -> dict[str, Any]:
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
-    view = choose_view(logical, cases)
+    view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     trajectories: list[Trajectory] = []
     points = {fact.case: fact.point for fact in store.facts("ads", logical.name)}
     rows = []
@@ -217,15 +217,18 @@ class View:
         return self.projected or all(case.values[self.names[column]] == value for column, value in self.fixed.items())
 
 
-def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult]) -> View:
-    """One map for two parameters, a panel for each value of the first for three, a slice through more."""
+def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tuple[str, str] | None = None) -> View:
+    """One map for two parameters, a panel for each value of the first for three, a slice through more.
+
+    axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through the others.
+    """
     columns = range(len(logical.parameters))
     values = [[case.values[name] for case in cases] for name in logical.names]
     if len(columns) == 1:
         return View(logical.names, 0, None, None, (None,), {}, True, "")
     if len(columns) == 2:
         return View(logical.names, 0, 1, None, (None,), {}, True, "")
-    if len(columns) == 3:
+    if len(columns) == 3 and axes is None:
         distinct = sorted(set(values[0]))
         note = ""
         if len(distinct) > MOST_PANELS:
@@ -234,7 +237,7 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult]) -> View:
             note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
         return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
     by_variety = sorted(columns, key=lambda column: -len(set(values[column])))
-    x, y = sorted(by_variety[:2])
+    x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
     fixed = {column: Counter(sorted(values[column])).most_common(1)[0][0] for column in columns if column not in (x, y)}
     on_slice = sum(all(values[column][row] == fixed[column] for column in fixed) for row in range(len(cases)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)

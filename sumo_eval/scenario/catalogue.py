@@ -278,14 +278,14 @@ R157_CUT_OUT = LogicalScenario(
 # --- Euro NCAP, car to car rear ---------------------------------------------------------------------------------------
 
 NCAP_BODY = EgoBody(length=4.5, width=1.8)  # m, the car under test; `overlap` is a share of its width
-NCAP_TARGET = EgoBody(length=4.023, width=1.712)  # m, the global vehicle target (ISO 19206-3)
+NCAP_TARGET = EgoBody(length=4.023, width=1.712)  # m, the global vehicle target, from the same source
 NCAP_TIME_TO_COLLISION = 5.0  # s at the start; the protocol asks for more than 4 s
 _KMH = 1.0 / 3.6
 _OVERLAPS = (-0.5, -0.75, 1.0, 0.75, 0.5)
 _NCAP = "Euro NCAP car-to-car rear, as encoded in vectorgrp/OSC-NCAP-scenarios (C2C v4.3.1 of 2023, CA-FC v1.1 of 2026)"
 _OVERLAP = Parameter(
     "overlap", -1.0, 1.0, 0.25, "1",
-    "share of the ego's width that faces the target; 1 or -1: centred, 0.5: its right half, -0.5: its left",
+    "share of the ego's width that faces the target; 1 or -1: centred, 0.5: its left half, -0.5: its right",
 )  # fmt: skip
 
 
@@ -304,7 +304,7 @@ def _target(
     """The ego, and the target `gap` m ahead, moved sideways until the overlap is right."""
     overlap = values["overlap"]
     shift = max((NCAP_BODY.width + NCAP_TARGET.width) / 2 - abs(overlap) * NCAP_BODY.width, 0.0)
-    y = shift if overlap < 0.0 else -shift
+    y = -shift if overlap < 0.0 else shift  # the sign of the encoded test specification
     x = EGO_START + gap + (NCAP_BODY.length + NCAP_TARGET.length) / 2
     target = Actor("target", Start(x, y, speed), (), NCAP_TARGET.length, NCAP_TARGET.width, brake)
     return Start(EGO_START, 0.0, values["ego_speed"]), (target,)

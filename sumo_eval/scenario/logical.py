@@ -155,6 +155,12 @@ class LogicalScenario:
         """Points (n, k) of the unit box in the parameters' own units."""
         return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
 
+    def column(self, name: str) -> int:
+        """Which column of `points` a parameter is."""
+        if name not in self.names:
+            raise unknown(f"parameter of scenario `{self.name}`", name, self.names)
+        return self.names.index(name)
+
     def columns(self, points: ArrayLike) -> dict[str, FloatArray]:
         """Points (..., k) as one array per parameter name."""
         array = np.asarray(points, dtype=np.float64)

@@ -118,10 +118,14 @@ class BoundarySearch:
     @property
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to class differently: the mean of the last four
-        rounds; 1 until there have been so many with both outcomes known.
+        rounds, or, where that is more, the share of the trials that the classifier contradicts; 1 until there have been
+        four rounds with both outcomes known.
         """
         last = self._changes[-REMEMBERED:]
-        return float(np.mean(last)) if len(last) == REMEMBERED else 1.0
+        if len(last) < REMEMBERED:
+            return 1.0
+        contradicted = float(np.mean(self.classify(self.points) != self.outcomes))
+        return max(float(np.mean(last)), contradicted)
 
     @property
     def doubt(self) -> float:
@@ -138,7 +142,7 @@ class BoundarySearch:
     def _fit(self) -> None:
         n = len(self.outcomes)
         learn = self._model is None or (n >= 1.5 * self._learnt_at and self._learnt_at < LEARN_UNTIL)
-        if self._model is None:
+        if learn or self._model is None:  # always from the same start: an earlier search may have ended in a poor place
             kernel = ConstantKernel(100.0, SIGNAL_BOUNDS) * RBF(np.full(len(self.logical.names), 0.3), SCALE_BOUNDS)
         else:
             kernel = self._model.kernel_

@@ -71,20 +71,25 @@ def cut_out(speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: f
     return scene(speed, lead, obstacle)
 
 
-def of_row(kind: str, row: Row) -> ConcreteScenario:
-    """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it."""
+def of_row(kind: str, row: Row, *, bounded: bool = True) -> ConcreteScenario:
+    """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it.
+
+    bounded: refuse a row outside the shipped space; otherwise it is built in the same way without asking.
+    """
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
-        gap, lateral = float(row["dx0_m"]), float(row["vy_mps"])
-        return load("cut_in").concrete(ego_speed=speed, cut_in_speed=kmh(row["vo_kmh"]), gap=gap, lateral_speed=lateral)
+        other, gap, lateral = kmh(row["vo_kmh"]), float(row["dx0_m"]), float(row["vy_mps"])
+        if not bounded:
+            return cut_in(speed, other, gap, lateral)
+        return load("cut_in").concrete(ego_speed=speed, cut_in_speed=other, gap=gap, lateral_speed=lateral)
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
-        if row.get("gap_rule", "thw2") == "thw2":
+        if bounded and row.get("gap_rule", "thw2") == "thw2":
             return load("r157_cut_out").concrete(ego_speed=speed, obstacle_gap=gap, lateral_speed=lateral)
-        return cut_out(speed, float(row["dx0_m"]), gap, lateral)
+        return cut_out(speed, float(row.get("dx0_m", 2.0 * speed)), gap, lateral)
     gap = float(row["dx0_m"]) if "dx0_m" in row else float(row["thw_s"]) * speed
     deceleration = G * float(row["lead_decel_g"])
-    if gap <= 2.5 * speed:
+    if bounded and gap <= 2.5 * speed:
         shipped = load("front_vehicle_braking")
         return shipped.concrete(ego_speed=speed, headway=gap / speed, lead_deceleration=deceleration)
     start = Start(EGO_X + LENGTH + gap, LANE, speed)

@@ -75,10 +75,34 @@ def test_a_mirrored_cut_in_has_the_mirrored_result(controller, slides):
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_halving_the_step_flips_under_two_per_cent(controller):
     finer = replace(SETTINGS, step=0.025)
+    drawn = points(4, 100)
     outcomes = [
-        [simulate(cut_in(*point), controller, settings).collision is None for settings in (SETTINGS, finer)]
-        for point in points(4, 100)
+        [contact(point, controller) is None, simulate(cut_in(*point), controller, finer).collision is None]
+        for point in drawn
     ]
     coarse, fine = np.array(outcomes).T
     assert 0 < coarse.sum() < len(coarse)
     assert (coarse != fine).mean() < 0.02
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_what_halving_the_step_flips_lies_within_two_steps_of_the_boundary(controller):
+    # Two steps of the closing speed are how far the gap changes meanwhile. Gaps on both sides of both ends of the crash
+    # interval of one cut-in, ever closer to the coarse boundary: outcomes may differ only that near.
+    ego, other, lateral = 20.0, 10.0, 0.8
+    two_steps = 2.0 * SETTINGS.step * (ego - other)
+    finer = replace(SETTINGS, step=0.025)
+    for low, high in ((8.0, 16.0), (26.0, 42.0)):  # one end of the interval in each
+        safe = low < 20.0
+        while high - low > 0.001:
+            gap = 0.5 * (low + high)
+            clear = contact((ego, other, gap, lateral), controller) is None
+            low, high = (gap, high) if clear == safe else (low, gap)
+        seen = set()
+        for share in 2.0 * np.linspace(-1.0, 1.0, 20) ** 3:
+            point = (ego, other, low + share * two_steps, lateral)
+            coarse = contact(point, controller) is None
+            fine = simulate(cut_in(*point), controller, finer).collision is None
+            assert coarse == fine or abs(share) <= 1.0
+            seen.add((coarse, abs(share) > 1.0))
+        assert seen == {(True, True), (False, True), (True, False), (False, False)}

@@ -159,6 +159,16 @@ def test_a_map_of_many_parameters_takes_the_two_that_vary_most(evaluation: Evalu
     assert set(view.fixed) == {0, 1}
 
 
+def test_a_map_shows_the_two_parameters_that_somebody_chose(evaluation: Evaluation) -> None:
+    rows = [[float(a), 1.0, float(b), float(c)] for a in range(2) for b in range(4) for c in range(3)]
+    cases = points(evaluation, rows)
+    view = choose_view(space(4), cases, ("p3", "p0"))
+    assert (view.x, view.y, set(view.fixed)) == (3, 0, {1, 2})
+    assert choose_view(space(3), cases, ("p2", "p0")).panel is None
+    with pytest.raises(InputError, match="p7"):
+        choose_view(space(4), cases, ("p3", "p7"))
+
+
 def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluation) -> None:
     rows = [
         [float(a), float(b), float(c), float(d)] for a in range(3) for b in range(3) for c in range(2) for d in range(2)

@@ -177,7 +177,7 @@ def test_the_targets_offset_by_hand():
     ccrs = catalogue.load("ncap_ccrs")
     offset = {o: ccrs.concrete(ego_speed=10.0, overlap=o).actors[0].start.y for o in (-1.0, 1.0, 0.5, -0.5, 0.75)}
     # half of the ego's 1.8 m faces the 1.712 m target when the centres are 1.756 - 0.9 m apart
-    assert offset == pytest.approx({-1.0: 0.0, 1.0: 0.0, 0.5: -0.856, -0.5: 0.856, 0.75: -0.406})
+    assert offset == pytest.approx({-1.0: 0.0, 1.0: 0.0, 0.5: 0.856, -0.5: -0.856, 0.75: 0.406})
 
 
 def test_a_prescribed_ego_body_and_time_limit_take_the_settings_place():
