@@ -35,6 +35,7 @@ EXPLORE_EVERY = 8  # of a batch, every eighth point goes where least is known
 LEARN_UNTIL = 300  # trials up to which the kernel's constants are searched anew each time they have grown by half
 SIGNAL_BOUNDS, SCALE_BOUNDS = (1.0, 1e3), (0.02, 10.0)  # variance of f; unit-box lengths
 SETTLED = 1e-3  # of probability: how far a trial may be from its own equation at the mode
+CONTRADICTED = 0.05  # share of its own trials that a classifier may put on the wrong side and still count as settled
 REMEMBERED = 4  # rounds whose changes say what the next one may change
 SAME = 1e-9  # unit-box lengths
 
@@ -118,14 +119,12 @@ class BoundarySearch:
     @property
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to class differently: the mean of the last four
-        rounds, or, where that is more, the share of the trials that the classifier contradicts; 1 until there have been
-        four rounds with both outcomes known.
+        rounds; 1 until there have been so many with both outcomes known, and while the classifier contradicts its trials.
         """
         last = self._changes[-REMEMBERED:]
-        if len(last) < REMEMBERED:
+        if len(last) < REMEMBERED or np.mean(self.classify(self.points) != self.outcomes) > CONTRADICTED:
             return 1.0
-        contradicted = float(np.mean(self.classify(self.points) != self.outcomes))
-        return max(float(np.mean(last)), contradicted)
+        return float(np.mean(last))
 
     @property
     def doubt(self) -> float:
