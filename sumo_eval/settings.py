@@ -277,7 +277,7 @@ class SamplingSettings(Checked):
         str | None,
         About(
             "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
-            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"
+            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
         ),
     ] = None
     levels: Annotated[

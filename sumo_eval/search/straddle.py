@@ -119,7 +119,7 @@ class BoundarySearch:
     @property
     def expected_change(self) -> float:
         """Share of the possible points that the next round is expected to class differently: the mean of the last four
-        rounds; 1 until there have been so many with both outcomes known, and while the classifier contradicts its trials.
+        rounds; 1 until there have been so many with both outcomes, and while the classifier contradicts its trials.
         """
         last = self._changes[-REMEMBERED:]
         if len(last) < REMEMBERED or np.mean(self.classify(self.points) != self.outcomes) > CONTRADICTED:

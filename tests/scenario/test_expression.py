@@ -38,9 +38,9 @@ def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
 @pytest.mark.parametrize(
     "text",
     [
-        "__import__('os').system('true')", "speed.real", "speed[0]", "[1, 2]", "lambda: 1", "(a := 1)", "f'{a}'", "'text'",
-        "a if a < b else b", "a @ b", "a // b", "a & b", "~a", "a in b", "a is b", "min(*a)", "min(a, key=b)", "True", "None",
-        "1j", "1e999", "{a}", "a; b", "a = 1", "", "  ", "(" * 60 + "a" + ")" * 60 + "+" * 70 + "a", "exec(a)", "abs(a, b)",
+        "__import__('os').system('true')", "speed.real", "speed[0]", "[1, 2]", "lambda: 1", "(a := 1)", "f'{a}'", "'text'",  # noqa: E501
+        "a if a < b else b", "a @ b", "a // b", "a & b", "~a", "a in b", "a is b", "min(*a)", "min(a, key=b)", "True", "None",  # noqa: E501
+        "1j", "1e999", "{a}", "a; b", "a = 1", "", "  ", "(" * 60 + "a" + ")" * 60 + "+" * 70 + "a", "exec(a)", "abs(a, b)",  # noqa: E501
         "min(a)", "a and b", "(a < b) + 1", "where(a, b, b)", "not a", "x" * 1001, "-" * 900 + "a",
     ],
 )  # fmt: skip

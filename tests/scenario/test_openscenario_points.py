@@ -161,8 +161,8 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         stochastic(
             ("Ve0_kph", '<NormalDistribution expectedValue="50" variance="25"/>'),
             ("Rel_kph", f"<UniformDistribution>{limits.format(-30, -10)}</UniformDistribution>"),
-            ("dx0_m", f'<NormalDistribution expectedValue="0" variance="100">{limits.format(0, 60)}</NormalDistribution>'),
-            ("Vy_mps", f'<Histogram><Bin weight="3">{limits.format(0, 1)}</Bin><Bin weight="1">{limits.format(1, 3)}</Bin>'
+            ("dx0_m", f'<NormalDistribution expectedValue="0" variance="100">{limits.format(0, 60)}</NormalDistribution>'),  # noqa: E501
+            ("Vy_mps", f'<Histogram><Bin weight="3">{limits.format(0, 1)}</Bin><Bin weight="1">{limits.format(1, 3)}</Bin>'  # noqa: E501
                        "</Histogram>"),
             ("Model", '<ProbabilityDistributionSet><Element value="car" weight="4"/><Element value="bus" weight="1"/>'
                       "</ProbabilityDistributionSet>"),

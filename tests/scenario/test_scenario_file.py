@@ -72,7 +72,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
 ]""",
     )
     head, _, rest = text.partition("[[parameter]]")
-    text = f'{head}exposure = "1.0 + truck_speed / 10.0"\n[define]\nhalf = "ego_speed / 2.0"\nlate = "half / 10.0"\n[[parameter]]{rest}'
+    text = f'{head}exposure = "1.0 + truck_speed / 10.0"\n[define]\nhalf = "ego_speed / 2.0"\nlate = "half / 10.0"\n[[parameter]]{rest}'  # noqa: E501
     (tmp_path / "s.toml").write_text(text)
     concrete = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=10.0)
     (truck,) = concrete.actors
