@@ -1,4 +1,7 @@
-"""How often the values of a parameter are met: a distribution of scipy.stats by its name there, cut to the range."""
+"""How often the values of a parameter are met: a distribution of scipy.stats by its name there, cut to the range.
+
+scipy.stats is imported when a distribution is used: it takes 0.7 s, and every child process imports this module.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.trajectory import FloatArray
@@ -27,7 +29,7 @@ class Distribution:
         known = _continuous()
         if name not in known:
             raise unknown(f"distribution of {owner}", name, known)
-        shapes = [part.strip() for part in (getattr(stats, name).shapes or "").split(",") if part.strip()]
+        shapes = [part.strip() for part in (getattr(_stats(), name).shapes or "").split(",") if part.strip()]
         allowed = [*shapes, "loc", "scale"]
         for given in arguments:
             if given not in allowed:
@@ -60,8 +62,15 @@ class Distribution:
         return f"{self.name}({', '.join(f'{name}={value:g}' for name, value in self.arguments)})"
 
     def _frozen(self) -> Any:
-        return getattr(stats, self.name)(**dict(self.arguments))
+        return getattr(_stats(), self.name)(**dict(self.arguments))
 
 
 def _continuous() -> list[str]:
+    stats = _stats()
     return sorted(name for name in dir(stats) if isinstance(getattr(stats, name), stats.rv_continuous))
+
+
+def _stats() -> Any:
+    from scipy import stats
+
+    return stats
