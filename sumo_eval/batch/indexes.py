@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from sumo_eval.batch.children import child_context, tie_to_owner
+from sumo_eval.batch.spread import spread
 from sumo_eval.batch.store import open_store
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.scenario.concrete import Road
@@ -34,30 +33,18 @@ def compute_indexes(
     progress: Callable[[int], None],
 ) -> list[AnthropomorphicIndex]:
     """D_i of every job, in order. `progress` is told how many are done."""
-    chunks = [(facts, jobs[start : start + _CHUNK], settings) for start in range(0, len(jobs), _CHUNK)]
+    parts = [(facts, jobs[start : start + _CHUNK], settings) for start in range(0, len(jobs), _CHUNK)]
     results: list[AnthropomorphicIndex] = []
-    if workers == 1 or len(jobs) < _WORTH_PROCESSES:
-        for chunk in chunks:
-            results += _compute_chunk(chunk)
-            progress(len(results))
-        return results
-    context = child_context()
-    lifeline, held = context.Pipe(duplex=False)
-    with lifeline, held:
-        pool = ProcessPoolExecutor(workers, context, initializer=tie_to_owner, initargs=(lifeline,))
-        try:
-            for part in pool.map(_compute_chunk, chunks):
-                results += part
-                progress(len(results))
-        finally:
-            pool.shutdown(cancel_futures=True)
+    for part in spread(_compute_part, parts, workers if len(jobs) >= _WORTH_PROCESSES else 1):
+        results += part
+        progress(len(results))
     return results
 
 
-def _compute_chunk(
-    chunk: tuple[Path, Sequence[IndexJob], AnthropomorphicSettings],
+def _compute_part(
+    part: tuple[Path, Sequence[IndexJob], AnthropomorphicSettings],
 ) -> list[AnthropomorphicIndex]:
-    facts, jobs, settings = chunk
+    facts, jobs, settings = part
     with open_store(facts) as store:
         return [
             anthropomorphic_index(
