@@ -2,8 +2,9 @@
 
 python tools/batch_rates.py [CASES] [tcp://SCHEDULER]
 
-A ratio compares an engine with the bare loop of the same round; the table gives the median of the rounds and how
-far they lie apart. One worker above 1, or wide ranges, say that the machine was busy.
+Two ratios to the bare loop of the same round: of wall time (what more processes gain; it hangs on what else the machine
+does) and of processor time, children's included (what a case costs; nearly the same on a busy machine). Each is the
+median of the rounds with the least and the most. Of a cluster's workers the processor time is not known here.
 """
 
 import os
@@ -12,6 +13,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Sequence
+from multiprocessing import forkserver
 from pathlib import Path
 
 from sumo_eval.batch.cases import Case, Setup
@@ -35,6 +37,22 @@ def engine(run: RunSettings) -> Callable[[Sequence[Case]], int]:
     return lambda cases: sum(1 for outcome in run_cases(cases, setup) if outcome.status == "ok")
 
 
+def processor_time() -> float:
+    """Seconds of this process and of all children that have ended; they are children of the fork server, not ours."""
+    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # the standard library shows it nowhere else
+    if server is None:
+        return time.process_time()
+    fields = Path(f"/proc/{server}/stat").read_text().rpartition(")")[2].split()
+    ticks = sum(int(field) for field in fields[11:15])  # user and system time, its own and its children's
+    return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")
+
+
+def spread(basis: Sequence[float], found: Sequence[float]) -> str:
+    """The ratio of each round: median, least, most."""
+    ratios = [one / other for one, other in zip(basis, found, strict=True)]
+    return f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+
+
 def main() -> None:
     """Print a line for each engine."""
     number = int(sys.argv[1]) if len(sys.argv) > 1 else 200
@@ -51,25 +69,24 @@ def main() -> None:
         ways["dask"] = engine(RunSettings(engine="dask", scheduler=scheduler))
     for way in ways.values():
         way(cases[:WARM_UP])
-    seconds: dict[str, list[float]] = {name: [] for name in ways}
-    own = dict.fromkeys(ways, 0.0)  # s of processor time in this process: what a parent costs on a busy machine too
+    wall: dict[str, list[float]] = {name: [] for name in ways}
+    processor: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, way in ways.items():
-            began, busy = time.perf_counter(), time.process_time()
+            began, busy = time.perf_counter(), processor_time()
             done = way(cases)
-            seconds[name].append(time.perf_counter() - began)
-            own[name] += time.process_time() - busy
+            wall[name].append(time.perf_counter() - began)
+            processor[name].append(processor_time() - busy)
             if done != number:
                 raise SystemExit(f"{name}: {done} cases of {number} came to their end")
-        print(", ".join(f"{name} {found[-1]:.2f} s" for name, found in seconds.items()), flush=True)
+        print(", ".join(f"{name} {found[-1]:.2f} s" for name, found in wall.items()), flush=True)
     print(f"{number} cases, {ROUNDS} rounds, {os.cpu_count()} cores, Python {platform.python_version()}")
-    for name, found in seconds.items():
-        ratios = [basis / took for basis, took in zip(seconds["bare"], found, strict=True)]
-        print(
-            f"{name:<10}{number / statistics.median(found):8.1f} cases/s,"
-            f" {statistics.median(ratios):5.2f} ({min(ratios):.2f} to {max(ratios):.2f}) of the bare loop,"
-            f" {1e3 * own[name] / (number * ROUNDS):6.2f} ms of this process a case"
-        )
+    for name in ways:
+        rate = number / statistics.median(wall[name])
+        line = f"{name:<10}{rate:7.1f} cases/s; of the bare loop: wall {spread(wall['bare'], wall[name])}"
+        if name != "dask":
+            line += f", processor {spread(processor['bare'], processor[name])}"
+        print(line)
 
 
 if __name__ == "__main__":
