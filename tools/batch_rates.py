@@ -3,7 +3,7 @@
 python tools/batch_rates.py [CASES] [tcp://SCHEDULER]
 
 Two ratios to the bare loop of the same round: of wall time (what more processes gain; it hangs on what else the machine
-does) and of processor time, children's included (what a case costs; nearly the same on a busy machine). Each is the
+does) and of processor time, children's included (what a case costs; much steadier on a busy machine). Each is the
 median of the rounds with the least and the most. Of a cluster's workers the processor time is not known here.
 """
 
