@@ -28,7 +28,10 @@ COMMANDS: Final = (
     "export",
     "scenarios",
     "partition",
+    "sample",
+    "boundary",
     "check",
+    "schema",
     "bench",
 )  # sumo_eval/commands/NAME.py defines NAME
 

@@ -55,7 +55,7 @@ def _validated(content: Mapping[str, Any], kind: type[Settings], where: str) -> 
         adapter: TypeAdapter[Settings] = TypeAdapter(kind)
         settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
-        raise InputError("\n".join(_sentence(item, where, kind) for item in error.errors())) from None
+        raise InputError(mistakes(error, where, kind)) from None
     return settings
 
 
@@ -118,12 +118,17 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def _sentence(item: Any, where: str, kind: type[Checked]) -> str:
+def mistakes(error: ValidationError, where: str, root: type) -> str:
+    """Everything that pydantic found, one sentence a line. `root`: the settings class that was being read."""
+    return "\n".join(_sentence(item, where, root) for item in error.errors())
+
+
+def _sentence(item: Any, where: str, root: type) -> str:
     """One of pydantic's findings in the project's sentence shape."""
     location = [part for part in item["loc"] if part not in _UNION_BRANCHES]
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
     if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
-        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, kind))}"
+        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
     if item["type"] in {"missing", "missing_argument"}:
         return f"`{path}` in {where} is missing."
     if item["type"] == "string_too_short":
@@ -134,12 +139,12 @@ def _sentence(item: Any, where: str, kind: type[Checked]) -> str:
     return f"`{path}` in {where} must be {message}, got {item['input']!r}."
 
 
-_UNION_BRANCHES = {"int", "dict[str,int]"}
+_UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}
 
 
-def _keys_beside(location: Sequence[Any], kind: type[Checked]) -> list[str]:
+def _keys_beside(location: Sequence[Any], root: type) -> list[str]:
     """Names of the keys known at the place of the last part of a path."""
-    owner: Any = kind
+    owner: Any = root
     for part in location[:-1]:
         if isinstance(part, str) and owner is not None:
             owner = _settings_class_in(get_type_hints(owner).get(part))

@@ -80,7 +80,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     with open_store(folder / run_folder.FACTS) as store:
         check_complete(store, folder)
         for entry in settings.scenario:
-            logical, points = choose_points(entry, source)
+            logical, points = choose_points(entry, source, settings)
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
             compared = references(logical, store, settings.drivers)

@@ -21,6 +21,7 @@ from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.results import EVALUATED
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings
 from sumo_eval.spaces import choose_points, zones_of
@@ -274,15 +275,15 @@ def _spaces(settings: EvaluationSettings, source: Path, shard: tuple[int, int]) 
     """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
     spaces = []
     for offset, entry in enumerate(settings.scenario):
-        logical, points = choose_points(entry, source)
+        known = catalogue.find(entry.use, source)
+        exposure = exposure_of(known, entry.exposure, settings.drivers, source)
+        logical, points = choose_points(entry, source, settings, exposure.density)
         for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
             logical.column(name)
         hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
         index, count = shard
         numbers = range((index - 1 - offset) % count, len(points.points), count)
-        exposure = exposure_of(logical, entry.exposure, settings.drivers, source)
-        weighted = replace(logical, exposure=exposure.density)
-        spaces.append(Space(weighted, points.points, hazardous, numbers, exposure.plain(points.points)))
+        spaces.append(Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)))
     return spaces
 
 

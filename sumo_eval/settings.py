@@ -75,6 +75,8 @@ class Checked:
                 raise must_be(f"`{item.name}`", owner, words, value)
             if isinstance(value, float) and not math.isfinite(value):
                 raise must_be(f"`{item.name}`", owner, "a finite number" if math.isinf(value) else "a number", value)
+            if value is None:  # its type allows that, and no bound applies to it
+                continue
             for extra in getattr(hint, "__metadata__", ()):
                 for kind, attribute, words in _CHECKS:
                     if isinstance(extra, kind):
@@ -418,13 +420,21 @@ class SamplingSettings(Checked):
 
     method: Annotated[
         str | None,
-        About("how points are chosen: grid, or a sample that the scenario names; default: the scenario's own"),
+        About(
+            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
+            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
+        ),
     ] = None
     levels: Annotated[
         int | dict[str, int] | None,
         About("points on each axis, one number or by parameter; default: the space's steps"),
     ] = None
     steps: Annotated[dict[str, float] | None, About("step by parameter name; others keep the space's own")] = None
+    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them")] = None
+    strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
+        None
+    )
+    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -466,7 +476,7 @@ class ExposureSettings(Checked):
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
-    use: Annotated[str, About("a shipped name or module:name")]
+    use: Annotated[str, About("a shipped name, a scenario file (.toml) or module:name")]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
 

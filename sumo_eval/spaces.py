@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.danger import danger
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.logical import LogicalScenario, Values
+from sumo_eval.scenario.request import Request
 from sumo_eval.scenario.sampling import Sample, sample
-from sumo_eval.settings import ScenarioSettings, ZoneSettings
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.trajectory import FloatArray
+
+Exposure = Callable[[Values], FloatArray]
 
 
 @lru_cache(maxsize=16)
@@ -19,11 +26,23 @@ def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
     return partition(logical, settings)
 
 
-def choose_points(entry: ScenarioSettings, source: Path) -> tuple[LogicalScenario, Sample]:
-    """A logical scenario and the points of its space that are simulated."""
-    logical = catalogue.find(entry.use, source)
-    sampling = entry.sampling
-    points = sample(logical, sampling.method, levels=sampling.levels, steps=sampling.steps)
+def choose_points(
+    entry: ScenarioSettings, source: Path, settings: EvaluationSettings, exposure: Exposure | None = None
+) -> tuple[LogicalScenario, Sample]:
+    """A logical scenario and the points of its space that are simulated. exposure: in place of the scenario's own."""
+    logical, sampling = catalogue.find(entry.use, source), entry.sampling
+    request = Request(
+        levels=sampling.levels,
+        steps=sampling.steps,
+        count=sampling.count,
+        strength=sampling.strength,
+        file=sampling.file,
+        folder=source,
+        seed=settings.seed,
+        danger=lambda points: danger(logical, points, settings.method.zones),
+    )
+    weighted = logical if exposure is None else replace(logical, exposure=exposure)
+    points = sample(weighted, sampling.method, request=request)
     if len(points.points) == 0:
         raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
     return logical, points

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -40,18 +40,23 @@ def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Space:
-    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers of those to do."""
+    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers of those to do.
+
+    weights: p_i of each point, (n,), up to a factor. exposure: what the run keeps of where they come from.
+    """
 
     logical: LogicalScenario
     points: FloatArray
     hazardous: BoolArray
     numbers: Sequence[int]
-    exposure: Mapping[str, Any] = field(default_factory=dict)  # what the run keeps of it
+    weights: FloatArray
+    exposure: Mapping[str, Any] = field(default_factory=dict)
 
     def concrete(self, number: int) -> ConcreteScenario:
         """The concrete scenario at a point; made when asked for, because a space can have a million of them."""
         values: list[float] = self.points[number].tolist()
-        return self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+        made = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+        return replace(made, exposure=float(self.weights[number]))
 
     @property
     def safe(self) -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import click
 
@@ -14,13 +15,33 @@ from sumo_eval.commands.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 @click.argument("what", metavar="LOCATOR-or-FILE")
 @click.option("--step-timeout", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="s")
 def check(what: str, step_timeout: float) -> None:
-    """Check an ADS (two cases, each driven twice with one seed) or an evaluation file (FILE.toml).
+    """Check an ADS (two cases, each driven twice with one seed), an evaluation file or a scenario file (FILE.toml).
 
     Exit status: 0 all is well, 1 the ADS breaks the contract, 2 it cannot be loaded or the file is wrong.
     """
     if what.endswith(".toml"):
+        if _is_scenario(Path(what)):
+            _check_scenario(Path(what))
         _check_evaluation(Path(what))
     _check_controller(what, step_timeout)
+
+
+def _is_scenario(path: Path) -> bool:
+    """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
+    import tomllib
+
+    try:
+        return "parameter" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+
+
+def _check_scenario(path: Path) -> NoReturn:
+    from sumo_eval.scenario.file import check_file
+
+    for sentence in check_file(path):
+        click.echo(sentence)
+    sys.exit(DONE)
 
 
 def _check_controller(locator: str, step_timeout: float) -> None:
@@ -67,7 +88,7 @@ def _check_evaluation(path: Path) -> None:
             click.echo(f"ok    {described}{said}")
 
     def points(index: int) -> str:
-        logical, chosen = choose_points(settings.scenario[index], source)
+        logical, chosen = choose_points(settings.scenario[index], source, settings)
         return f": {len(chosen.points)} points of {', '.join(p.name for p in logical.parameters)}"
 
     def controller(index: int) -> str:

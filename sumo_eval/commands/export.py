@@ -1,4 +1,4 @@
-"""`sumo-eval export`: a run as tables for other tools."""
+"""`sumo-eval export`: a run as tables for other tools, or one of its cases as files that stand alone."""
 
 from __future__ import annotations
 
@@ -9,11 +9,23 @@ import click
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--format", "kind", type=click.Choice(("csv", "parquet")), default="csv", show_default=True)
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the tables.")
-def export(run: Path, kind: str, out: Path) -> None:
-    """Write the cases, all drives and all trajectories of RUN as tables."""
-    from sumo_eval.exchange import export as write
+@click.argument("case", required=False)
+@click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
+def export(run: Path, case: str | None, kind: str | None, out: Path) -> None:
+    """Write the cases, all drives and all trajectories of RUN as tables; with CASE, that case as a SUMO configuration,
+    as OpenSCENARIO, and as an evaluation that drives it again.
+    """
+    if case is None:
+        from sumo_eval.exchange import export as write
 
-    for path in write(run, out, kind):
+        for path in write(run, out, kind or "csv"):
+            click.echo(str(path))
+        return
+    if kind is not None:
+        raise click.UsageError("`--format` is for the tables of a whole run; a case has its own kinds of files.")
+    from sumo_eval.report.export_case import export_case, reproduce_line
+
+    for path in export_case(run, case, out):
         click.echo(str(path))
+    click.echo(f"Drive it again, in that folder: {reproduce_line(case)}")

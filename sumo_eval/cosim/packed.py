@@ -91,7 +91,7 @@ def simulate_many(
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(concrete: ConcreteScenario) -> tuple[object, ...] | None:
-        if packed_form is None or not _keeps_headings(concrete) or not as_usual:
+        if packed_form is None or not _keeps_headings(concrete) or not as_usual or concrete.road.network is not None:
             return None
         return concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)
 

@@ -11,10 +11,16 @@ from collections.abc import Mapping
 from lxml import etree
 
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 EGO = "ego"
 _EDGE = "road"
+
+
+def road_edges(road: Road) -> tuple[str, ...]:
+    """Ids of the edges that are driven along."""
+    return (_EDGE,) if road.network is None else road.network.edges
 
 
 def _text(root: etree._Element) -> str:
@@ -38,7 +44,12 @@ def _metres(value: float) -> str:
 
 @functools.lru_cache(maxsize=64)
 def network_xml(road: Road) -> str:
-    """A straight one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0."""
+    """A straight one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
+
+    A road in a network of the user's is that network, laid along the x axis.
+    """
+    if road.network is not None:
+        return laid_along_x(road.network)
     end = road.length + road.run_out
     middle = (road.left_edge + road.right_edge) / 2
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
@@ -93,7 +104,7 @@ def routes_xml(
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     for attributes in vehicle_types(concrete, vehicle, ego_type):
         etree.SubElement(routes, "vType", attributes)
-    etree.SubElement(routes, "route", id="along", edges=_EDGE)
+    etree.SubElement(routes, "route", id="along", edges=" ".join(road_edges(concrete.road)))
     for attributes in departures(concrete, vehicle.length):
         etree.SubElement(routes, "vehicle", attributes)
     return _text(routes)

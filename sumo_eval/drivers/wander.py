@@ -1,25 +1,13 @@
-"""Random but smooth: named random streams, and a stationary noise that a vehicle can follow exactly."""
+"""Random but smooth: a stationary noise that a vehicle can follow exactly."""
 
 from __future__ import annotations
 
-import hashlib
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.errors import must_be
-
-
-def random_stream(seed: int, *labels: str | int) -> np.random.Generator:
-    """The random stream of that name: the same on every machine, in every process and in whatever order it is asked.
-
-    seed: 0 or more. labels: what the stream is for, e.g. ("population", 3); different names, independent streams.
-    """
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise must_be("`seed`", "a random stream", "a whole number of at least 0", seed)
-    digest = hashlib.blake2b(repr(labels).encode(), digest_size=16).digest()
-    return np.random.default_rng(np.random.SeedSequence([seed, int.from_bytes(digest, "little")]))
+from sumo_eval.random_streams import random_stream as random_stream
 
 
 class NoisePoint(NamedTuple):

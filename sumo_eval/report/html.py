@@ -178,6 +178,10 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     method = sampling.method or ("grid" if given else logical.default_sample)
     if method in {item.name for item in logical.samples}:
         return f"{method}, {next(item.about for item in logical.samples if item.name == method)}"
+    if sampling.count is not None:
+        return f"{method}, {sampling.count} points asked for"
+    if sampling.file is not None:
+        return f"{method}, {sampling.file}"
     if isinstance(sampling.levels, int):
         how = f"{sampling.levels} points on each axis"
     else:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
+from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
+from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import ledger, sentences
 from sumo_eval.report.people import people_context
@@ -27,12 +29,14 @@ MOST_CHANGED = 200  # cases in the table of changes
 class Beside:
     """What a report shows besides the evaluation itself; a section whose part is missing here is left out.
 
-    comparison, gates: the change since an earlier run. notes: whole sentences about it.
+    comparison, gates: the change since an earlier run. notes: whole sentences about it. confidence: how far the scores
+    can be trusted.
     """
 
     comparison: Comparison | None = None
     gates: tuple[GateResult, ...] = ()
     notes: tuple[str, ...] = ()
+    confidence: Confidence | None = None
 
 
 Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
@@ -132,6 +136,11 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     }
 
 
+def confidence_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+    """Intervals, risk, coverage and the most telling further cases, where they were assessed."""
+    return None if beside.confidence is None else confidence_content(evaluation, beside.confidence)
+
+
 SECTIONS = (
     Section("change", "Change", change_content),
     Section("verdict", "Verdict", always),
@@ -143,6 +152,7 @@ SECTIONS = (
     Section("collisions", "Collisions", always),
     Section("preventability", "Preventability", always),
     Section("missing", "Not evaluated", always),
+    Section("confidence", "Confidence", confidence_section),
     Section("zones", "Zones", always),
     Section("settings", "Settings", always),
 )

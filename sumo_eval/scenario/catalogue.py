@@ -10,6 +10,7 @@ import numpy as np
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
+from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.logical import (
     Approach,
     Constraint,
@@ -434,7 +435,9 @@ SCENARIOS = {
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or as `module:name` or `file.py:name` relative to `folder`."""
+    """A logical scenario by its shipped name, or `file.toml`, `module:name`, `file.py:name` relative to `folder`."""
+    if use.endswith(".toml"):
+        return read_scenario((Path.cwd() if folder is None else folder) / use)
     if ":" not in use:
         return load(use)
     found = load_object(use, folder, "Logical scenario")

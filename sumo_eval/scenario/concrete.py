@@ -19,8 +19,23 @@ from sumo_eval.trajectory import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
+class NetworkFile:
+    """A SUMO network of the user's. edges: those of its edges that are driven along, in order; together straight.
+
+    path: of the .net.xml, absolute. sha256: of its content, so that a changed file is another road.
+    """
+
+    path: str
+    edges: tuple[str, ...]
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class Road:
-    """A straight road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m."""
+    """A straight road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m.
+
+    network: the user's network that holds it; None: a network is written for it.
+    """
 
     name: str
     length: float
@@ -28,6 +43,7 @@ class Road:
     lane_width: float
     run_out: float
     speed_limit: float = 60.0
+    network: NetworkFile | None = None
 
     @property
     def right_edge(self) -> float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
+from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -19,7 +21,11 @@ Values = Mapping[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One axis of a space: [low, high] in `unit`, sampled every `step` by default."""
+    """One axis of a space: [low, high] in `unit`, sampled every `step` by default.
+
+    values: the only values it can take, ascending, from low to high; empty: any value of the range. distribution: how
+    often values are met, where that is known.
+    """
 
     name: str
     low: float
@@ -27,12 +33,17 @@ class Parameter:
     step: float
     unit: str
     about: str
+    values: tuple[float, ...] = ()
+    distribution: Distribution | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise must_be("The range", f"parameter `{self.name}`", "finite, low < high", f"{self.low}..{self.high}")
         if not (math.isfinite(self.step) and self.step > 0):
             raise must_be("`step`", f"parameter `{self.name}`", "greater than 0", self.step)
+        ascending = all(a < b for a, b in itertools.pairwise(self.values))
+        if self.values and not (ascending and self.values[0] == self.low and self.values[-1] == self.high):
+            raise must_be("`values`", f"parameter `{self.name}`", "ascending, from low to high", self.values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +208,9 @@ class LogicalScenario:
                     f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}",
                     float(value),
                 )
+            if parameter.values and float(value) not in parameter.values:
+                allowed = ", ".join(f"{known:g}" for known in parameter.values)
+                raise must_be(f"`{parameter.name}`", owner, f"one of {allowed} {parameter.unit}", float(value))
         point = {name: float(values[name]) for name in self.names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
@@ -209,6 +223,11 @@ class LogicalScenario:
             self.name, point, exposure, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
         )
 
-    def concretes(self, points: ArrayLike) -> Sequence[ConcreteScenario]:
-        """The concrete scenarios at the rows of `points` (n, k)."""
-        return [self.concrete(**dict(zip(self.names, row, strict=True))) for row in np.asarray(points).tolist()]
+    def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:
+        """The concrete scenarios at the rows of `points` (n, k). exposure: (n,), where it is not the space's own."""
+        rows = np.asarray(points).tolist()
+        found = [self.concrete(**dict(zip(self.names, row, strict=True))) for row in rows]
+        if exposure is None:
+            return found
+        counts = np.asarray(exposure, dtype=np.float64).tolist()
+        return [replace(concrete, exposure=count) for concrete, count in zip(found, counts, strict=True)]

@@ -1,4 +1,7 @@
-"""Where the shipped SUMO networks and routes are: inside the package once installed, beside it in the source tree."""
+"""Where the shipped files are: SUMO networks and routes, and the shipped scenarios written as scenario files.
+
+Networks and routes are inside the package once installed, beside it in the source tree.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,11 @@ def networks_folder() -> Path:
 def routes_folder() -> Path:
     """The folder of the `.rou.xml` and `.sumocfg` files."""
     return _find("routes")
+
+
+def scenario_file(name: str) -> Path:
+    """The scenario file that says what the shipped scenario of that name does."""
+    return _PACKAGE / "scenario" / "files" / f"{name}.toml"
 
 
 def _find(name: str, package: Path = _PACKAGE) -> Path:

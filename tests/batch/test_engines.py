@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -187,3 +189,14 @@ def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
 
     cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
     assert len(list(run_cases(cases, setup, stopping))) == 5
+
+
+def test_a_child_imports_no_more_than_it_needs():
+    # Every child of every run pays for it: numpy and libsumo, and none of the packages that only scoring needs.
+    code = (
+        "import sys, sumo_eval.batch.worker\n"
+        "heavy = {'scipy', 'pandas', 'sklearn', 'pydantic', 'numba', 'covertable', 'fmpy', 'plotly', 'jinja2'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,171 @@
+"""Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its rows and facts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.batch.indexes import IndexJob, compute_indexes
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import Store, open_store
+from sumo_eval.confidence.coverage import SpaceCoverage, space_coverage
+from sumo_eval.confidence.further_cases import FurtherCases, further_cases
+from sumo_eval.confidence.intervals import CaseTerms, ScoreIntervals, jackknife_error, score_intervals
+from sumo_eval.confidence.risk import Risk, risk
+from sumo_eval.method.anthropomorphic import exposure_weighted_index
+from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.method.zone_uncertainty import posterior_factor
+from sumo_eval.random_streams import random_stream
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.settings import EvaluationSettings, MethodSettings
+from sumo_eval.trajectory import FloatArray
+
+FURTHER = 20  # cases that are proposed
+JACKKNIFED = 16  # safe cases, evenly chosen, on which drivers are left out one by one
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Confidence in one ADS's scores in one scenario. None: too few evaluated cases, see `reason`."""
+
+    ads: str
+    scenario: str
+    intervals: ScoreIntervals | None
+    risk: Risk | None
+    further: FurtherCases | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Confidence:
+    """Confidence in all scores of an evaluation. coverage: of each scenario's space, by name."""
+
+    assessments: tuple[Assessment, ...]
+    coverage: Mapping[str, SpaceCoverage]
+
+    def of(self, ads: str, scenario: str) -> Assessment:
+        """That of one ADS in one scenario."""
+        return next(item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario))
+
+
+def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Confidence:
+    """How far each score of an evaluation can be trusted. partitions: the zones, by scenario name."""
+    coverage = {}
+    with open_store(evaluation.folder / FACTS) as store:
+        assessments = tuple(
+            _assess(score, evaluation, partitions[score.scenario], store) for score in evaluation.scores
+        )
+    for name, zones in partitions.items():
+        rows = {tuple(zones.logical.row(case.values)) for case in evaluation.cases if case.scenario == name}
+        coverage[name] = space_coverage(zones, np.array(sorted(rows)))
+    return Confidence(assessments, coverage)
+
+
+def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition, store: Store) -> Assessment:
+    cases = [
+        case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
+    ]
+    if len(cases) < 2 or not sum(case.exposure for case in cases) > 0.0:
+        return Assessment(score.ads, score.scenario, None, None, None, "fewer than two evaluated cases with exposure")
+    settings = evaluation.settings
+    points = np.array([zones.logical.row(case.values) for case in cases])
+    terms = _terms(cases, points, zones, settings.method, *_driver_error(score, cases, store, settings, zones))
+
+    def stream(what: str) -> np.random.Generator:
+        return random_stream(settings.seed, what, score.scenario, score.ads)
+
+    loss = np.array([case.loss or 0.0 for case in cases])
+    return Assessment(
+        score.ads,
+        score.scenario,
+        score_intervals(terms, settings.method.score, stream("intervals")),
+        risk(terms.exposure, loss, stream("risk")),
+        further_cases(zones.logical, points, influence(terms, settings.method), FURTHER, settings.seed),
+    )
+
+
+def _terms(
+    cases: Sequence[CaseResult],
+    points: FloatArray,
+    zones: ZonePartition,
+    method: MethodSettings,
+    driver_error: float,
+    drivers: int,
+) -> CaseTerms:
+    def column(name: str) -> FloatArray:
+        values = [getattr(case, name) for case in cases]
+        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+    hit, ideal = column("severity"), column("ideal_severity")
+    if method.collision.loss == "class":
+        known = np.isfinite(hit) & np.isfinite(ideal)
+        hit[known], ideal[known] = collision_loss(hit[known]), collision_loss(ideal[known])
+    avoided = np.divide(ideal, hit, out=np.where(np.isnan(hit + ideal), np.nan, 1.0), where=hit > ideal)
+    return CaseTerms(
+        exposure=column("exposure"),
+        collided=np.array([case.collided for case in cases]),
+        avoided=avoided,
+        weight=column("weight"),
+        index=column("index"),
+        y=zones.predicted(points),
+        boundary=posterior_factor(zones, points),
+        driver_error=driver_error,
+        drivers=drivers,
+    )
+
+
+def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
+    """How many points of S each case moves, (n,): the first-order effect of its weight on C and D."""
+    moved = np.zeros(len(terms.exposure))
+    hit = np.isfinite(terms.avoided) & np.isfinite(terms.weight)
+    if hit.any():
+        r = terms.weight[hit] if terms.weight[hit].any() else np.ones(int(hit.sum()))
+        c = float(r @ terms.avoided[hit] / r.sum())
+        moved[hit] += method.score.a * method.score.k5 * r * (terms.avoided[hit] - c) / r.sum()
+    counted = np.isfinite(terms.index) & (terms.y > 0.0)
+    if counted.any() and not (terms.collided & (terms.y > 0.0)).any():
+        p = terms.exposure[counted]
+        d = exposure_weighted_index(terms.index[counted], p)
+        moved[counted] += method.score.b * method.score.k6 * p * (terms.index[counted] - d) / p.sum()
+    return moved
+
+
+def _driver_error(
+    score: ScenarioResult, cases: Sequence[CaseResult], store: Store, settings: EvaluationSettings, zones: ZonePartition
+) -> tuple[float, int]:
+    """Standard error of D from the choice of drivers, by leaving each out in turn, and their number.
+
+    The same driver is left out of all cases at once, because it is the same person; on a few evenly chosen cases.
+    """
+    safe = [case for case in cases if case.zone == "safe" and case.index is not None]
+    if score.d is None or not safe:
+        return 0.0, 0
+    chosen = [safe[i] for i in sorted({round(x) for x in np.linspace(0, len(safe) - 1, min(JACKKNIFED, len(safe)))})]
+    names = {fact.case: fact.point for fact in store.facts("ads", score.scenario, score.ads)}
+    drives: dict[int, dict[str, str]] = {}
+    for fact in store.facts("human", score.scenario):
+        if fact.status == "ok":
+            drives.setdefault(fact.point, {})[fact.driver] = fact.case
+    drivers = sorted({driver for case in chosen for driver in drives[names[case.case]]})
+    if len(drivers) < 3:  # a deviation needs two that stay
+        return 0.0, len(drivers)
+    jobs, owners = [], []
+    for driver in drivers:
+        for case in chosen:
+            others = tuple(found for name, found in drives[names[case.case]].items() if name != driver)
+            if len(others) >= 2:
+                jobs.append(IndexJob(case.case, others, zones.logical.road))
+                owners.append((driver, case.exposure))
+    indexes = compute_indexes(
+        store.path, jobs, settings.method.anthropomorphic, settings.run.workers, lambda done: None
+    )
+    without: dict[str, list[tuple[float, float]]] = {}
+    for (driver, exposure), index in zip(owners, indexes, strict=True):
+        without.setdefault(driver, []).append((index.value, exposure))
+    weighted = [
+        exposure_weighted_index(*np.array(pairs).T) for pairs in without.values() if np.array(pairs)[:, 1].any()
+    ]
+    return jackknife_error(weighted), len(weighted)

@@ -1,0 +1,150 @@
+"""A concrete scenario as OpenSCENARIO XML 1.1, and its road as OpenDRIVE, for other simulators.
+
+Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what they did here. The
+reference point of every vehicle is put into the middle of its body, where this package has it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from lxml import etree
+
+from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.settings import SimulationSettings
+
+VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
+HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
+
+
+def opendrive_xml(road: Road) -> str:
+    """The road as OpenDRIVE 1.6: the reference line is its left edge; lane -1 is the leftmost one."""
+    length = road.length + road.run_out
+    root = etree.Element("OpenDRIVE")
+    etree.SubElement(root, "header", revMajor="1", revMinor="6", name=road.name)
+    element = etree.SubElement(root, "road", name=road.name, length=_text(length), id="0", junction="-1")
+    plan = etree.SubElement(element, "planView")
+    geometry = etree.SubElement(plan, "geometry", s="0", x="0", y=_text(road.left_edge), hdg="0", length=_text(length))
+    etree.SubElement(geometry, "line")
+    section = etree.SubElement(etree.SubElement(element, "lanes"), "laneSection", s="0")
+    etree.SubElement(etree.SubElement(section, "center"), "lane", id="0", type="none", level="false")
+    right = etree.SubElement(section, "right")
+    for number in range(1, road.lanes + 1):
+        lane = etree.SubElement(right, "lane", id=str(-number), type="driving", level="false")
+        etree.SubElement(lane, "width", sOffset="0", a=_text(road.lane_width), b="0", c="0", d="0")
+    return _document(root)
+
+
+def openscenario_xml(concrete: ConcreteScenario, settings: SimulationSettings, road_file: str, remark: str) -> str:
+    """The scenario. The ego keeps its speed: which controller drives it is the other simulator's to say.
+
+    road_file: the OpenDRIVE file, relative. remark: where it comes from, for the header.
+    """
+    settings = concrete.simulation(settings)
+    root = etree.Element("OpenSCENARIO")
+    etree.SubElement(
+        root, "FileHeader", revMajor="1", revMinor="1", date="2022-01-01T00:00:00", author="sumo_eval",
+        description=f"{concrete.scenario}: {concrete.label}. {remark}",
+    )  # fmt: skip
+    for empty in ("ParameterDeclarations", "CatalogLocations"):
+        etree.SubElement(root, empty)
+    etree.SubElement(etree.SubElement(root, "RoadNetwork"), "LogicFile", filepath=road_file)
+    entities = etree.SubElement(root, "Entities")
+    vehicle = settings.vehicle
+    _entity(entities, EGO, vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration)
+    for actor in concrete.actors:
+        _entity(entities, actor.name, actor.length, actor.width, 10.0, 10.0)
+    storyboard = etree.SubElement(root, "Storyboard")
+    actions = etree.SubElement(etree.SubElement(storyboard, "Init"), "Actions")
+    for name, start in [(EGO, concrete.ego), *((actor.name, actor.start) for actor in concrete.actors)]:
+        private = etree.SubElement(actions, "Private", entityRef=name)
+        teleport = etree.SubElement(etree.SubElement(private, "PrivateAction"), "TeleportAction")
+        _position(teleport, start.x, start.y, 0.0)
+        speed = _under(private, "PrivateAction", "LongitudinalAction", "SpeedAction")
+        etree.SubElement(speed, "SpeedActionDynamics", dynamicsShape="step", value="0", dynamicsDimension="time")
+        etree.SubElement(_under(speed, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=_text(start.speed))
+    story = etree.SubElement(storyboard, "Story", name="others")
+    act = etree.SubElement(story, "Act", name="others")
+    scripted = [actor for actor in concrete.actors if actor.lane_changes or actor.brake]
+    for actor in scripted:
+        _manoeuvre(act, actor, settings.time_limit, concrete.road.length + concrete.road.run_out)
+    if not scripted:
+        group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name="nobody")
+        etree.SubElement(group, "Actors", selectTriggeringEntities="false")
+    _after(etree.SubElement(act, "StartTrigger"), 0.0, "begin")
+    _after(etree.SubElement(storyboard, "StopTrigger"), settings.time_limit, "end")
+    return _document(root)
+
+
+def _entity(parent: etree._Element, name: str, length: float, width: float, accel: float, decel: float) -> None:
+    item = etree.SubElement(parent, "ScenarioObject", name=name)
+    vehicle = etree.SubElement(item, "Vehicle", name=name, vehicleCategory="car")
+    etree.SubElement(vehicle, "ParameterDeclarations")
+    box = etree.SubElement(vehicle, "BoundingBox")
+    etree.SubElement(box, "Center", x="0", y="0", z=_text(HEIGHT / 2))
+    etree.SubElement(box, "Dimensions", width=_text(width), length=_text(length), height=_text(HEIGHT))
+    etree.SubElement(vehicle, "Performance", maxSpeed="70", maxAcceleration=_text(accel), maxDeceleration=_text(decel))
+    axles = etree.SubElement(vehicle, "Axles")
+    for axle, place in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length)):
+        etree.SubElement(
+            axles, axle, maxSteering="0.5", wheelDiameter="0.6", trackWidth=_text(0.85 * width),
+            positionX=_text(place), positionZ="0.3",
+        )  # fmt: skip
+    etree.SubElement(vehicle, "Properties")
+
+
+def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road_end: float) -> None:
+    """Everything a scripted vehicle does, as one timed trajectory, until it leaves the road."""
+    group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name=actor.name)
+    etree.SubElement(
+        etree.SubElement(group, "Actors", selectTriggeringEntities="false"), "EntityRef", entityRef=actor.name
+    )
+    event = etree.SubElement(
+        etree.SubElement(group, "Maneuver", name=actor.name), "Event", name=actor.name, priority="overwrite"
+    )
+    action = etree.SubElement(event, "Action", name=actor.name)
+    follow = _under(action, "PrivateAction", "RoutingAction", "FollowTrajectoryAction")
+    trajectory = etree.SubElement(_under(follow, "TrajectoryRef"), "Trajectory", name=actor.name, closed="false")
+    line = _under(trajectory, "Shape", "Polyline")
+    for number in range(round(time_limit / VERTEX_INTERVAL) + 1):
+        time = round(number * VERTEX_INTERVAL, 6)
+        x = actor.x(time)
+        if x > road_end:
+            break
+        along, across = actor.speed(time), actor.lateral_speed(time)
+        heading = 0.0 if actor.slides or across == 0.0 else math.atan2(across, along)
+        _position(etree.SubElement(line, "Vertex", time=_text(time)), x, actor.y(time), heading)
+    etree.SubElement(
+        _under(follow, "TimeReference"), "Timing", domainAbsoluteRelative="absolute", scale="1", offset="0"
+    )
+    etree.SubElement(follow, "TrajectoryFollowingMode", followingMode="position")
+    _after(etree.SubElement(event, "StartTrigger"), 0.0, f"{actor.name} begins")
+
+
+def _after(trigger: etree._Element, time: float, name: str) -> None:
+    group = etree.SubElement(trigger, "ConditionGroup")
+    condition = etree.SubElement(group, "Condition", name=name, delay="0", conditionEdge="none")
+    etree.SubElement(
+        _under(condition, "ByValueCondition"), "SimulationTimeCondition", value=_text(time), rule="greaterOrEqual"
+    )
+
+
+def _position(parent: etree._Element, x: float, y: float, heading: float) -> None:
+    etree.SubElement(
+        _under(parent, "Position"), "WorldPosition", x=_text(x), y=_text(y), z="0", h=_text(heading), p="0", r="0"
+    )
+
+
+def _under(parent: etree._Element, *names: str) -> etree._Element:
+    for name in names:
+        parent = etree.SubElement(parent, name)
+    return parent
+
+
+def _text(value: float) -> str:
+    return f"{value:.6f}".rstrip("0").rstrip(".") if value else "0"
+
+
+def _document(root: etree._Element) -> str:
+    return etree.tostring(root.getroottree(), pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()

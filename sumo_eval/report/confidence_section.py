@@ -1,0 +1,165 @@
+"""The report's section on confidence: intervals, risk, further cases, and what the cases cover of each space."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.confidence.assessment import Assessment, Confidence
+from sumo_eval.confidence.coverage import PairCoverage, SpaceCoverage
+from sumo_eval.confidence.intervals import Interval
+from sumo_eval.errors import InputError
+from sumo_eval.results import Evaluation
+
+CONFIDENCE = "confidence.json"
+SHOWN = 8  # further cases that the page lists; the file has all of them
+CELL = 17  # pixels of a bucket in the picture
+
+
+def write_confidence(confidence: Confidence, folder: Path) -> Path:
+    """Write `confidence.json` into a run's folder and return its path."""
+    path = folder / CONFIDENCE
+    try:
+        text = json.dumps(confidence_json(confidence), indent=2, allow_nan=False)
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error}.") from error
+    return path
+
+
+def confidence_json(confidence: Confidence) -> dict[str, Any]:
+    """Everything that the section shows, in plain values."""
+    return {
+        "scores": [_assessment_json(item, confidence.coverage[item.scenario]) for item in confidence.assessments],
+        "coverage": {name: _coverage_json(item) for name, item in confidence.coverage.items()},
+    }
+
+
+def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[str, Any]:
+    """What templates/sections/confidence.html.j2 shows."""
+    return {
+        "rows": [_row(item) for item in confidence.assessments],
+        "spaces": [_space(zone.scenario, confidence.coverage[zone.scenario]) for zone in evaluation.zones],
+        "further": [_further(item, confidence) for item in confidence.assessments],
+    }
+
+
+def _row(item: Assessment) -> dict[str, Any]:
+    row: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
+    if item.intervals is None or item.risk is None:
+        return row | {"known": False}
+    found = item.intervals
+    return row | {
+        "known": True,
+        "c": _words(found.c, 3),
+        "d": None if found.d is None else _words(found.d, 3),
+        "s": _words(found.s, 1),
+        "sources": {name: f"{width:.1f}" for name, width in found.sources.items()},
+        "lost": f"{found.d_lost:.0%}",
+        "probability": _words(item.risk.collision_probability, 1, percent=True),
+        "loss": _words(item.risk.expected_loss, 3),
+        "effective": f"{item.risk.effective_cases:.0f}",
+    }
+
+
+def _words(interval: Interval, digits: int, *, percent: bool = False) -> dict[str, str]:
+    scale, unit = (100.0, " %") if percent else (1.0, "")
+    value, low, high = (f"{scale * number:.{digits}f}" for number in (interval.value, interval.low, interval.high))
+    return {"value": value + unit, "limits": f"{low} to {high}{unit}"}
+
+
+def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
+    found = item.further
+    names = list(confidence.coverage[item.scenario].empty_centre)
+    if found is None or item.intervals is None or not len(found.points):
+        return {"ads": item.ads, "scenario": item.scenario, "points": []}
+    width = item.intervals.sources["cases"]
+    return {
+        "ads": item.ads,
+        "scenario": item.scenario,
+        "count": len(found.points),
+        "before": f"{width:.1f}",
+        "after": f"{width * found.shrink:.1f}",
+        "points": [
+            ", ".join(f"{name} = {value:.4g}" for name, value in zip(names, row, strict=True))
+            for row in found.points[:SHOWN].tolist()
+        ],
+    }
+
+
+def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
+    hit, possible = item.pairs_hit
+    return {
+        "name": name,
+        "buckets": [f"{parameter}: {got} of {of}" for parameter, (got, of) in item.buckets.items()],
+        "pairs": f"{hit} of {possible}" if possible else "–",
+        "radius": f"{item.empty_radius:.3f}",
+        "centre": ", ".join(f"{parameter} = {value:.4g}" for parameter, value in item.empty_centre.items()),
+        "resolved": "no boundary" if item.boundary_resolved is None else f"{item.boundary_resolved:.0%}",
+        "inside": "not known" if item.exposure_inside is None else f"{item.exposure_inside:.1%}",
+        "pictures": [_picture(pair) for pair in item.pairs],
+    }
+
+
+def _picture(pair: PairCoverage) -> dict[str, Any]:
+    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched impossible."""
+    rows, columns = pair.counts.shape
+    most = max(float(pair.counts.max()), 1.0)
+    cells = []
+    for row in range(rows):
+        for column in range(columns):
+            count = int(pair.counts[row, column])
+            shade = 0.0 if count <= 0 else 0.25 + 0.75 * count / most
+            cells.append(
+                {
+                    "x": CELL * column,
+                    "y": CELL * (rows - 1 - row),
+                    "opacity": f"{shade:.2f}",
+                    "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
+                    "words": "no possible point" if count < 0 else f"{count} points",
+                }
+            )
+    return {"x": pair.x, "y": pair.y, "cells": cells, "width": CELL * columns, "height": CELL * rows, "cell": CELL}
+
+
+def _interval_json(interval: Interval | None) -> dict[str, float] | None:
+    if interval is None:
+        return None
+    return {"value": interval.value, "low": interval.low, "high": interval.high, "level": interval.level}
+
+
+def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
+    plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
+    if item.intervals is not None:
+        plain |= {
+            "c": _interval_json(item.intervals.c),
+            "d": _interval_json(item.intervals.d),
+            "s": _interval_json(item.intervals.s),
+            "s_half_width_by_source": item.intervals.sources,
+            "share_without_d": item.intervals.d_lost,
+        }
+    if item.risk is not None:
+        plain |= {
+            "collision_probability": _interval_json(item.risk.collision_probability),
+            "expected_loss": _interval_json(item.risk.expected_loss),
+            "effective_cases": item.risk.effective_cases,
+        }
+    if item.further is not None:
+        names = list(coverage.empty_centre)
+        plain["further_cases"] = {
+            "shrink": item.further.shrink,
+            "points": [dict(zip(names, row, strict=True)) for row in item.further.points.tolist()],
+        }
+    return plain
+
+
+def _coverage_json(item: SpaceCoverage) -> dict[str, Any]:
+    hit, possible = item.pairs_hit
+    return {
+        "buckets": {name: {"hit": got, "possible": of} for name, (got, of) in item.buckets.items()},
+        "pairs": {"hit": hit, "possible": possible},
+        "largest_empty_ball": {"radius": item.empty_radius, "centre": dict(item.empty_centre)},
+        "boundary_resolved": item.boundary_resolved,
+        "exposure_inside": item.exposure_inside,
+    }

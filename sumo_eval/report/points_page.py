@@ -1,0 +1,69 @@
+"""Points of a space as files: a CSV that can be sampled from again, and a page that draws every pair of parameters."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling import Sample
+
+CHOSEN, REFUSED = "#0072b2", "#9aa1aa"
+
+
+def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: str) -> tuple[Path, Path]:
+    """Write `points.csv` and `points.html` into a folder and return their paths."""
+    table, page = folder / "points.csv", folder / "points.html"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with table.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow([*logical.names, "exposure"])
+            for row, exposure in zip(points.points.tolist(), points.exposure.tolist(), strict=True):
+                writer.writerow([repr(value) for value in (*row, exposure)])
+        page.write_text(
+            picture(logical, points, title).to_html(include_plotlyjs=True, full_html=True), encoding="utf-8"
+        )
+    except OSError as error:
+        raise InputError(f"The points cannot be written into {folder}: {error}.") from error
+    return table, page
+
+
+def picture(logical: LogicalScenario, points: Sample, title: str) -> go.Figure:
+    """Every parameter against every later one; chosen points, sized by exposure, over those that constraints refuse."""
+    k = len(logical.parameters)
+    pairs = [(x, y) for y in range(1, k) for x in range(y)] or [(0, 0)]
+    side = max(1, k - 1)
+    figure = make_subplots(rows=side, cols=side, horizontal_spacing=0.08, vertical_spacing=0.1)
+    largest = float(points.exposure.max()) if len(points.exposure) else 1.0
+    size = 4.0 + 6.0 * np.sqrt(points.exposure / largest if largest > 0.0 else np.ones(len(points.points)))
+    for place, (x, y) in enumerate(pairs):
+        row, column = (1, 1) if k == 1 else (y, x + 1)
+        for name, rows, colour, symbol, sizes in (
+            (f"refused by a constraint: {len(points.refused)}", points.refused, REFUSED, "x-thin-open", 5),
+            (f"chosen: {len(points.points)}", points.points, CHOSEN, "circle", size),
+        ):
+            figure.add_trace(
+                go.Scatter(
+                    x=rows[:, x],
+                    y=rows[:, y] if k > 1 else np.zeros(len(rows)),
+                    mode="markers",
+                    name=name,
+                    legendgroup=name,
+                    showlegend=place == 0,
+                    marker={"color": colour, "symbol": symbol, "size": sizes, "opacity": 0.75},
+                ),
+                row=row,
+                col=column,
+            )
+        for axis, item, update in ((x, "x", figure.update_xaxes), (y, "y", figure.update_yaxes)):
+            parameter = logical.parameters[axis]
+            if k > 1 or item == "x":
+                update(title_text=f"{parameter.name} ({parameter.unit})", row=row, col=column)
+    figure.update_layout(title=title, template="plotly_white", width=330 * side + 260, height=300 * side + 120)
+    return figure

@@ -1,0 +1,68 @@
+"""The language of scenario files: what it works out, and what it does not let in."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.expression import Expression, checked_names, condition, number
+
+real = st.floats(-50, 50).map(lambda value: round(value, 3))
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(real, real, st.floats(0.1, 50))
+def test_law_arithmetic_is_that_of_numbers(a, b, c):
+    values = {"a": a, "b": b, "c": c}
+    assert Expression("a + 2 * b - a * b / c").value(values) == pytest.approx(a + 2 * b - a * b / c)
+    assert Expression("-a ** 2").value(values) == pytest.approx(-(a**2))  # the power binds closer than the sign
+    assert Expression("max(a, b, 0) + abs(min(a, b)) + sqrt(c)").value(values) == pytest.approx(
+        max(a, b, 0) + abs(min(a, b)) + c**0.5
+    )
+    assert bool(Expression("a < b <= c or not a < c").value(values)) == ((a < b <= c) or not a < c)
+
+
+def test_one_expression_serves_a_point_and_a_whole_space():
+    rule = Expression("where(speed > 10, speed - 10, 0)")
+    assert rule.value({"speed": np.array([5.0, 10.0, 12.5])}).tolist() == [0.0, 0.0, 2.5]
+    assert float(rule.value({"speed": 12.5})) == 2.5
+
+
+def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
+    assert Expression("min(a, 3 * b)").names == {"a", "b"}
+    assert Expression("a < b and not b < 2").is_condition
+    assert not Expression("where(a < b, a, b)").is_condition
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "__import__('os').system('true')", "speed.real", "speed[0]", "[1, 2]", "lambda: 1", "(a := 1)", "f'{a}'", "'text'",  # noqa: E501
+        "a if a < b else b", "a @ b", "a // b", "a & b", "~a", "a in b", "a is b", "min(*a)", "min(a, key=b)", "True", "None",  # noqa: E501
+        "1j", "1e999", "{a}", "a; b", "a = 1", "", "  ", "(" * 60 + "a" + ")" * 60 + "+" * 70 + "a", "exec(a)", "abs(a, b)",  # noqa: E501
+        "min(a)", "a and b", "(a < b) + 1", "where(a, b, b)", "not a", "x" * 1001, "-" * 900 + "a",
+    ],
+)  # fmt: skip
+def test_nothing_else_is_let_in(text):
+    with pytest.raises(InputError):
+        Expression(text)
+
+
+def test_a_misspelt_name_or_function_is_answered_with_the_nearest():
+    with pytest.raises(InputError, match="Did you mean `ego_speed`"):
+        checked_names(Expression("2 * ego_sped"), ["ego_speed", "gap"], "a test")
+    with pytest.raises(InputError, match="Did you mean `sqrt`"):
+        Expression("sqr(a)")
+
+
+def test_a_number_is_no_condition_and_the_other_way_round():
+    with pytest.raises(InputError, match="a number, not a comparison"):
+        number("a < 3", "a test")
+    with pytest.raises(InputError, match="a condition such as"):
+        condition("a + 3", "a test")
+    assert float(number(3, "a test").value({})) == 3.0
+
+
+def test_what_is_not_defined_is_not_finite_and_warns_nobody():
+    assert not np.isfinite(Expression("1 / a").value({"a": 0.0}))

@@ -1,0 +1,229 @@
+"""OpenSCENARIO parameter variations, in the layouts of the published ALKS set, become points of our spaces."""
+
+import numpy as np
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.openscenario_points import read_variation
+from sumo_eval.scenario.request import Request
+from sumo_eval.scenario.sampling import sample
+
+CUT_IN = catalogue.load("cut_in")
+
+
+def single(name, inner):
+    return (
+        f'<DeterministicSingleParameterDistribution parameterName="{name}">{inner}'
+        "</DeterministicSingleParameterDistribution>"
+    )
+
+
+def steps(low, high, step):
+    return f'<DistributionRange stepWidth="{step}"><Range lowerLimit="{low}" upperLimit="{high}"/></DistributionRange>'
+
+
+def elements(*values):
+    return "<DistributionSet>" + "".join(f'<Element value="{value}"/>' for value in values) + "</DistributionSet>"
+
+
+def variation(inner):
+    return (
+        '<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="1" date="2021-07-06T10:00:00" '
+        'description="-" author="-"/><ParameterValueDistribution>'
+        f'<ScenarioFile filepath="./Concrete/cut_in.xosc"/>{inner}</ParameterValueDistribution></OpenSCENARIO>'
+    )
+
+
+DETERMINISTIC = variation(
+    "<Deterministic><!-- a comment between -->"
+    + single("Ve0_kph", steps("20.0", "60.0", "10.0"))
+    + single("Model", elements("car", "truck", "van", "bus", "motorbike"))
+    + single("RelativeLaneId", elements("1", "-1"))
+    + single("Rel_kph", steps("-50.0", "-10.0", "10.0"))
+    + single("dx0_m", steps("0.0", "60.0", "10.0"))
+    + single("Vy_mps", steps("0.5", "3.0", "0.5"))
+    + "</Deterministic>"
+)
+
+DECLARATIONS = """<OpenSCENARIO><ParameterDeclarations>
+<ParameterDeclaration name="Ve0_kph" parameterType="double" value="60.0">
+  <ConstraintGroup><ValueConstraint rule="greaterThan" value="0.0"/><ValueConstraint rule="lessOrEqual" value="60.0"/>
+  </ConstraintGroup></ParameterDeclaration>
+<ParameterDeclaration name="Model" parameterType="string" value="car"/>
+<ParameterDeclaration name="RelativeLaneId" parameterType="integer" value="-1">
+  <ConstraintGroup><ValueConstraint rule="equalTo" value="-1"/></ConstraintGroup>
+  <ConstraintGroup><ValueConstraint rule="equalTo" value="1"/></ConstraintGroup></ParameterDeclaration>
+<ParameterDeclaration name="Rel_kph" parameterType="double" value="-20.0">
+  <ConstraintGroup><ValueConstraint rule="lessThan" value="0.0"/></ConstraintGroup></ParameterDeclaration>
+<ParameterDeclaration name="dx0_m" parameterType="double" value="30.0"/>
+<ParameterDeclaration name="Vy_mps" parameterType="double" value="2.0">
+  <ConstraintGroup><ValueConstraint rule="greaterThan" value="0.0"/>
+  <ValueConstraint rule="lessThan" value="${($Ve0_kph + $Rel_kph) / 3.6}"/></ConstraintGroup></ParameterDeclaration>
+</ParameterDeclarations></OpenSCENARIO>"""
+
+MAPPING = """distribution = "variation.xosc"
+[parameters]
+ego_speed = "Ve0_kph / 3.6"
+cut_in_speed = "(Ve0_kph + Rel_kph) / 3.6"
+gap = "dx0_m"
+lateral_speed = "Vy_mps"
+[only]
+RelativeLaneId = 1
+"""
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "Concrete").mkdir()
+    (tmp_path / "variation.xosc").write_text(DETERMINISTIC)
+    (tmp_path / "Concrete" / "cut_in.xosc").write_text(DECLARATIONS)
+    (tmp_path / "mapping.toml").write_text(MAPPING)
+    return tmp_path
+
+
+def points(folder, **keys):
+    return sample(CUT_IN, "openscenario", request=Request(file="mapping.toml", folder=folder, **keys))
+
+
+def by_hand():
+    """The points in plain loops: speeds in km/h, and Vy below the other's own speed."""
+    return {
+        (round(ve / 3.6, 9), round((ve + rel) / 3.6, 9), float(gap), vy / 2)
+        for ve in range(20, 61, 10)
+        for rel in range(-50, -9, 10)
+        for gap in range(0, 61, 10)
+        for vy in range(1, 7)
+        if vy / 2 < (ve + rel) / 3.6
+    }
+
+
+def test_a_deterministic_variation_is_all_its_combinations_that_the_constraint_groups_allow(files):
+    chosen = points(files)
+    assert {tuple(row) for row in chosen.points.tolist()} == by_hand()
+    assert len(chosen.refused) == 0
+    # 5 * 5 * 2 * 5 * 7 * 6 = 10500 combinations, [only] keeps one lane of two
+    assert "[only] keeps 5250 of 10500 combinations." in chosen.notes
+    assert f"exclude {5250 - 5 * len(by_hand())} combinations" in " ".join(chosen.notes)
+    assert any("Not mapped" in note and "Model" in note for note in chosen.notes)
+
+
+def test_of_several_groups_one_has_to_hold_and_within_a_group_all(files):
+    # both lanes are allowed by one group each; an AND over groups would allow neither
+    (files / "mapping.toml").write_text(MAPPING.replace("RelativeLaneId = 1\n", ""))
+    assert {tuple(row) for row in points(files).points.tolist()} == by_hand()
+    loose = DECLARATIONS.replace(
+        '<ValueConstraint rule="greaterThan" value="0.0"/>\n  <ValueConstraint rule="lessThan" value="${($',
+        '<ValueConstraint rule="greaterThan" value="0.0"/></ConstraintGroup><ConstraintGroup>'
+        '<ValueConstraint rule="lessThan" value="${($',
+    )
+    assert loose != DECLARATIONS
+    (files / "Concrete" / "cut_in.xosc").write_text(loose)
+    # Vy > 0 alone now suffices: what our own space cannot hold (speeds below its range) is left out and said
+    assert len(points(files).points) > len(by_hand())
+    assert any("outside the ranges" in note for note in points(files).notes)
+
+
+def test_steps_of_a_tenth_end_where_they_should(files):
+    (files / "variation.xosc").write_text(
+        variation("<Deterministic>" + single("Vy_mps", steps("0.0", "1.0", "0.1")) + "</Deterministic>")
+    )
+    values = [item["Vy_mps"] for item in read_variation(files / "variation.xosc", None, 1).combinations]
+    assert values == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+
+
+def test_value_sets_vary_parameters_together(files):
+    sets = "".join(
+        f'<ParameterValueSet><ParameterAssignment parameterRef="Ve0_kph" value="{ve}"/>'
+        f'<ParameterAssignment parameterRef="Rel_kph" value="{rel}"/></ParameterValueSet>'
+        for ve, rel in ((40, -10), (60, -30))
+    )
+    multi = f"<DeterministicMultiParameterDistribution><ValueSetDistribution>{sets}</ValueSetDistribution>"
+    (files / "variation.xosc").write_text(
+        variation(f"<Deterministic>{multi}</DeterministicMultiParameterDistribution></Deterministic>")
+    )
+    (files / "mapping.toml").write_text(MAPPING.replace("[only]\nRelativeLaneId = 1\n", ""))
+    # the gap 30 m and 2 m/s are the declared defaults
+    expected = {(round(ve / 3.6, 9), round(vo / 3.6, 9), 30.0, 2.0) for ve, vo in ((40, 30), (60, 30))}
+    assert {tuple(row) for row in points(files).points.tolist()} == expected
+
+
+def stochastic(*parts, runs=2000):
+    inner = "".join(
+        f'<StochasticDistribution parameterName="{name}">{inside}</StochasticDistribution>' for name, inside in parts
+    )
+    return variation(f'<Stochastic numberOfTestRuns="{runs}" randomSeed="7">{inner}</Stochastic>')
+
+
+def test_stochastic_distributions_have_their_moments_and_their_limits(files):
+    limits = '<Range lowerLimit="{}" upperLimit="{}"/>'
+    (files / "variation.xosc").write_text(
+        stochastic(
+            ("Ve0_kph", '<NormalDistribution expectedValue="50" variance="25"/>'),
+            ("Rel_kph", f"<UniformDistribution>{limits.format(-30, -10)}</UniformDistribution>"),
+            ("dx0_m", f'<NormalDistribution expectedValue="0" variance="100">{limits.format(0, 60)}</NormalDistribution>'),  # noqa: E501
+            ("Vy_mps", f'<Histogram><Bin weight="3">{limits.format(0, 1)}</Bin><Bin weight="1">{limits.format(1, 3)}</Bin>'  # noqa: E501
+                       "</Histogram>"),
+            ("Model", '<ProbabilityDistributionSet><Element value="car" weight="4"/><Element value="bus" weight="1"/>'
+                      "</ProbabilityDistributionSet>"),
+            ("Count", '<PoissonDistribution expectedValue="4"/>'),
+            ("Long", '<LogNormalDistribution expectedValue="10" variance="4"/>'),
+        )
+    )  # fmt: skip
+    drawn = read_variation(files / "variation.xosc", None, 1)
+    column = {name: np.array([item[name] for item in drawn.combinations]) for name in drawn.combinations[0]}
+    assert len(drawn.combinations) == 2000
+    assert (column["Ve0_kph"].mean(), column["Ve0_kph"].std()) == (
+        pytest.approx(50, abs=0.5),
+        pytest.approx(5, abs=0.3),
+    )
+    assert column["Rel_kph"].mean() == pytest.approx(-20, abs=0.5)
+    # a half normal: 10 sqrt(2 / pi) = 7.98
+    assert column["dx0_m"].min() >= 0
+    assert column["dx0_m"].mean() == pytest.approx(7.98, abs=0.5)
+    assert np.mean(column["Vy_mps"] < 1) == pytest.approx(0.75, abs=0.03)
+    assert np.mean(column["Model"] == "car") == pytest.approx(0.8, abs=0.03)
+    assert (column["Count"].mean(), column["Count"].var()) == (pytest.approx(4, abs=0.2), pytest.approx(4, abs=0.5))
+    assert (column["Long"].mean(), column["Long"].std()) == (pytest.approx(10, abs=0.2), pytest.approx(2, abs=0.2))
+    assert any("random seed 7" in note for note in drawn.notes)
+    again, other = (read_variation(files / "variation.xosc", 50, seed) for seed in (1, 2))
+    assert len(again.combinations) == 50
+    assert again.combinations != other.combinations
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (("variation.xosc", "lessOrEqual", "lessOrEqual"), None),
+        (("mapping.toml", "gap =", "gpa ="), "Did you mean `gap`?"),
+        (("mapping.toml", 'gap = "dx0_m"\n', ""), "`gap` of scenario `cut_in` is missing"),
+        (("mapping.toml", "dx0_m", "dx_m"), "Did you mean `dx0_m`?"),
+        (("mapping.toml", "RelativeLaneId", "RelativLaneId"), "Did you mean `RelativeLaneId`?"),
+        (("mapping.toml", '"Ve0_kph / 3.6"', '"Model"'), "must be a number, got 'car'"),
+        (("mapping.toml", "variation.xosc", "nowhere.xosc"), "cannot be read"),
+        (("mapping.toml", "[only]", "[olny]"), "Did you mean `only`?"),
+        (("mapping.toml", "Ve0_kph / 3.6", "Ve0_kph * 100"), "lies within the ranges of `cut_in`"),
+        (("variation.xosc", "DistributionSet", "UserDefinedDistribution"), "must have a DistributionSet or a"),
+        (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="0"'), "`stepWidth`"),
+        (("variation.xosc", 'upperLimit="3.0"', 'upperLimit="x"'), "The Range"),
+        (("variation.xosc", "</OpenSCENARIO>", ""), "is not XML"),
+        (("Concrete/cut_in.xosc", "lessOrEqual", "lessOrEqal"), "Did you mean `lessOrEqual`?"),
+        (("Concrete/cut_in.xosc", 'rule="greaterThan" value="0.0"', 'rule="greaterThan" value="99"'), "allow none"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_in_a_sentence(files, change, sentence):
+    name, old, new = change
+    text = (files / name).read_text()
+    if sentence is None:  # unchanged, it works: every refusal below comes from its change
+        assert len(points(files).points)
+        return
+    assert old in text
+    (files / name).write_text(text.replace(old, new))
+    with pytest.raises(InputError) as caught:
+        points(files)
+    assert sentence in str(caught.value)
+
+
+def test_without_the_scenario_file_there_are_no_constraints_and_that_is_said(files):
+    (files / "Concrete" / "cut_in.xosc").unlink()
+    assert any("no constraint groups" in note for note in points(files).notes)

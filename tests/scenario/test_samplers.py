@@ -1,0 +1,282 @@
+"""Ways to choose points: each does what its name says, with a seed, and says what constraints took away."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario.combinations import tuples_of
+from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.file import Definitions, Exposure
+from sumo_eval.scenario.request import Request
+from sumo_eval.scenario.sampling import METHODS, sample
+
+CUT_IN, CUT_OUT = catalogue.load("cut_in"), catalogue.load("front_vehicle_cut_out")
+DRAWN = ("latin_hypercube", "sobol", "halton", "exposure", "exposure_danger")
+
+
+def space(*parameters, constraints=(), exposure=None):
+    extra = {} if exposure is None else {"exposure": exposure}
+    return LogicalScenario(
+        name="box", about="-", source="-", parameters=parameters, constraints=constraints,
+        road=Road("r", 600.0, 2, 3.5, 0.0), place=lambda values: (Start(0.0, 0.0, 1.0), ()),
+        approach=lambda values: Approach(values["a"], values["a"], values["a"], 0.0), **extra,
+    )  # fmt: skip
+
+
+def axis(name, low=0.0, high=1.0, step=0.25, **more):
+    return Parameter(name, low, high, step, "1", "-", **more)
+
+
+def draw(logical, method, count=64, seed=1, **more):
+    danger = lambda points: np.clip(points[:, 0], 0.0, 1.0)  # noqa: E731
+    return sample(logical, method, request=Request(count=count, seed=seed, danger=danger, **more))
+
+
+# --- every one of them ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", DRAWN)
+def test_same_seed_same_points_another_seed_others(method):
+    first, again, other = draw(CUT_IN, method), draw(CUT_IN, method), draw(CUT_IN, method, seed=2)
+    assert first.points.tobytes() == again.points.tobytes()
+    assert first.exposure.tobytes() == again.exposure.tobytes()
+    assert first.points.tobytes() != other.points.tobytes()
+    assert draw(CUT_IN, method, seed=0).points.tobytes() != first.points.tobytes()  # 0 is a seed like any other
+
+
+# Written down once, so that a platform or a version with other digits is noticed.
+GOLDEN = {
+    "latin_hypercube": [19.93606, 14.94641, 39.3377],
+    "sobol": [19.13502, 6.30581, 22.6703],
+    "halton": [18.28122, 6.67076, 48.426],
+    "exposure": [19.44968, 13.76941, 22.2015],
+    "exposure_danger": [13.77439, 2.39121, 25.4241],
+}
+
+
+@pytest.mark.parametrize("method", DRAWN)
+def test_the_points_are_those_written_down(method):
+    chosen = draw(CUT_OUT, method, 4)
+    everything = np.concatenate([chosen.points, chosen.refused])
+    assert everything[np.lexsort(everything.T)][0].tolist() == GOLDEN[method]
+
+
+@pytest.mark.parametrize("method", DRAWN)
+def test_what_constraints_exclude_is_kept_apart_and_counted(method):
+    chosen = draw(CUT_IN, method, 128)
+    assert CUT_IN.feasible(chosen.points).all()
+    assert not CUT_IN.feasible(chosen.refused).any()
+    assert len(chosen.points) + len(chosen.refused) == 128
+    assert len(chosen.refused) > 20  # cut_in_speed < ego_speed excludes about two fifths of the box
+    assert CUT_IN.in_box(chosen.points).all()
+    assert len(chosen.exposure) == len(chosen.points)
+
+
+# --- combinations -----------------------------------------------------------------------------------------------------
+
+
+def held(logical, points, strength, levels):
+    """Every combination of `strength` values that points hold, by going through all of them."""
+    axes = [np.unique(np.round(np.linspace(p.low, p.high, levels), 9)).tolist() for p in logical.parameters]
+    return {
+        (columns, tuple(round(row[column], 6) for column in columns))
+        for row in points.tolist()
+        for columns in itertools.combinations(range(len(axes)), strength)
+    }
+
+
+@pytest.mark.parametrize("strength", [1, 2, 3, 4])
+@pytest.mark.parametrize("levels", [3, 5])
+def test_every_possible_combination_of_t_values_is_held_counted_one_by_one(strength, levels):
+    from sumo_eval.scenario.sampling import grid
+
+    everything = grid(CUT_IN, levels=levels)
+    possible = held(CUT_IN, everything[CUT_IN.feasible(everything)], strength, levels)
+    chosen = sample(CUT_IN, "combinations", request=Request(levels=levels, strength=strength))
+    assert held(CUT_IN, chosen.points, strength, levels) == possible
+    if strength < 4:
+        assert len(chosen.points) < int(CUT_IN.feasible(everything).sum())
+
+
+def test_strength_3_of_five_factors_of_five_holds_all_1250_triples_and_pairwise_is_far_smaller_than_the_grid():
+    five = space(*(axis(name) for name in "abcde"))
+    triples = sample(five, "combinations", request=Request(strength=3)).points
+    # 5 values each: C(5, 3) * 5^3 = 1250 triples, C(5, 2) * 5^2 = 250 pairs, 3125 points in the grid
+    assert len(held(five, triples, 3, 5)) == 1250
+    pairs = sample(five, "pairwise").points
+    assert len(held(five, pairs, 2, 5)) == 250
+    assert len(pairs) < 50
+    assert len(triples) < 320
+
+
+def test_the_fast_count_of_tuples_is_the_plain_one():
+    levels = np.array([[0, 1, 2], [1, 1, 0], [0, 1, 0]])
+    codes = tuples_of(levels, [2, 2, 3], 2)
+    # axes 0, 1: (0,1) (1,1) (0,1); axes 0, 2: (0,2) (1,0) (0,0); axes 1, 2: (1,2) (1,0) (1,0)
+    assert [len(set(code.tolist())) for code in codes] == [2, 3, 2]
+
+
+def test_impossible_pairs_are_said():
+    chosen = sample(CUT_IN, "pairwise", request=Request(levels=3))
+    assert any("pairs of values exist in no possible point" in note for note in chosen.notes)
+
+
+# --- even ones --------------------------------------------------------------------------------------------------------
+
+
+def test_a_latin_hypercube_has_one_point_in_each_layer():
+    points = draw(space(axis("a"), axis("b")), "latin_hypercube", 50).points
+    for column in points.T:
+        assert sorted(np.minimum((column * 50).astype(int), 49).tolist()) == list(range(50))
+
+
+def test_64_sobol_points_put_one_into_each_of_8_by_8_cells():
+    points = draw(space(axis("a"), axis("b")), "sobol", 64).points
+    assert len({(int(a * 8 - 1e-7), int(b * 8 - 1e-7)) for a, b in points}) == 64
+
+
+def test_a_count_that_is_no_power_of_2_is_said():
+    assert "powers of 2" in draw(CUT_IN, "sobol", 100).notes[0]
+    assert draw(CUT_IN, "sobol", 128).notes == ()
+
+
+def test_listed_values_are_the_only_ones_drawn():
+    listed = space(axis("a", 0.0, 10.0, values=(0.0, 2.5, 10.0)), axis("b"))
+    for method in DRAWN:
+        assert set(draw(listed, method).points[:, 0].tolist()) == {0.0, 2.5, 10.0}
+    assert set(sample(listed).points[:, 0].tolist()) == {0.0, 2.5, 10.0}
+
+
+# --- by exposure ------------------------------------------------------------------------------------------------------
+
+
+def test_drawn_by_exposure_a_parameter_has_its_distribution():
+    normal = Distribution.of("norm", {"loc": 0.3, "scale": 0.1}, "a test")
+    axes = (axis("a", distribution=normal), axis("b"))
+    exposure = Exposure(axes, None, Definitions(()))
+    points = draw(space(*axes, exposure=exposure), "exposure", 1024).points
+    assert stats.kstest(points[:, 0], lambda x: stats.truncnorm.cdf(x, -3, 7, 0.3, 0.1)).pvalue > 0.05
+    assert stats.kstest(points[:, 1], "uniform").pvalue > 0.05
+
+
+def test_an_exposure_that_no_parameter_has_alone_is_drawn_as_well():
+    # p(a, b) ~ a b on the unit square: E[a] = 2/3, E[a b] = 4/9
+    both = space(axis("a"), axis("b"), exposure=lambda values: values["a"] * values["b"])
+    points = draw(both, "exposure", 2000).points
+    assert points[:, 0].mean() == pytest.approx(2 / 3, abs=0.02)
+    assert (points[:, 0] * points[:, 1]).mean() == pytest.approx(4 / 9, abs=0.02)
+
+
+def test_a_point_drawn_by_exposure_counts_once_and_not_by_its_exposure_again():
+    both = space(axis("a"), axis("b"), exposure=lambda values: values["a"])
+    assert np.unique(draw(both, "exposure").exposure).tolist() == [1.0]
+    grid = sample(both, levels=3)
+    assert grid.exposure.tolist() == grid.points[:, 0].tolist()
+
+
+def test_weighted_by_danger_a_mean_is_still_the_mean_over_the_exposure():
+    # p ~ 1, danger = a: of f(a) = a^2 the mean is 1/3, whatever the attention
+    chosen = draw(space(axis("a"), axis("b")), "exposure_danger", 2000)
+    a = chosen.points[:, 0]
+    assert a.mean() > 0.6  # attention 0.05 + a: E[a] = (0.025 + 1/3) / 0.55 = 0.652
+    assert np.average(a**2, weights=chosen.exposure) == pytest.approx(1 / 3, abs=0.02)
+
+
+def test_an_exposure_of_nothing_is_refused():
+    with pytest.raises(InputError, match="above 0 somewhere"):
+        draw(space(axis("a"), exposure=lambda values: np.zeros(np.shape(values["a"]))), "exposure")
+
+
+# --- the user's own ---------------------------------------------------------------------------------------------------
+
+
+def from_file(tmp_path, text, logical=CUT_OUT):
+    (tmp_path / "points.csv").write_text(text)
+    return sample(logical, "file", request=Request(file="points.csv", folder=tmp_path))
+
+
+def test_points_from_a_csv_in_any_order_of_columns(tmp_path):
+    text = "gap,name,ego_speed,obstacle_speed,exposure\n60,x,20,5,0.25\n30,y,10,10,1\n100.5,z,30,0,2\n"
+    chosen = from_file(tmp_path, text)
+    assert chosen.points.tolist() == [[20.0, 5.0, 60.0], [30.0, 0.0, 100.5]]
+    assert chosen.refused.tolist() == [[10.0, 10.0, 30.0]]  # the obstacle must be slower
+    assert chosen.exposure.tolist() == [0.25, 2.0]
+    assert chosen.notes == ("Columns of points.csv that are no parameters: name.",)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("gap,ego_sped,obstacle_speed\n1,2,3\n", "must have a column `ego_speed`. Did you mean `ego_sped`?"),
+        ("gap,ego_speed,obstacle_speed\n", "must have at least one row"),
+        ("gap,ego_speed,obstacle_speed\n60,20,\n", "`obstacle_speed` in line 2 of the points"),
+        ("gap,ego_speed,obstacle_speed\n60,20,5\n60,nan,5\n", "`ego_speed` in line 3"),
+        ("gap,ego_speed,obstacle_speed\n60,20,5\n160,20,5\n", "`gap` of point 2"),
+        ("gap,ego_speed,obstacle_speed,exposure\n60,20,5,-1\n", "`exposure` of the points"),
+    ],
+)
+def test_a_csv_that_cannot_be_used_is_refused_in_a_sentence(tmp_path, text, sentence):
+    with pytest.raises(InputError) as caught:
+        from_file(tmp_path, text)
+    assert sentence in str(caught.value)
+
+
+def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def corners(space, n, rng):\n    return space.from_unit(rng.integers(0, 2, (n, len(space.names))))\n"
+        "def few(space, n, rng):\n    return space.from_unit(rng.random((n - 1, 3)))\n"
+        "def broken(space, n, rng):\n    raise ValueError('no idea')\n"
+        "def flat(space, n, rng):\n    return rng.random(n)\n"
+    )
+    request = Request(count=20, folder=tmp_path)
+    chosen = sample(CUT_OUT, "mine.py:corners", request=request)
+    assert set(np.concatenate([chosen.points, chosen.refused])[:, 2].tolist()) == {20.0, 120.0}
+    assert "was asked for 20 points, returned 19" in sample(CUT_OUT, "mine.py:few", request=request).notes[0]
+    with pytest.raises(InputError, match="ValueError: no idea"):
+        sample(CUT_OUT, "mine.py:broken", request=request)
+    with pytest.raises(InputError, match=r"an \(n, 3\) array"):
+        sample(CUT_OUT, "mine.py:flat", request=request)
+
+
+# --- what is refused --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("method", "keys", "sentence"),
+    [
+        ("sobol", {}, "`count` of the sampling of scenario `front_vehicle_cut_out` must be a whole number from 1"),
+        ("sobol", {"count": 0}, "must be a whole number from 1"),
+        (
+            "sobol",
+            {"count": 5, "levels": 3},
+            "`levels` of the sampling of scenario `front_vehicle_cut_out` does nothing",
+        ),
+        ("grid", {"count": 5}, "does nothing in method `grid`, which takes `levels`, `steps`"),
+        ("combinations", {"strength": 4}, "within 1..3, its parameters"),
+        ("file", {}, "`file` of the sampling of scenario `front_vehicle_cut_out` is missing"),
+        ("exposure_danger", {"count": 5}, "Nobody says how dangerous"),
+        ("soboll", {"count": 5}, "Did you mean `sobol`?"),
+    ],
+)
+def test_a_request_that_makes_no_points_is_refused_in_a_sentence(method, keys, sentence):
+    with pytest.raises(InputError) as caught:
+        sample(CUT_OUT, method, request=Request(**keys))
+    assert sentence in str(caught.value)
+
+
+def test_every_method_says_which_keys_it_takes():
+    known = {"levels", "steps", "count", "strength", "file"}
+    assert all(takes and takes <= known for _, takes in METHODS.values())
+
+
+def test_constraints_that_exclude_everything_leave_no_point():
+    nothing = replace(CUT_OUT, constraints=(Constraint("impossible", lambda v: v["gap"] > 1e9),))
+    chosen = draw(nothing, "sobol")
+    assert (len(chosen.points), len(chosen.refused)) == (0, 64)
+    assert math.isclose(float(chosen.exposure.sum()), 0.0)

@@ -1,0 +1,154 @@
+"""A logical scenario as a file: the documented example runs, and every mistake is a sentence."""
+
+import json
+import pickle
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sumo_eval.cosim import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.schema import evaluation_schema, scenario_schema
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "slow_truck.toml"
+    path.write_text(EXAMPLE, encoding="utf-8")
+    return path
+
+
+def test_the_documented_example_is_short_and_is_checked_sampled_and_driven(file):
+    assert len([line for line in EXAMPLE.splitlines() if line.strip()]) <= 30
+    # 5 speeds x 3 = 15, less (15, 15), (15, 22.2) and (20, 22.2)
+    assert check_file(file)[1] == "Its own sample has 12 possible points; constraints refuse 3 more."
+    logical = catalogue.find("slow_truck.toml", file.parent)
+    concrete = logical.concrete(ego_speed=25.0, truck_speed=10.0)
+    # 2 s * 25 m/s = 50 m from bumper to bumper, both 4.5 m long
+    assert concrete.actors[0].start.x - concrete.ego.x == pytest.approx(54.5)
+    assert concrete.actors[0].speed(2.0) == pytest.approx(10.0 - 4.0)
+    assert simulate(concrete, "careful_driver").end_reason in ("standstill", "contact")
+    # from 50 m behind a truck that stands after 1 + 2.5 s and 22.5 m, at constant 25 m/s: contact at 72.5 / 25 s
+    hit = simulate(concrete, "no_reaction").collision
+    assert hit.time == pytest.approx((50 + 10 + 10 * 1.9 - 4 * 1.9**2 / 2) / 25, abs=0.05)
+
+
+def test_exposure_is_the_distribution_within_the_range(file):
+    logical = read_scenario(file)
+    inside = stats.norm.cdf(35, 27, 5) - stats.norm.cdf(15, 27, 5)
+    point = logical.concrete(ego_speed=30.0, truck_speed=10.0)
+    assert point.exposure == pytest.approx(stats.norm.pdf(30, 27, 5) / inside)
+    assert "ego_speed as norm(loc=27, scale=5)" in logical.exposure_about
+
+
+def test_two_readings_are_equal_and_can_be_sent_to_another_process(file):
+    first, second = read_scenario(file), read_scenario(file)
+    assert first == second
+    assert hash(first) == hash(second)
+    assert pickle.loads(pickle.dumps(first)) == first
+
+
+def test_a_value_that_is_not_listed_does_not_exist(file):
+    with pytest.raises(InputError, match=r"`truck_speed` of scenario `slow_truck` must be one of 10, 15, 22.2 m/s"):
+        read_scenario(file).concrete(ego_speed=30.0, truck_speed=12.0)
+
+
+def test_definitions_exposure_and_every_manoeuvre(tmp_path):
+    text = EXAMPLE.replace(
+        'manoeuvre = [{ do = "brake", begin = 1.0, deceleration = 4.0 }]',
+        """manoeuvre = [
+  { do = "keep_speed" },
+  { do = "change_lane", begin = "late", duration = 3.0, offset = 3.5 },
+  { do = "move_sideways", begin = "late + 4.0", speed = 1.0, offset = -3.5 },
+]""",
+    )
+    head, _, rest = text.partition("[[parameter]]")
+    text = f'{head}exposure = "1.0 + truck_speed / 10.0"\n[define]\nhalf = "ego_speed / 2.0"\nlate = "half / 10.0"\n[[parameter]]{rest}'  # noqa: E501
+    (tmp_path / "s.toml").write_text(text)
+    concrete = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=10.0)
+    (truck,) = concrete.actors
+    assert [(move.begin, move.duration) for move in truck.lane_changes] == [(1.0, 3.0), (5.0, 3.5)]
+    assert (truck.y(4.0), truck.y(20.0)) == (3.5, 0.0)
+    with_exposure = read_scenario(tmp_path / "s.toml").concrete(ego_speed=20.0, truck_speed=15.0).exposure
+    assert with_exposure / concrete.exposure == pytest.approx(2.5 / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("truck_speed < ego_speed", "truck_sped < ego_speed", "Did you mean `truck_speed`?"),
+        ("truck_speed < ego_speed", "truck_speed - ego_speed", "a condition such as"),
+        ('"norm"', '"nrm"', "Did you mean `norm`?"),
+        ("loc = 27.0", "lok = 27.0", "Did you mean `loc`?"),
+        ("scale = 5.0", "scale = -5.0", "does not exist with"),
+        ("loc = 27.0, scale = 5.0", "loc = 900.0, scale = 0.1", "possible within 15..35"),
+        ('name = "norm", loc = 27.0, scale = 5.0', 'name = "gamma", loc = 2.0', "must be given `a`"),
+        (", deceleration = 4.0", "", "`brake` of vehicle `truck` in scenario file"),
+        ("deceleration = 4.0", "deceleration = 4.0, duration = 2.0", "has no `duration`"),
+        ('do = "brake"', 'do = "break"', "must be 'keep_speed', 'brake', 'change_lane' or 'move_sideways'"),
+        ('obstacle = "truck"', 'obstacle = "trunk"', "Did you mean `truck`?"),
+        ("step = 5.0", "stp = 5.0", "Did you mean `step`?"),
+        ("step = 5.0", "", "`step` of parameter `ego_speed`"),
+        ("low = 15.0", "low = 35.0", "finite, low < high"),
+        ("[10.0, 15.0, 22.2]", "[10.0, 10.0]", "ascending"),
+        ("values = [", "step = 1.0\nvalues = [", "must have either low, high and step, or values"),
+        ('gap = "2.0 * ego_speed"', 'gap = "2.0 * ego_speed"\nx = 3.0', "must have either gap or x"),
+        ('gap = "2.0 * ego_speed"', 'gap = "open(1)"', "Unknown function"),
+        ('gap = "2.0 * ego_speed"', 'gap = "1.0 / (ego_speed - 20.0)"', "must be finite, got 'inf at ego_speed=20"),
+        ('gap = "2.0 * ego_speed"', "gap = 1e5", "on the road"),
+        ('speed = "truck_speed"', 'speed = "truck_speed - 11.0"', "finite and at least 0"),
+        ('name = "truck"', 'name = "ego"', "a name of its own, got `ego` twice"),
+        ("[ego]", "[road]\nedges = ['a']\n[ego]", "there is none"),
+        ("[ego]", "[end]\nx = 7000.0\n[ego]", "at most the road's length 6000"),
+        ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]", "cannot be read"),
+        ("[zone]", "[zone", "is not valid TOML"),
+        ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = "grd"', "Did you mean `grid`?"),
+        ("truck_speed < ego_speed", "truck_speed > ego_speed + 100", "must have possible points"),
+    ],
+)  # fmt: skip
+def test_every_mistake_is_a_sentence(file, old, new, sentence):
+    assert old in EXAMPLE
+    file.write_text(EXAMPLE.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        check_file(file)
+    assert sentence in str(caught.value)
+
+
+def test_all_mistakes_of_a_kind_are_named_at_once(file):
+    file.write_text(EXAMPLE.replace("step = 5.0", "stp = 5.0").replace("[ego]", "[ego]\nspede = 3.0"))
+    with pytest.raises(InputError) as caught:
+        check_file(file)
+    assert "`parameter[0].stp`" in str(caught.value)
+    assert "`ego.spede`" in str(caught.value)
+
+
+def test_a_file_that_is_not_there():
+    with pytest.raises(InputError, match="There is no scenario file"):
+        catalogue.find("nowhere.toml")
+
+
+def test_schemas_name_every_key_with_its_meaning():
+    for schema in (scenario_schema(), evaluation_schema()):
+        json.dumps(schema)
+        tables = [schema, *schema["$defs"].values()]
+        keys = [entry for table in tables for entry in table["properties"].values()]
+        assert all(table["additionalProperties"] is False for table in tables)
+        assert sum("description" in entry for entry in keys) > 0.7 * len(keys)
+    assert "bumper" in scenario_schema()["$defs"]["VehicleTable"]["properties"]["gap"]["description"]
+
+
+def test_the_zone_rule_of_a_file_trains_a_partition(file):
+    from sumo_eval.method.zone_partition import partition
+
+    logical = read_scenario(file)
+    zones = partition(logical, points=sample(logical).points)
+    assert zones.hazardous(np.array([[35.0, 10.0]])).all()  # 70 m, closing with 25 m/s on a braking truck

@@ -1,0 +1,124 @@
+"""A straight road in a network of the user's, wherever it lies and whichever way it goes."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from lxml import etree
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.sumo_files import network_xml, routes_xml
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Road, catalogue
+from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.shipped_files import scenario_file
+from sumo_eval.scenario.sumo_network import laid_along_x, read_road
+from sumo_eval.settings import VehicleSettings
+
+PLAIN = Road("plain", 900.0, 2, 3.5, 100.0)
+
+
+def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0):
+    """The package's own straight network, turned and moved, with the two decimals that netconvert writes."""
+    root = etree.fromstring(network_xml(PLAIN).encode())
+    cos, sin = math.cos(angle), math.sin(angle)
+
+    def move(text):
+        points = []
+        for part in text.split():
+            x, y = (float(number) for number in part.split(","))
+            y += bend * x * (1000.0 - x) / 250_000.0
+            points.append((round(x * cos - y * sin + shift[0], digits), round(x * sin + y * cos + shift[1], digits)))
+        return " ".join(f"{x},{y}" for x, y in points)
+
+    for element in root.iter():
+        if element.get("shape"):
+            text = element.get("shape")
+            if element.tag == "lane" and bend:
+                begin, end = text.split()
+                text = f"{begin} 500.0,{begin.split(',')[1]} {end}"
+            element.set("shape", move(text))
+    etree.SubElement(root, "edge", {"id": "side_road", "from": "end", "to": "begin", "priority": "1"}).append(
+        etree.fromstring('<lane id="side_road_0" index="0" speed="13.9" length="20" shape="0,0 20,0"/>')
+    )
+    path.write_bytes(etree.tostring(root))
+    return path
+
+
+@pytest.fixture
+def network(tmp_path):
+    return turned(tmp_path / "town.net.xml")
+
+
+def test_the_road_lies_along_x_with_its_own_lanes(network):
+    road = read_road(network, ["road"], 600.0)
+    assert (road.lanes, road.lane_width, road.length) == (2, 3.5, 600.0)
+    assert road.run_out == pytest.approx(400.0, abs=0.02)
+    root = etree.fromstring(laid_along_x(road.network).encode())
+    shapes = {lane.get("id"): lane.get("shape") for lane in root.iter("lane")}
+    for lane, y in (("road_0", 0.0), ("road_1", 3.5)):
+        (x0, y0), (x1, y1) = (tuple(map(float, part.split(","))) for part in shapes[lane].split())
+        assert (y0, y1) == (y, y)
+        assert (x0, x1) == (pytest.approx(0.0, abs=0.02), pytest.approx(1000.0, abs=0.02))
+    # everything else went along: the side road began at the old origin
+    assert float(shapes["side_road_0"].split()[0].split(",")[0]) == pytest.approx(
+        -(1234.5 * math.cos(0.7) - 987.0 * math.sin(0.7)), abs=0.05
+    )
+
+
+def test_a_case_on_a_turned_network_is_the_same_case(network):
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=5.0, gap=60.0)
+    there = replace(concrete, road=read_road(network, ["road"], 600.0))
+    ours, theirs = simulate(concrete, "careful_driver"), simulate(there, "careful_driver")
+    assert theirs.error is None
+    assert theirs.end_reason == ours.end_reason
+    assert theirs.ego.x[-1] == pytest.approx(ours.ego.x[-1], abs=0.05)
+    assert simulate(there, "lane_changer").error is None
+
+
+def test_a_scenario_file_names_the_network_beside_it(tmp_path, network):
+    text = scenario_file("front_vehicle_low_speed").read_text()
+    before, _, rest = text.partition("[road]")
+    (tmp_path / "mine.toml").write_text(
+        before + '[road]\nnetwork = "town.net.xml"\nedges = ["road"]\n' + rest[rest.index("[end]") :]
+    )
+    concrete = read_scenario(tmp_path / "mine.toml").concrete(ego_speed=20.0, lead_speed=5.0)
+    assert concrete.road.name.startswith("town_")
+    assert 'edges="road"' in routes_xml(concrete, VehicleSettings())
+    assert simulate(concrete, "no_reaction").end_reason == "contact"
+
+
+@pytest.mark.parametrize(
+    ("edges", "end", "sentence"),
+    [
+        ([], 600.0, "must name the `edges`"),
+        (["raod"], 600.0, "Did you mean `road`?"),
+        (["road", "side_road"], 600.0, "must have the lanes of edge `road`"),
+        (["road"], 1200.0, "within the 1000.0 m of its edges"),
+    ],
+)
+def test_a_road_that_is_not_there_is_refused(network, edges, end, sentence):
+    with pytest.raises(InputError) as caught:
+        read_road(network, edges, end)
+    assert sentence in str(caught.value)
+
+
+def test_a_bent_road_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"straight within 0.1 m of the first, got '2.00 m'"):
+        read_road(turned(tmp_path / "bent.net.xml", bend=2.0), ["road"], 600.0)
+
+
+def test_a_network_that_changed_after_reading_is_refused(network):
+    road = read_road(network, ["road"], 600.0)
+    network.write_text(network.read_text().replace("side_road", "other_road"))
+    with pytest.raises(InputError, match="has changed since"):
+        laid_along_x(road.network)
+
+
+def test_a_file_that_is_no_network_is_refused(tmp_path):
+    (tmp_path / "x.net.xml").write_text("<routes/>")
+    with pytest.raises(InputError, match="must be `net`"):
+        read_road(tmp_path / "x.net.xml", ["road"], 600.0)
+    (tmp_path / "x.net.xml").write_text("<net>")
+    with pytest.raises(InputError, match="is not XML"):
+        read_road(tmp_path / "x.net.xml", ["road"], 600.0)
