@@ -93,8 +93,10 @@ class Checked:
 class FieldSettings(Checked):
     """Trajectory field, Eqs. 9-10. The paper prints no values; these were chosen on recorded motorway approaches."""
 
-    k1: Annotated[float, NotNegative, About("decay of the field with distance", symbol="k1", equation="10")] = 0.5
-    k2: Annotated[float, NotNegative, About("growth of the field with speed ahead", "s/m", "k2", "10")] = 0.005
+    k1: Annotated[
+        float, NotNegative, Le(20.0), About("decay of the field with distance", symbol="k1", equation="10")
+    ] = 0.5
+    k2: Annotated[float, NotNegative, Le(1.0), About("growth of the field with speed ahead", "s/m", "k2", "10")] = 0.005
     sample_interval: Annotated[float, Positive, About("time between summed samples", "s", equation="9")] = 0.1
     superposition: Annotated[
         Literal["magnitude", "vector"],
@@ -135,10 +137,10 @@ class AnthropomorphicSettings(Checked):
         int, Ge(1), Le(1_000), About("sample points on each side of the centre", equation="11")
     ] = 3
     centre_deviation_floor: Annotated[
-        float, Positive, About("smallest deviation of the human centre", "m", equation="12")
+        float, Ge(1e-6), About("smallest deviation of the human centre", "m", equation="12")
     ] = 0.15
     field_deviation_floor: Annotated[
-        float, Positive, About("smallest deviation of the human field, as a share of its mean", equation="12")
+        float, Ge(1e-6), About("smallest deviation of the human field, as a share of its mean", equation="12")
     ] = 0.01
     steering_threshold_deg: Annotated[
         float, Positive, About("steering wheel angle above which an operation begins", "deg", "k3", "12")
@@ -160,9 +162,9 @@ class AnthropomorphicSettings(Checked):
 class ZoneSettings(Checked):
     """Safe and hazardous zones, Eqs. 1-8."""
 
-    deceleration: Annotated[float, Positive, About("ideal braking deceleration of the zones", "m/s2", "a", "5")] = 5.0
+    deceleration: Annotated[float, Ge(0.01), About("ideal braking deceleration of the zones", "m/s2", "a", "5")] = 5.0
     critical_inverse_ttc: Annotated[
-        float, Positive, About("inverse TTC from which a point is hazardous", "1/s", "ITTC*", "6")
+        float, Ge(0.001), About("inverse TTC from which a point is hazardous", "1/s", "ITTC*", "6")
     ] = 0.7
     target: Annotated[
         Literal["squared_time", "label"],
