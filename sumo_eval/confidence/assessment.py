@@ -72,7 +72,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition,
         return Assessment(score.ads, score.scenario, None, None, None, "fewer than two evaluated cases with exposure")
     settings = evaluation.settings
     points = np.array([zones.logical.row(case.values) for case in cases])
-    terms = _terms(cases, points, zones, settings.method, *_driver_error(score, cases, store, settings, zones))
+    terms = _terms(cases, points, zones, settings.method, *driver_error(score, cases, store, settings, zones))
 
     def stream(what: str) -> np.random.Generator:
         return random_stream(settings.seed, what, score.scenario, score.ads)
@@ -133,7 +133,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     return moved
 
 
-def _driver_error(
+def driver_error(
     score: ScenarioResult, cases: Sequence[CaseResult], store: Store, settings: EvaluationSettings, zones: ZonePartition
 ) -> tuple[float, int]:
     """Standard error of D from the choice of drivers, by leaving each out in turn, and their number.
