@@ -90,7 +90,9 @@ def resolve(
         if locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it is to run
             find_controller(locator, Path.cwd())
     if ads:
-        settings = replace(settings, ads=tuple(AdsSettings(locator, made_absolute(locator, Path.cwd())) for locator in ads))
+        settings = replace(
+            settings, ads=tuple(AdsSettings(locator, made_absolute(locator, Path.cwd())) for locator in ads)
+        )
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
 

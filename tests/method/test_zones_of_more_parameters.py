@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.criticality import critical_gap
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road
@@ -50,7 +51,11 @@ def test_a_partition_is_the_closed_forms(count):
     if count >= 3:
         assert most["obstacle_speed"] == pytest.approx(0.0)
 
-    inside = points[found][:200]
-    depth = zones.boundary_distance(inside)
-    assert np.isfinite(depth).all()
-    assert (depth < 0.0).all()
+    # Eq. 16: r is finite, 0 at the worst point, at most 1 where the ray is still inside, above 1 beyond the boundary
+    inside, outside = collision_weight(points[found][:200], zones), collision_weight(points[~found][:200], zones)
+    assert np.isfinite(inside).all()
+    assert np.isfinite(outside).all()
+    assert inside.min() > 0.0
+    assert inside.max() <= 1.0
+    assert outside.min() >= 1.0
+    assert collision_weight(most, zones) == 0.0
