@@ -51,7 +51,8 @@ workers = 2
 [simulation]
 step = 0.1
 [method.zones]
-restarts = 1
+restarts = 0
+refinements = 0
 grid_points = 5000
 """
 
