@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -138,7 +138,8 @@ def driver_error(
 ) -> tuple[float, int]:
     """Standard error of D from the choice of drivers, by leaving each out in turn, and their number.
 
-    The same driver is left out of all cases at once, because it is the same person; on a few evenly chosen cases.
+    The same driver is left out of all cases at once, because it is the same person; on a few evenly chosen cases, with
+    slices as far apart as those of the drivers' own band.
     """
     safe = [case for case in cases if case.zone == "safe" and case.index is not None]
     if score.d is None or not safe:
@@ -159,9 +160,9 @@ def driver_error(
             if len(others) >= 2:
                 jobs.append(IndexJob(case.case, others, zones.logical.road))
                 owners.append((driver, case.exposure))
-    indexes = compute_indexes(
-        store.path, jobs, settings.method.anthropomorphic, settings.run.workers, lambda done: None
-    )
+    fine = settings.method.anthropomorphic
+    coarse = replace(fine, slice_spacing=max(fine.slice_spacing, fine.band_slice_spacing))
+    indexes = compute_indexes(store.path, jobs, coarse, settings.run.workers, lambda done: None)
     without: dict[str, list[tuple[float, float]]] = {}
     for (driver, exposure), index in zip(owners, indexes, strict=True):
         without.setdefault(driver, []).append((index.value, exposure))

@@ -72,6 +72,9 @@ def test_the_drivers_error_is_a_plain_loops(evaluation, partitions):
         for case in evaluation.cases
         if (case.ads, case.scenario, case.zone) == (builders.CALM, CUT_OUT, "safe") and case.index is not None
     ][:4]
+    fine = settings.method.anthropomorphic
+    coarse = replace(fine, slice_spacing=fine.band_slice_spacing)
+    assert fine.band_slice_spacing > fine.slice_spacing
     with open_store(evaluation.folder / FACTS) as store:
         error, drivers = driver_error(score, safe, store, settings, zones)
         without = []
@@ -85,7 +88,7 @@ def test_the_drivers_error_is_a_plain_loops(evaluation, partitions):
                     if index != left_out
                 ]
                 own = store.trajectory(case.case)
-                found = anthropomorphic_index(own, others, zones.logical.road, settings.method.anthropomorphic)
+                found = anthropomorphic_index(own, others, zones.logical.road, coarse)
                 over += case.exposure * found.value
                 under += case.exposure
             without.append(over / under)
