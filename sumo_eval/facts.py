@@ -16,7 +16,7 @@ from sumo_eval.batch.engines import Stopping, never, run_cases
 from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
-from sumo_eval.cosim.controller import find_controller, from_here
+from sumo_eval.cosim.controller import find_controller, made_absolute
 from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError, StoppedError
@@ -90,7 +90,9 @@ def resolve(
         if locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it is to run
             find_controller(locator, Path.cwd())
     if ads:
-        settings = replace(settings, ads=tuple(AdsSettings(locator, from_here(locator)) for locator in ads))
+        settings = replace(
+            settings, ads=tuple(AdsSettings(locator, made_absolute(locator, Path.cwd())) for locator in ads)
+        )
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
 

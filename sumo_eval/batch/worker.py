@@ -79,7 +79,10 @@ def _simulate(case: Case, setup: Setup) -> Recording:
 
 
 def _seed_global_generators(case: Case) -> None:
-    """An ADS that draws from the global generators draws the same in every run, whatever ran in this process before."""
-    stream = random_stream(case.seed, "ads", case.key)
+    """An ADS that draws from the global generators draws the same in every run, whatever ran in this process before.
+
+    The point's values choose the stream and not its number, so that a case alone is what it was among others.
+    """
+    stream = random_stream(case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver)
     random.seed(int(stream.integers(2**63)))
     np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the generator that such an ADS uses

@@ -24,8 +24,9 @@ def export(run: Path, case: str | None, kind: str | None, out: Path) -> None:
         return
     if kind is not None:
         raise click.UsageError("`--format` is for the tables of a whole run; a case has its own kinds of files.")
-    from sumo_eval.report.export_case import export_case, reproduce_line
+    from sumo_eval.report.export_case import export_case
 
-    for path in export_case(run, case, out):
+    exported = export_case(run, case, out)
+    for path in exported.paths:
         click.echo(str(path))
-    click.echo(f"Drive it again, in that folder: {reproduce_line(case)}")
+    click.echo(f"Drive it again, in that folder: {exported.line}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,7 +72,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition,
         return Assessment(score.ads, score.scenario, None, None, None, "fewer than two evaluated cases with exposure")
     settings = evaluation.settings
     points = np.array([zones.logical.row(case.values) for case in cases])
-    terms = _terms(cases, points, zones, settings.method, *_driver_error(score, cases, store, settings, zones))
+    terms = _terms(cases, points, zones, settings.method, *driver_error(score, cases, store, settings, zones))
 
     def stream(what: str) -> np.random.Generator:
         return random_stream(settings.seed, what, score.scenario, score.ads)
@@ -133,12 +133,13 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     return moved
 
 
-def _driver_error(
+def driver_error(
     score: ScenarioResult, cases: Sequence[CaseResult], store: Store, settings: EvaluationSettings, zones: ZonePartition
 ) -> tuple[float, int]:
     """Standard error of D from the choice of drivers, by leaving each out in turn, and their number.
 
-    The same driver is left out of all cases at once, because it is the same person; on a few evenly chosen cases.
+    The same driver is left out of all cases at once, because it is the same person; on a few evenly chosen cases, with
+    slices as far apart as those of the drivers' own band.
     """
     safe = [case for case in cases if case.zone == "safe" and case.index is not None]
     if score.d is None or not safe:
@@ -159,9 +160,9 @@ def _driver_error(
             if len(others) >= 2:
                 jobs.append(IndexJob(case.case, others, zones.logical.road))
                 owners.append((driver, case.exposure))
-    indexes = compute_indexes(
-        store.path, jobs, settings.method.anthropomorphic, settings.run.workers, lambda done: None
-    )
+    fine = settings.method.anthropomorphic
+    coarse = replace(fine, slice_spacing=max(fine.slice_spacing, fine.band_slice_spacing))
+    indexes = compute_indexes(store.path, jobs, coarse, settings.run.workers, lambda done: None)
     without: dict[str, list[tuple[float, float]]] = {}
     for (driver, exposure), index in zip(owners, indexes, strict=True):
         without.setdefault(driver, []).append((index.value, exposure))

@@ -251,18 +251,18 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
         return load_object(target, folder, "ADS")
 
 
-def from_here(locator: str) -> str:
-    """The locator with a relative path made absolute, so that it holds wherever the evaluation file lies.
+def made_absolute(locator: str, folder: Path) -> str:
+    """The locator with a path relative to `folder` made absolute, so that it holds wherever the evaluation file lies.
 
-    A program of `exec:` and `traci:` is run in the current folder by way of `env -C`.
+    A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
-        return f"{scheme}:env -C {shlex.quote(str(Path.cwd()))} {rest}"
+        return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
     if scheme == "fmu":
-        return f"fmu:{Path.cwd() / rest}"
+        return f"fmu:{folder / rest}"
     place, _, name = locator.rpartition(":")
-    return f"{Path.cwd() / place}:{name}" if place.endswith(".py") else locator
+    return f"{folder / place}:{name}" if place.endswith(".py") else locator
 
 
 def _native_model(locator: str, text: str) -> NativeModel:

@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
+import re
+import shlex
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.store import Fact, open_store
 from sumo_eval.config import to_toml
+from sumo_eval.cosim.controller import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.settings import EvaluationSettings, SamplingSettings
+from sumo_eval.settings import DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
 
 
-def export_case(run: Path, case: str, out: Path) -> tuple[Path, ...]:
-    """Write a case into the folder `out` and return the paths: SUMO network, routes, view and .sumocfg (opens in
-    sumo-gui), OpenSCENARIO and OpenDRIVE, and an evaluation of this one case with its point.
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was written, and the command that drives the case again in that folder."""
 
-    `reproduce_line` of the same case is the line that runs it again; it stands in the .xosc header as well.
-    Raises InputError for a case that the run does not have.
+    paths: tuple[Path, ...]
+    line: str
+
+
+def export_case(run: Path, case: str, out: Path) -> Exported:
+    """Write a case into the folder `out`: SUMO network, routes, view and .sumocfg (opens in sumo-gui), OpenSCENARIO and
+    OpenDRIVE, and an evaluation of this one case with its point.
+
+    The files are called like the case, with `_` for what is no letter, digit, dot, plus or single hyphen. The line that
+    drives it again stands in the .xosc header as well. Raises InputError for a case that the run does not have.
     """
     settings, source = run_folder.read_settings(run), Path(run_folder.read_manifest(run)["source_folder"])
     fact = _fact(run, settings, case)
@@ -30,36 +41,36 @@ def export_case(run: Path, case: str, out: Path) -> tuple[Path, ...]:
     logical = find(entry.use, source)
     concrete = replace(logical.concrete(**fact.values), exposure=fact.exposure)
     simulation = concrete.simulation(settings.simulation)
-    road, view, stem = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml", case
-    line = reproduce_line(case)
+    stem = re.sub(r"[^\w.+-]|-(?=-)", "_", case)
+    road, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
+    alone = _evaluation(settings, fact, entry.use, source, f"{stem}.csv")
+    line = f"{_importing(alone, source)}sumo-eval run {stem}.toml --out again"
     texts = {
         road: network_xml(concrete.road),
         view: view_xml(concrete.road),
-        f"{stem}.rou.xml": routes_xml(concrete, simulation.vehicle, origin=f"The whole case again: {line}"),
+        f"{stem}.rou.xml": routes_xml(
+            concrete, simulation.vehicle, origin=f"{stem}.toml beside this file drives the whole case again."
+        ),
         f"{stem}.sumocfg": configuration_xml(
             road, f"{stem}.rou.xml", simulation.step,
             lane_change_duration=simulation.lane_change_duration, view=view,
         ),
         f"{stem}.xodr": opendrive_xml(concrete.road),
         f"{stem}.xosc": openscenario_xml(concrete, settings.simulation, f"{stem}.xodr", f"Run again: {line}"),
-        f"{stem}.toml": _evaluation(settings, fact, entry.use, source, f"{stem}.csv"),
+        f"{stem}.toml": to_toml(alone),
     }  # fmt: skip
+    known = fact.exposure > 0.0  # a sample whose exposures are all 0 is refused
+    columns = [*logical.names, *(["exposure"] if known else [])]
+    values = [*(fact.values[name] for name in logical.names), *([fact.exposure] if known else [])]
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
         with (out / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*logical.names, "exposure"])
-            writer.writerow([*(repr(fact.values[name]) for name in logical.names), repr(fact.exposure)])
+            csv.writer(file, lineterminator="\n").writerows([columns, [repr(value) for value in values]])
     except OSError as error:
         raise InputError(f"The case cannot be written into {out}: {error}.") from error
-    return tuple(out / name for name in (*texts, f"{stem}.csv"))
-
-
-def reproduce_line(case: str) -> str:
-    """The command that drives an exported case again, in its folder."""
-    return f"sumo-eval run {case}.toml --out again"
+    return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
 
 
 def _fact(run: Path, settings: EvaluationSettings, case: str) -> Fact:
@@ -70,21 +81,37 @@ def _fact(run: Path, settings: EvaluationSettings, case: str) -> Fact:
     return facts[case]
 
 
-def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> str:
+def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:
     """The run's settings with this scenario, this point and this ADS alone; paths of its files made absolute."""
     entry = next(item for item in settings.scenario if item.use == use)
     ads = next(item for item in settings.ads if item.name == fact.driver)
-    alone = replace(
+    sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
+    space = str(source / use) if use.endswith(".toml") else made_absolute(use, source)
+    plant = settings.simulation.plant
+    if plant is not None:
+        plant = replace(plant, file=str(source / plant.file))
+    return replace(
         settings,
-        scenario=(replace(entry, use=_absolute(use, source), sampling=SamplingSettings(method="file", file=points)),),
-        ads=(replace(ads, controller=_absolute(ads.controller, source)),),
+        scenario=(replace(entry, use=space, sampling=sampling, exposure=ExposureSettings()),),
+        ads=(replace(ads, controller=made_absolute(ads.controller, source)),),
+        drivers=_people(settings.drivers, source),
+        simulation=replace(settings.simulation, plant=plant),
     )
-    return to_toml(alone)
 
 
-def _absolute(locator: str, source: Path) -> str:
-    """A locator that starts with a file, with that file's whole path; others as they are."""
-    place, colon, name = locator.rpartition(":")
-    if colon and place.endswith(".py"):
-        return f"{(source / place).resolve()}:{name}"
-    return str((source / locator).resolve()) if locator.endswith(".toml") else locator
+def _people(drivers: DriverSettings, source: Path) -> DriverSettings:
+    return replace(
+        drivers,
+        source=made_absolute(drivers.source, source),
+        recordings=tuple(str(source / name) for name in drivers.recordings),
+        cases=str(source / drivers.cases) if drivers.cases else "",
+    )
+
+
+def _importing(alone: EvaluationSettings, source: Path) -> str:
+    """What goes before the command where modules that lie beside the run's own evaluation have to be found."""
+    named = (alone.scenario[0].use, alone.ads[0].controller, alone.drivers.source)
+    modules = [place for place, colon, _ in (locator.rpartition(":") for locator in named) if colon]
+    tops = [module.partition(".")[0] for module in modules if not module.endswith(".py")]
+    beside = any((source / f"{top}.py").is_file() or (source / top / "__init__.py").is_file() for top in tops)
+    return f"env PYTHONPATH={shlex.quote(str(source))} " if beside else ""

@@ -1,0 +1,91 @@
+"""`sample`, `schema`, `boundary` and `check` of a scenario file, as a user has them."""
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
+EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def truck(tmp_path):
+    path = tmp_path / "slow_truck.toml"
+    path.write_text(EXAMPLE, encoding="utf-8")
+    return path
+
+
+def test_sample_writes_and_draws_the_points_of_a_scenario_file(truck, tmp_path):
+    # 5 speeds x 3 = 15, less (15, 15), (15, 22.2) and (20, 22.2): 3 of 15 are 20 %
+    done = run("sample", truck, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert "slow_truck: grid, 12 points; constraints refuse 3 of 15 (20.0%)." in done.output
+    with (tmp_path / "out" / "points.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12
+    assert {float(row["truck_speed"]) for row in rows} == {10.0, 15.0, 22.2}
+    assert all(float(row["truck_speed"]) < float(row["ego_speed"]) for row in rows)
+    assert "<svg" in (tmp_path / "out" / "points.html").read_text()
+
+
+def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path):
+    texts = []
+    for number, seed in enumerate((1, 1, 2)):
+        out = tmp_path / str(number)
+        assert run("sample", "cut_in", "--method", "sobol", "--count", 8, "--seed", seed, "--out", out).exit_code == 0
+        texts.append((out / "points.csv").read_text())
+    assert texts[0] == texts[1] != texts[2]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["cut_inn"], "Did you mean `cut_in`?"),
+        (["cut_in", "--method", "sobl", "--count", "8"], "sobol"),
+        (["cut_in", "--method", "sobol"], "`count`"),
+    ],
+)
+def test_sample_refuses_in_a_sentence(tmp_path, arguments, sentence):
+    done = run("sample", *arguments, "--out", tmp_path / "out")
+    assert done.exit_code == 2
+    assert sentence in done.stderr
+
+
+@pytest.mark.parametrize(("what", "key"), [("scenario", "parameter"), ("evaluation", "ads")])
+def test_schema_prints_a_json_schema(what, key):
+    done = run("schema", what)
+    assert done.exit_code == 0
+    assert key in json.loads(done.output)["properties"]
+
+
+def test_check_says_what_is_in_a_scenario_file_and_what_is_wrong(truck):
+    done = run("check", truck)
+    assert done.exit_code == 0, done.output
+    assert "12 possible points; constraints refuse 3 more." in done.output
+    truck.write_text(EXAMPLE.replace('"truck_speed < ego_speed"', '"truck_sped < ego_speed"'), encoding="utf-8")
+    wrong = run("check", truck)
+    assert wrong.exit_code == 2
+    assert "Did you mean `truck_speed`?" in wrong.stderr
+
+
+def test_boundary_finds_an_edge_and_writes_it(tmp_path):
+    done = run(
+        "boundary", "front_vehicle_cut_out", "no_reaction", "--fix", "ego_speed=30", "--fix", "obstacle_speed=5",
+        "--budget", 16, "--workers", 1, "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "no_reaction collides in 100.0% of the space" in done.output
+    assert "Every trial ended alike" in done.output
+    found = json.loads((tmp_path / "out" / "boundary.json").read_text())
+    assert found["simulations"] == 16
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trials.csv", "boundary.json", "boundary.html"}

@@ -1,0 +1,329 @@
+"""`sumo-eval export RUN CASE`: what is written drives, loads and says the same as what was recorded."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from lxml import etree
+
+import sumo_eval
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import open_store
+from sumo_eval.cli import main
+from sumo_eval.report.export_case import export_case
+
+ROOT = Path(__file__).parents[2]
+SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", (ROOT / "docs" / "space.md").read_text(), re.DOTALL)[0]
+
+EVALUATION = """
+name = "exported"
+seed = 5
+[[scenario]]
+use = "cut_in"
+[scenario.sampling]
+file = "points.csv"
+[[scenario]]
+use = "slow_truck.toml"
+[scenario.sampling]
+file = "truck.csv"
+[[ads]]
+name = "draws"
+controller = "lib/my_ads.py:Draws"
+[[ads]]
+name = "beside it/--x"
+controller = "neighbour:drive"
+[[ads]]
+name = "program"
+controller = "exec:./lib/brakes.sh"
+[drivers]
+count = 2
+[run]
+workers = 2
+[simulation]
+step = 0.1
+[method.zones]
+restarts = 0
+refinements = 0
+grid_points = 5000
+"""
+
+DRAWS = """
+import random
+from sumo_eval import Command
+
+class Draws:
+    def step(self, traci, ego, time):
+        return Command(random.uniform(-3.0, 1.0))
+"""
+
+NEIGHBOUR = "def drive(seen):\n    return -1.0 if seen.lead else 0.0\n"
+
+BRAKES = """#!/bin/sh
+read -r briefing; echo '{}'
+while read -r seen; do echo '{"acceleration": -2}'; done
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scenarios, three ADSs whose code lies beside the evaluation; the second point of each is the exported one."""
+    folder = tmp_path_factory.mktemp("exported")
+    (folder / "lib").mkdir()
+    (folder / "lib" / "my_ads.py").write_text(DRAWS)
+    (folder / "lib" / "brakes.sh").write_text(BRAKES)
+    (folder / "lib" / "brakes.sh").chmod(0o755)
+    (folder / "neighbour.py").write_text(NEIGHBOUR)
+    (folder / "slow_truck.toml").write_text(SLOW_TRUCK)
+    (folder / "points.csv").write_text(
+        "ego_speed,cut_in_speed,gap,lateral_speed,exposure\n30,15,90,1,1\n30,15,50.1,0.8,0.3\n"
+    )
+    (folder / "truck.csv").write_text("ego_speed,truck_speed\n20,15\n25,10\n")
+    (folder / "evaluation.toml").write_text(EVALUATION)
+    sumo_eval.evaluate(folder / "evaluation.toml", folder / "run")
+    return folder / "run"
+
+
+def drive(run: Path, case: str):
+    """What is recorded of a case: everything that does not differ from machine to machine."""
+    with open_store(run / FACTS) as store:
+        fact = next(fact for fact in store.facts("ads") if fact.case == case)
+        vehicles = {
+            name: {field: getattr(path, field).tolist() for field in ("time", "x", "y", "speed", "heading")}
+            for name, path in store.trajectories(case).items()
+        }
+    return fact.values, fact.exposure, fact.status, fact.end_reason, fact.error, fact.collision, fact.clips, vehicles
+
+
+def again(out: Path, line: str) -> Path:
+    """Run the line that the export gave, in its folder, and return the new run."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    words = shlex.split(line)
+    at = words.index("sumo-eval")
+    command = [*words[:at], sys.executable, "-m", "sumo_eval", *words[at + 1 :]]
+    done = subprocess.run(
+        command, cwd=out, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )  # fmt: skip
+    assert done.returncode in (0, 3), done.stdout + done.stderr
+    return out / "again"
+
+
+@pytest.mark.parametrize(("scenario", "ads"), [("cut_in", "draws"), ("slow_truck", "program")])
+def test_an_exported_case_drives_again_digit_for_digit(run, tmp_path, scenario, ads):
+    case = f"{scenario}-0001-{ads}"
+    path = next(path for path in export_case(run, case, tmp_path).paths if path.suffix == ".toml")
+    recorded = drive(run, case)
+    assert recorded[2] in ("ok", "collision")
+    assert len(recorded[-1]["ego"]["time"]) > 20
+    sumo_eval.evaluate(path, tmp_path / "again")
+    assert drive(tmp_path / "again", f"{scenario}-0000-{ads}") == recorded
+
+
+def test_the_line_that_it_gives_drives_the_case_again(run, tmp_path):
+    ads = "beside it/--x"
+    exported = export_case(run, f"slow_truck-0001-{ads}", tmp_path)
+    assert drive(again(tmp_path, exported.line), f"slow_truck-0000-{ads}") == drive(run, f"slow_truck-0001-{ads}")
+
+
+def test_the_files_are_there_and_called_like_the_case(run, tmp_path):
+    result = CliRunner().invoke(main, ["export", str(run), "cut_in-0001-draws", "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    stem = "cut_in-0001-draws"
+    names = {"two_lanes_1400m.net.xml", "two_lanes_1400m.view.xml"} | {
+        f"{stem}{kind}" for kind in (".rou.xml", ".sumocfg", ".xodr", ".xosc", ".toml", ".csv")
+    }
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+    told = result.output.splitlines()
+    assert {Path(line).name for line in told[:-1]} == names
+    assert told[-1] == f"Drive it again, in that folder: sumo-eval run {stem}.toml --out again"
+    rows = (tmp_path / "out" / f"{stem}.csv").read_text().splitlines()
+    assert rows == ["ego_speed,cut_in_speed,gap,lateral_speed,exposure", "30.0,15.0,50.1,0.8,0.3"]
+    assert CliRunner().invoke(main, ["check", str(tmp_path / "out" / f"{stem}.toml")]).exit_code == 0
+
+
+def test_a_name_that_is_no_file_name_becomes_one_and_stays_in_its_folder(run, tmp_path):
+    exported = export_case(run, "slow_truck-0000-beside it/--x", tmp_path)
+    assert {path.parent for path in exported.paths} == {tmp_path}
+    assert "slow_truck-0000-beside_it__-x.toml" in {path.name for path in exported.paths}
+    assert exported.line.startswith(f"env PYTHONPATH={run.parent} sumo-eval run slow_truck-0000-beside_it__-x.toml ")
+
+
+# --- SUMO -------------------------------------------------------------------------------------------------------------
+
+STEPS_IN_LIBSUMO = """
+import json, sys, libsumo
+libsumo.start(["sumo", "-c", sys.argv[1], "--no-step-log", "true"])
+libsumo.simulationStep()
+found = {name: [*libsumo.vehicle.getPosition(name), libsumo.vehicle.getSpeed(name), libsumo.vehicle.getLength(name),
+                libsumo.vehicle.getWidth(name)] for name in libsumo.vehicle.getIDList()}
+for _ in range(30):
+    libsumo.simulationStep()
+print(json.dumps([found, libsumo.simulation.getDeltaT(), libsumo.simulation.getTime()]))
+"""
+
+
+def test_the_configuration_loads_and_steps_in_libsumo(run, tmp_path):
+    case = "cut_in-0001-draws"
+    export_case(run, case, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", STEPS_IN_LIBSUMO, f"{case}.sumocfg"], cwd=tmp_path, capture_output=True, text=True,
+        timeout=60, check=True,
+    )  # fmt: skip
+    vehicles, step, time = json.loads(done.stdout.splitlines()[-1])
+    assert (step, time) == (0.1, pytest.approx(3.1))
+    # SUMO's position is the front bumper: half a body of 4.3 m before the centre, which starts at 0
+    ego, other = vehicles["ego"], vehicles["other"]
+    assert ego[1:] == pytest.approx([0.0, 30.0, 4.3, 1.9])
+    assert other[1:] == pytest.approx([3.5, 15.0, 4.3, 1.9])
+    assert other[0] - ego[0] == pytest.approx(50.1 + 4.3)  # bumper to bumper, and a body
+
+
+def test_the_configuration_runs_in_the_sumo_binary(run, tmp_path):
+    pytest.importorskip("sumo", reason="eclipse-sumo is not installed")
+    import sumo
+
+    binary = Path(sumo.SUMO_HOME) / "bin" / "sumo"
+    if not binary.is_file():
+        found = shutil.which("sumo")
+        assert found, "eclipse-sumo is installed without its binary"
+        binary = Path(found)
+    case = "slow_truck-0001-program"
+    export_case(run, case, tmp_path)
+    command = [str(binary), "-c", f"{case}.sumocfg", "--end", "3", "--fcd-output", "fcd.xml", "--no-step-log", "true"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    steps = etree.parse(tmp_path / "fcd.xml").getroot().findall("timestep")
+    assert {vehicle.get("id") for vehicle in steps[0]} == {"ego", "truck"}
+    first = {vehicle.get("id"): vehicle for vehicle in steps[0]}
+    assert float(first["ego"].get("speed")) == 25.0
+    assert float(first["truck"].get("speed")) == 10.0
+    assert float(steps[1].get("time")) - float(steps[0].get("time")) == pytest.approx(0.1)
+
+
+# --- OpenSCENARIO and OpenDRIVE ---------------------------------------------------------------------------------------
+
+
+def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path):
+    case = "cut_in-0001-draws"
+    export_case(run, case, tmp_path)
+    root = etree.parse(tmp_path / f"{case}.xosc").getroot()
+    header = root.find("FileHeader")
+    assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "1")
+    assert header.get("description").endswith(f"Run again: sumo-eval run {case}.toml --out again")
+    assert root.find("RoadNetwork/LogicFile").get("filepath") == f"{case}.xodr"
+    assert [entity.get("name") for entity in root.findall("Entities/ScenarioObject")] == ["ego", "other"]
+    for size in root.findall("Entities/ScenarioObject/Vehicle/BoundingBox/Dimensions"):
+        assert (size.get("length"), size.get("width")) == ("4.3", "1.9")
+
+    starts = {private.get("entityRef"): private for private in root.findall("Storyboard/Init/Actions/Private")}
+    places = {name: private.find(".//WorldPosition") for name, private in starts.items()}
+    speeds = {name: private.find(".//AbsoluteTargetSpeed").get("value") for name, private in starts.items()}
+    assert speeds == {"ego": "30", "other": "15"}
+    assert {name: place.get("y") for name, place in places.items()} == {"ego": "0", "other": "3.5"}
+    assert float(places["other"].get("x")) - float(places["ego"].get("x")) == pytest.approx(50.1 + 4.3)
+
+    # the other slides 3.5 m to the right at 0.8 m/s, which takes 4.375 s, and goes on at 15 m/s
+    assert root.find("Storyboard/Story/Act/ManeuverGroup/Actors/EntityRef").get("entityRef") == "other"
+    path = {float(v.get("time")): v.find(".//WorldPosition") for v in root.iter("Vertex")}
+    begin = float(places["other"].get("x"))
+    for time, y in ((0.0, 3.5), (2.0, 3.5 - 1.6), (4.3, 3.5 - 3.44), (4.4, 0.0), (10.0, 0.0)):
+        assert float(path[time].get("y")) == pytest.approx(y, abs=1e-6)
+        assert float(path[time].get("x")) == pytest.approx(begin + 15.0 * time, abs=1e-5)
+        assert path[time].get("h") == "0"  # it slides
+    # the case ends after 35 s at the latest, the file's vertices too
+    assert root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value") == "35"
+    assert max(path) == pytest.approx(35.0)
+
+
+def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
+    case = "slow_truck-0001-program"
+    export_case(run, case, tmp_path)
+    root = etree.parse(tmp_path / f"{case}.xosc").getroot()
+    path = {float(v.get("time")): float(v.find(".//WorldPosition").get("x")) for v in root.iter("Vertex")}
+    # 10 m in the first second, then 4 m/s2: 10 t - 2 t^2, at rest after 2.5 s and 12.5 m
+    travelled = [path[time] - path[0.0] for time in (1.0, 2.0, 3.5, 20.0)]
+    assert travelled == pytest.approx([10.0, 10.0 + 8.0, 10.0 + 12.5, 10.0 + 12.5], abs=1e-5)
+    assert "moves on in this file" not in (tmp_path / f"{case}.rou.xml").read_text()
+    assert "`truck` brakes to a standstill with 4 m/s2 from 1 s on" in (tmp_path / f"{case}.rou.xml").read_text()
+
+
+def test_the_opendrive_road_is_the_cases_road(run, tmp_path):
+    case = "cut_in-0001-draws"
+    export_case(run, case, tmp_path)
+    root = etree.parse(tmp_path / f"{case}.xodr").getroot()
+    assert root.tag == "OpenDRIVE"
+    # two lanes of 3.5 m, the right one's centre at y = 0: the reference line, the left edge, lies at 5.25
+    geometry = root.find("road/planView/geometry")
+    assert (geometry.get("x"), geometry.get("y"), geometry.get("hdg")) == ("0", "5.25", "0")
+    assert geometry.get("length") == root.find("road").get("length") == "2000"
+    lanes = root.findall("road/lanes/laneSection/right/lane")
+    assert [(lane.get("id"), lane.find("width").get("a")) for lane in lanes] == [("-1", "3.5"), ("-2", "3.5")]
+
+
+# --- files of the user's, and mistakes --------------------------------------------------------------------------------
+
+
+def test_an_fmu_keeps_its_mapping_and_drives_again(tmp_path):
+    pytest.importorskip("fmpy")
+    builder = pytest.importorskip("pythonfmu.builder").FmuBuilder
+    shutil.copy(ROOT / "docs" / "examples" / "acc_fmu.py", tmp_path)
+    builder.build_FMU(tmp_path / "acc_fmu.py", dest=tmp_path)
+    (tmp_path / "evaluation.toml").write_text("""
+name = "fmu"
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+levels = 2
+[[ads]]
+name = "acc"
+controller = "fmu:Acc.fmu"
+[ads.fmu]
+inputs = { v = "ego_speed", gap = "lead_gap" }
+outputs = { acceleration = "a_cmd" }
+parameters = { headway = 1.25 }
+[drivers]
+count = 2
+""")
+    done = sumo_eval.evaluate(tmp_path / "evaluation.toml", tmp_path / "run")
+    case = done.cases[-1].case
+    exported = export_case(tmp_path / "run", case, tmp_path / "out")
+    path = next(path for path in exported.paths if path.suffix == ".toml")
+    repeated = sumo_eval.evaluate(path, tmp_path / "out" / "again")
+    assert repeated.settings.ads[0].fmu.parameters == {"headway": 1.25}
+    assert repeated.settings.ads[0].controller == f"fmu:{tmp_path / 'Acc.fmu'}"
+    recorded = drive(tmp_path / "run", case)
+    assert recorded[2] == "ok"
+    assert drive(tmp_path / "out" / "again", repeated.cases[0].case) == recorded
+
+
+def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    text = (folder / "evaluation.toml").read_text()
+    text = text.replace('source = "synthetic"', 'source = "people.py:drives"').replace('cases = ""', 'cases = "tests"')
+    assert 'cases = "tests"' in text
+    (folder / "evaluation.toml").write_text(text)
+    path = next(p for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths if p.suffix == ".toml")
+    drivers = sumo_eval.config.read_evaluation(path).drivers
+    assert (drivers.source, drivers.cases) == (f"{run.parent / 'people.py'}:drives", str(run.parent / "tests"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["cut_in-0001-drawz"], "Did you mean `cut_in-0001-draws`?"),
+        (["cut_in-0001-draws", "--format", "csv"], "`--format` is for the tables of a whole run"),
+    ],
+)
+def test_the_command_refuses_in_a_sentence(run, tmp_path, arguments, sentence):
+    result = CliRunner().invoke(main, ["export", str(run), *arguments, "--out", str(tmp_path / "out")])
+    assert (result.exit_code, (tmp_path / "out").exists()) == (2, False)
+    assert sentence in result.stderr
