@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import click
@@ -93,7 +94,14 @@ def population(tables: tuple[Path, ...], drivers: int, seed: int, out: Path | No
 def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     """Compare the scores of RUN with what people said: RATINGS, a CSV file with rater, ads, scenario, score (1-10)."""
     from sumo_eval.evaluation import score
-    from sumo_eval.studies.opinion import compare_opinion, opinion_lines, read_ratings, write_opinion_plot
+    from sumo_eval.report.opinion_section import OPINION
+    from sumo_eval.studies.opinion import (
+        compare_opinion,
+        opinion_json,
+        opinion_lines,
+        read_ratings,
+        write_opinion_plot,
+    )
 
     given = read_ratings(ratings)
     with Progress() as progress:
@@ -104,6 +112,8 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     place = run / "opinion.html" if out is None else out
     write_opinion_plot(result, place)
     click.echo(f"Plot: {place}")
+    (run / OPINION).write_text(json.dumps(opinion_json(result), indent=2) + "\n", encoding="utf-8")
+    click.echo(f"`sumo-eval report {run}` shows it in the report from now on.")
 
 
 @humans.command()

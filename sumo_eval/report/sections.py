@@ -16,6 +16,7 @@ from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import ledger, sentences
+from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.terminal import quantity_words, verdict_of
 from sumo_eval.report.words import number, point
@@ -149,6 +150,7 @@ SECTIONS = (
     Section("case", "One case", always),
     Section("likeness", "Human-likeness", always),
     Section("people", "The drivers", lambda evaluation, _: people_context(evaluation)),
+    Section("opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder)),
     Section("collisions", "Collisions", always),
     Section("preventability", "Preventability", always),
     Section("missing", "Not evaluated", always),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -110,6 +111,15 @@ def opinion_lines(opinion: Opinion) -> list[str]:
         else f"Raters: Kendall's W {between.value:.3f} of {between.n} who rated everything (p = {between.p_value:.3g})."
     )
     return lines
+
+
+def opinion_json(opinion: Opinion) -> dict[str, Any]:
+    """The comparison in plain values, as the report of the run shows it."""
+    return {
+        "rows": [asdict(row) for row in opinion.rows],
+        "correlations": {name: found.value if found else None for name, found in opinion.correlations.items()},
+        "concordance": opinion.concordance.value if opinion.concordance else None,
+    }
 
 
 def write_opinion_plot(opinion: Opinion, path: Path) -> None:

@@ -1,0 +1,34 @@
+"""The report's section on people's opinion, from what `sumo-eval humans opinion` has left in the run's folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+OPINION = "opinion.json"
+_MOST = {"S": 100.0, "D": 1.0, "C": 1.0}
+
+
+def opinion_content(folder: Path) -> dict[str, Any] | None:
+    """What templates/sections/opinion.html.j2 shows; None where nobody has been asked, or the file is not readable."""
+    try:
+        told = json.loads((folder / OPINION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    rows, rho = told["rows"], told["correlations"]
+    panels = [
+        {"name": name, "most": f"{most:g}", "rho": rho[name], "dots": _dots(rows, name, most)}
+        for name, most in _MOST.items()
+    ]
+    return {"rows": rows, "concordance": told["concordance"], "panels": panels}
+
+
+def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, Any]]:
+    dots = []
+    for row in rows:
+        score, opinion = row["scores"][name], row["opinion"]
+        if score is not None:
+            words = f"{row['ads']} in {row['scenario']}: opinion {opinion:.2f}, {name} {score:.3g}"
+            dots.append({"opinion": opinion, "share": min(score / most, 1.0), "words": words})
+    return dots
