@@ -6,6 +6,7 @@ import math
 import numbers
 import time as clock
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -198,20 +199,24 @@ class _Run:
         except (traci.TraCIException, traci.FatalTraCIError) as error:
             self.fail("sim_error", f"SUMO stopped at {self.time:.2f} s: {said(error)}.")
         finally:
-            try:
-                self.ads.close()
-                GUARD.end()
-                if self.plant is not None:
-                    self.plant.close()
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
-                self._keep_traceback(error)
-                sentence = f"The ADS raised in close: {said(error)}."
-                if self.collision is None:
-                    self.fail("ads_error", sentence)
-                else:  # no ADS undoes its collision by breaking down afterwards
-                    self.error = sentence
+            self._let_go("The ADS", self.ads.close, "ads_error")
+            self._let_go("The ADS", GUARD.end, "ads_error")
+            if self.plant is not None:
+                self._let_go("The vehicle model", self.plant.close, "sim_error")
             for what, count in sorted(GUARD.touched.items()):
                 self.clips[what] = Clip(what, count, 0.0, float(count), float(count))
+
+    def _let_go(self, who: str, close: Callable[[], None], fault: EndReason) -> None:
+        """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
+        try:
+            close()
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+            self._keep_traceback(error)
+            sentence = f"{who} raised in close: {said(error)}."
+            if self.collision is None:
+                self.fail(fault, sentence)
+            else:  # nobody undoes a collision by breaking down afterwards
+                self.error = sentence if self.error is None else f"{self.error} {sentence}"
 
     def _take_charge(self, traci: Any) -> None:
         traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)

@@ -107,6 +107,24 @@ def test_a_listener_that_a_script_adds_is_called_each_step_until_it_says_no():
     assert listener.calls == 4  # gone with its case
 
 
+def test_an_ads_that_raises_in_close_still_has_its_listeners_cleaned_up():
+    listener = Listener()
+
+    class Script:
+        def reset(self, scenario, traci, ego):
+            traci.addStepListener(listener)
+
+        def step(self, traci, ego, time):
+            """The listener drives."""
+
+        def close(self):
+            raise RuntimeError("no")
+
+    found = simulate(case(), Script(), HALF_SECOND)
+    assert (found.end_reason, found.error) == ("ads_error", "The ADS raised in close: RuntimeError: no.")
+    assert listener.cleaned == 1
+
+
 def test_a_listener_that_raises_is_the_adss_error():
     class Broken(TRACI.StepListener):
         def step(self, t=0):
