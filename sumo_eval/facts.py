@@ -18,8 +18,8 @@ from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.cosim.controller import find_controller, made_absolute
 from sumo_eval.drivers.exposure import exposure_of
-from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.random_streams import random_stream
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario

@@ -14,8 +14,8 @@ from sumo_eval.cosim import simulate
 from sumo_eval.cosim.controller import load_controller
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import human_controller
-from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import InputError
+from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import EndReason, Recording
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from sumo_eval.ads.car_following import IdmParameters
 from sumo_eval.ads.lane_change import share_of_duration
-from sumo_eval.drivers.wander import random_stream
 from sumo_eval.errors import must_be
+from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import PopulationSettings
 
 

@@ -13,8 +13,9 @@ from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.simulate import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.drivers.population import AS_RECORDED, Driver, draw_driver
-from sumo_eval.drivers.wander import SmoothNoise, random_stream
+from sumo_eval.drivers.wander import SmoothNoise
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, SimulationSettings
 from sumo_eval.trajectory import Recording

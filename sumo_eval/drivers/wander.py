@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.random_streams import random_stream as random_stream
-
 
 class NoisePoint(NamedTuple):
     """The noise at an instant, its rate (per s) and the rate of that (per s2)."""

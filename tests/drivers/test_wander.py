@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from sumo_eval.drivers.wander import SmoothNoise, random_stream
+from sumo_eval.drivers.wander import SmoothNoise
 from sumo_eval.errors import InputError
+from sumo_eval.random_streams import random_stream
 
 
 def test_a_stream_is_the_same_everywhere_and_for_ever():
