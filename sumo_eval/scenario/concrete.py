@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,8 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import must_be
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
+
+Number = TypeVar("Number", float, FloatArray)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,26 +72,32 @@ class Start:
     speed: float
 
 
+def _quintic(s: Number) -> Number:
+    """10 s^3 - 15 s^4 + 6 s^5, from 0 to 1 over 0..1, at rest at both ends."""
+    return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
+
+
+def _quintic_rate(s: Number) -> Number:
+    return 30.0 * s**2 * (1.0 - s) ** 2
+
+
+def _quintic_curvature(s: Number) -> Number:
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
 def smooth_step(share: FloatArray | float) -> FloatArray:
     """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends."""
-    s = np.clip(share, 0.0, 1.0)
-    return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
+    return _quintic(np.clip(share, 0.0, 1.0))
 
 
 def smooth_step_rate(share: FloatArray | float) -> FloatArray:
     """Derivative of `smooth_step` by its argument; peaks at 1.875."""
-    s = np.clip(share, 0.0, 1.0)
-    return 30.0 * s**2 * (1.0 - s) ** 2
+    return _quintic_rate(np.clip(share, 0.0, 1.0))
 
 
 def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
     """Second derivative of `smooth_step` by its argument; peaks at 10/sqrt(3)."""
-    s = np.clip(share, 0.0, 1.0)
-    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-
-
-def _within_unit(share: float) -> float:
-    return min(max(share, 0.0), 1.0)
+    return _quintic_curvature(np.clip(share, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,20 +108,21 @@ class LaneChange:
     duration: float
     offset: float
 
+    def _share(self, time: float) -> float:
+        """Share of the duration that has gone by, 0..1; a plain float, which a step of the simulation pays less for."""
+        return min(max((time - self.begin) / self.duration, 0.0), 1.0)
+
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
-        s = _within_unit((time - self.begin) / self.duration)
-        return self.offset * (s**3 * (10.0 + s * (-15.0 + 6.0 * s)))
+        return self.offset * _quintic(self._share(time))
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        s = _within_unit((time - self.begin) / self.duration)
-        return self.offset / self.duration * (30.0 * s**2 * (1.0 - s) ** 2)
+        return self.offset / self.duration * _quintic_rate(self._share(time))
 
     def lateral_acceleration(self, time: float) -> float:
         """Lateral acceleration at a time, m/s2."""
-        s = _within_unit((time - self.begin) / self.duration)
-        return self.offset / self.duration**2 * (60.0 * s * (1.0 - s) * (1.0 - 2.0 * s))
+        return self.offset / self.duration**2 * _quintic_curvature(self._share(time))
 
 
 @dataclass(frozen=True, slots=True)
