@@ -6,22 +6,32 @@ import json
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.errors import InputError, said
+
 OPINION = "opinion.json"
 _MOST = {"S": 100.0, "D": 1.0, "C": 1.0}
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
-    """What templates/sections/opinion.html.j2 shows; None where nobody has been asked, or the file is not readable."""
+    """What templates/sections/opinion.html.j2 shows; None where nobody has been asked.
+
+    Raises InputError when what was told can no longer be read.
+    """
+    path = folder / OPINION
     try:
-        told = json.loads((folder / OPINION).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        told = json.loads(path.read_text(encoding="utf-8"))
+        rows, rho = told["rows"], told["correlations"]
+        panels = [
+            {"name": name, "most": f"{most:g}", "rho": rho[name], "dots": _dots(rows, name, most)}
+            for name, most in _MOST.items()
+        ]
+        return {"rows": rows, "concordance": told["concordance"], "panels": panels}
+    except FileNotFoundError:
         return None
-    rows, rho = told["rows"], told["correlations"]
-    panels = [
-        {"name": name, "most": f"{most:g}", "rho": rho[name], "dots": _dots(rows, name, most)}
-        for name, most in _MOST.items()
-    ]
-    return {"rows": rows, "concordance": told["concordance"], "panels": panels}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval humans opinion."
+        ) from error
 
 
 def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, Any]]:

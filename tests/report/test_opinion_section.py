@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
+from sumo_eval.errors import InputError
 from sumo_eval.report.opinion_section import OPINION, opinion_content
 from sumo_eval.studies.opinion import Opinion, RatedScore, opinion_json
 
@@ -19,3 +22,10 @@ def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> No
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
     assert dots == {"S": [0.8], "D": [], "C": [0.25]}  # 80 of 100 points; no D; 0.25 of 1
     assert content["rows"][0]["opinion"] == 6.5
+
+
+@pytest.mark.parametrize("damage", ["", "[1]", '{"rows": [{}], "correlations": {}}'])
+def test_a_damaged_file_of_opinions_is_said_and_not_passed_over(tmp_path: Path, damage: str) -> None:
+    (tmp_path / OPINION).write_text(damage, encoding="utf-8")
+    with pytest.raises(InputError, match="ask again with: sumo-eval humans opinion"):
+        opinion_content(tmp_path)
