@@ -20,17 +20,15 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from sumo_eval.batch.recording import Progress, quiet
-from sumo_eval.confidence.assessment import assess
 from sumo_eval.config import read_evaluation
 from sumo_eval.errors import InputError, said
-from sumo_eval.evaluation import evaluate, score, zone_partitions
+from sumo_eval.evaluation import evaluate, score
+from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare
-from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.report.history import History, Night, open_history
-from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
@@ -85,10 +83,7 @@ def run_night(
             gates = judge(done, comparison, gate)
             write_tables(done)
             write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
-            partitions = zone_partitions(done)
-            confidence = assess(done, partitions)
-            write_confidence(confidence, folder)
-            report = write_report(done, partitions, Beside(comparison, gates, tuple(notes), confidence))
+            report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)))
         except (OSError, sqlite3.Error) as error:
             shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
             raise InputError(

@@ -35,11 +35,11 @@ def compare(
     Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW could not be evaluated.
     """
     from sumo_eval.errors import InputError
-    from sumo_eval.evaluation import score, zone_partitions
+    from sumo_eval.evaluation import score
+    from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.comparison import compare as compare_runs
     from sumo_eval.report.gate_settings import read_gate
     from sumo_eval.report.gates import failed, judge
-    from sumo_eval.report.html import write_report
     from sumo_eval.report.junit import comparison_suites, write_junit
     from sumo_eval.report.sections import Beside
     from sumo_eval.report.terminal import comparison_lines
@@ -57,6 +57,6 @@ def compare(
     for line in comparison_lines(comparison, gates):
         click.echo(line)
     if with_report:
-        report = write_report(after, zone_partitions(after), Beside(comparison, gates))
+        report = write_assessed_report(after, Beside(comparison, gates))
         click.echo(f"The report is {report}")
     sys.exit(GATE_FAILED if failed(gates) else NOT_EVALUATED if after.not_evaluated else DONE)

@@ -15,21 +15,14 @@ if TYPE_CHECKING:
 
 def finish(evaluation: Evaluation) -> NoReturn:
     """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
-    from sumo_eval.confidence.assessment import assess
-    from sumo_eval.evaluation import zone_partitions
-    from sumo_eval.report.confidence_section import write_confidence
-    from sumo_eval.report.html import write_report
+    from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.junit import JUNIT, run_suites, write_junit
-    from sumo_eval.report.sections import Beside
     from sumo_eval.report.tables import write_tables
     from sumo_eval.report.terminal import closing_lines, plain_table, score_table
 
     write_tables(evaluation)
     write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
-    partitions = zone_partitions(evaluation)
-    confidence = assess(evaluation, partitions)
-    write_confidence(confidence, evaluation.folder)
-    write_report(evaluation, partitions, Beside(confidence=confidence))
+    write_assessed_report(evaluation)
     if sys.stdout.isatty():
         from rich.console import Console
 

@@ -68,10 +68,15 @@ def population_scale(
         raise must_be("`share`", "`population_scale`", "within 0..1 and above 0", share)
     if centre not in ("median", "mean"):
         raise must_be("`centre`", "`population_scale`", "'median' or 'mean'", centre)
-    middle = float(np.median(values) if centre == "median" else np.mean(values))
-    if middle == 0.0:
-        raise must_be(f"The {centre}", "the population's indexes", "greater than 0", middle)
-    return share / middle
+    stands_for_all = middle(values, centre)
+    if stands_for_all == 0.0:
+        raise must_be(f"The {centre}", "the population's indexes", "greater than 0", stands_for_all)
+    return share / stands_for_all
+
+
+def middle(values: Sequence[float], centre: Literal["median", "mean"]) -> float:
+    """The index of the ADS that stands for a population."""
+    return float(np.median(values) if centre == "median" else np.mean(values))
 
 
 def _index(name: str, value: float) -> None:

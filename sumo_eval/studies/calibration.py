@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.method.score import middle, population_scale
 from sumo_eval.results import Evaluation
 
 
@@ -49,12 +51,14 @@ def calibrate(evaluations: Sequence[Evaluation], *, by: str = "median") -> Calib
         raise InputError(f"A calibration needs a population of at least 2 ADSs, got {len(ads)}.")
     means_c = {name: float(np.mean(values)) for name, values in c.items()}
     means_d = {name: float(np.mean(values)) for name, values in d.items()}
-    middle = np.median if by == "median" else np.mean
-    scales = []
-    for means in (means_c, means_d):
-        centre = float(middle(list(means.values()))) if means else 0.0
-        scales.append(0.5 / centre if centre > 0.0 else None)
-    return Calibration(by, scales[0], scales[1], means_c, means_d, tuple(left_out))
+    centre: Literal["median", "mean"] = "median" if by == "median" else "mean"
+    return Calibration(by, _scale(means_c, centre), _scale(means_d, centre), means_c, means_d, tuple(left_out))
+
+
+def _scale(means: Mapping[str, float], centre: Literal["median", "mean"]) -> float | None:
+    """The scale of one index; None where no ADS has it or the middle one has 0, which no scale can lift."""
+    values = list(means.values())
+    return population_scale(values, centre=centre) if values and middle(values, centre) > 0.0 else None
 
 
 def calibration_lines(calibration: Calibration) -> list[str]:
