@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from sumo_eval.batch.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -53,7 +54,7 @@ class Outcome:
 
     case: Case
     status: Status
-    recording: Recording | None
+    recording: Recording | KeptRecording | None
     error: str | None = None
     log: str = ""
 

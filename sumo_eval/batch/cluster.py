@@ -21,10 +21,10 @@ def run_batch(cases: list[Case], setup: Setup, harness: str) -> list[Outcome] | 
     """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same facts."""
     if harness_identity() != harness:
         return "has another version of sumo_eval or of libsumo than the process that collects the facts"
-    return list(run_in_children(cases, setup))
+    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
 
 
-def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[Outcome, None, None]:
+def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
     """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as batches end.
 
     A batch whose worker is lost goes to another one; an outcome that had not come back yet is made again.
@@ -60,13 +60,11 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
                 found = future.result()
                 if isinstance(found, str):
                     raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                yield from found
+                yield found
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
-                yield from (
-                    Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch
-                )
+                yield [Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch]
             future.release()
             fill()
     finally:

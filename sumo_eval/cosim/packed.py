@@ -86,6 +86,23 @@ def simulate_many(
     packed where the ADS has a packed form (`packed(briefing)` of an object, None where it has none) and the case allows
     it; the others are simulated one by one. An object that is given ready-made serves all cases one after the other.
     """
+    together = simulate_packed(cases, controller, settings, folder=folder, step_timeout=step_timeout)
+    for concrete, recording in zip(cases, together, strict=True):
+        if recording is None:
+            yield simulate(concrete, controller, settings, folder=folder, step_timeout=step_timeout)
+        else:
+            yield recording
+
+
+def simulate_packed(
+    cases: Sequence[ConcreteScenario],
+    controller: ControllerLike,
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = math.inf,
+) -> Iterator[Recording | None]:
+    """As `simulate_many`, but for the cases that have to be simulated alone: None, for the caller to see to them."""
     basis = settings or SimulationSettings()
     packed_form = _packed_form(controller, folder)
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
@@ -100,22 +117,19 @@ def simulate_many(
             recordings: list[Recording | None] = [None] * len(members)
             if key is not None:
                 resolved = members[0].simulation(basis)
-                order = sorted(range(len(members)), key=lambda index: _first_meeting(members[index]))
+                order = sorted(range(len(members)), key=lambda index: first_meeting(members[index]))
                 for part in _chunks(order, PACK):
                     found = _packed([members[index] for index in part], packed_form, resolved, step_timeout)
                     for index, recording in zip(part, found, strict=True):
                         recordings[index] = recording
-            for concrete, recording in zip(members, recordings, strict=True):
-                if recording is None:
-                    recording = simulate(concrete, controller, settings, folder=folder, step_timeout=step_timeout)
-                yield recording
+            yield from recordings
 
 
 def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 
-def _first_meeting(concrete: ConcreteScenario) -> float:
+def first_meeting(concrete: ConcreteScenario) -> float:
     """About when the ego reaches another vehicle if nobody does anything, s: cases that end together share a pack."""
     ego = concrete.ego
     times = [
