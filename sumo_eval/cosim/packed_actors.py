@@ -123,7 +123,7 @@ class PackedActors:
         self._changing: list[tuple[int, int]] = []
         self.surprised = np.zeros(len(cases), dtype=bool)
         self.set_live(np.arange(len(cases)))
-        self._see()
+        self.seen = self._shown_to_a_sensor()
 
     def _sort_scripts(self) -> None:
         slides: list[tuple[int, int, Actor]] = []
@@ -229,7 +229,7 @@ class PackedActors:
         start = self.front_x, self.front_y, self.angle, self.speed
         self._read_fronts(traci)
         self._read_motion(traci)
-        self._see()
+        self.seen = self._shown_to_a_sensor()
         self.front_x, self.front_y, self.angle, self.speed = start
 
     def _read_fronts(self, traci: Any) -> None:
@@ -275,12 +275,12 @@ class PackedActors:
         self.heading[turned] = heading
         self.x[turned] = self.front_x[turned] - half * np.array(list(map(math.cos, heading.tolist())))
         self.y[turned] = self.front_y[turned] - half * np.array(list(map(math.sin, heading.tolist())))
-        self._see()
+        self.seen = self._shown_to_a_sensor()
 
-    def _see(self) -> None:
+    def _shown_to_a_sensor(self) -> Seen:
         arrays = self.front_x, self.front_y, self.angle, self.speed, self.half_length, self.half_width
         flat = as_seen(*(array.ravel() for array in arrays))
-        self.seen: Seen = Seen(*(channel.reshape(self.x.shape) for channel in flat))
+        return Seen(*(channel.reshape(self.x.shape) for channel in flat))
 
     def off_their_scripts(self, time: float) -> BoolArray:
         """Rows in which one that nobody moves is not where its speed would have it, (k,)."""

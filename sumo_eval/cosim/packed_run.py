@@ -246,7 +246,8 @@ class PackedRun:
     def _decided(self, now: float) -> BoolArray:
         """Where nothing can come of the case any more, as in `simulate`."""
         egos, others = self.egos, self.others
-        decided = self.live & (others.scripted_until <= now) & (egos.acceleration == 0.0) & (egos.heading == 0.0)
+        decided: BoolArray = self.live & (others.scripted_until <= now)
+        decided &= (egos.acceleration == 0.0) & (egos.heading == 0.0)
         if not decided.any():
             return decided
         decided = decided & self.controller.settled()
