@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ class PackedRun:
         self.egos = PackedEgos(x, y, nothing, speed, nothing, nothing, np.ones(n), nothing)
         self.names = [vehicle_name(case, 0) for case in range(n)]
         self.others = PackedActors(cases, settings.step)
-        self.live = np.ones(n, dtype=bool)
+        self.live, self.all_live = np.ones(n, dtype=bool), True
         self.stale = np.zeros(n, dtype=bool)  # where SUMO has the ego elsewhere by now
         self.stood = np.zeros(n)
         self._body(n)
@@ -66,6 +66,7 @@ class PackedRun:
         vehicle, others = self.settings.vehicle, self.others
         self.half_lengths, self.half_widths = np.full(rows, 0.5 * vehicle.length), np.full(rows, 0.5 * vehicle.width)
         self.size = 0.5 * (vehicle.length + vehicle.width + others.length + others.width)
+        self.largest = float(self.size.max())
 
     def drive(self, traci: Any, step_timeout: float) -> None:
         """Step until every case has ended."""
@@ -126,18 +127,20 @@ class PackedRun:
     def _move_egos(self, traci: Any, command: PackedCommand) -> None:
         """The vehicle model for every ego: at once in its ordinary course, else with the scalar model."""
         step, limits, before = self.settings.step, self.settings.vehicle, self.egos
-        lost = self.live & ~(np.isfinite(command.acceleration) & np.isfinite(command.steering))
-        if lost.any():
-            self._leave(traci, lost, HANDED_BACK)
         after, exceptional = advance_all(before, command, limits, step)
-        if not self.live.all():
-            after = PackedEgos(*(np.where(self.live, new, old) for new, old in zip(after, before, strict=True)))
+        handed_back: list[int] = []
         for row in np.flatnonzero(exceptional & self.live).tolist():
             wanted = Command(float(command.acceleration[row]), float(command.steering[row]))
+            if not math.isfinite(wanted.acceleration + wanted.steering):
+                handed_back.append(row)
+                continue
             state, clips = advance(before.state(row), wanted, limits, step)
             for what, requested, applied in clips:
                 count_clip(self.clips[self.others.case[row]], what, self.steps * step, requested, applied)
             after.put(row, state)
+        self._leave(traci, handed_back, HANDED_BACK)
+        if not self.all_live:  # what the others would do may be no number
+            after = PackedEgos(*(np.where(self.live, new, old) for new, old in zip(after, before, strict=True)))
         self.stale |= (after.speed != before.speed) | (after.heading != 0.0) | (before.heading != 0.0)
         self.egos = after
 
@@ -164,22 +167,15 @@ class PackedRun:
         off[rows] = (np.abs(x - front_x[rows]) > _PLACE_TOLERANCE) | (np.abs(y - front_y[rows]) > _PLACE_TOLERANCE)
         off[rows] |= np.array(list(map(vehicle.getSpeed, names))) != self.egos.speed[rows]
         off |= self.others.surprised | self.others.off_their_scripts(self.steps * self.settings.step)
-        off &= self.live
-        if off.any():
-            self._leave(traci, off, NOT_AS_TOLD)
+        self._leave(traci, np.flatnonzero(off & self.live).tolist(), NOT_AS_TOLD)
 
     # -- ends ----------------------------------------------------------------------------------------------------------
 
     def _find_ends(self, traci: Any, before: PackedEgos) -> None:
         """Which cases end with this step: as in `simulate`, and in its order."""
-        settings, egos, others, live = self.settings, self.egos, self.others, self.live
+        settings, egos, live = self.settings, self.egos, self.live
         now = self.steps * settings.step
-        was_x, was_y, *_ = others.before
-        shift_x = (others.x - was_x) - (egos.x - before.x)[:, None]
-        shift_y = (others.y - was_y) - (egos.y - before.y)[:, None]
-        reach = self.size + np.abs(shift_x) + np.abs(shift_y)
-        near = (np.abs(was_x - before.x[:, None]) <= reach) & (np.abs(was_y - before.y[:, None]) <= reach)
-        ended = [row for row in np.flatnonzero(near.any(axis=1) & live).tolist() if self._touches(row, before)]
+        ended = [row for row in self._near(before) if self._touches(row, before)]
         standing = egos.speed < settings.standstill_speed
         self.stood = np.where(standing, self.stood + settings.step, 0.0)
         off_road = ~((self.road.right_edge <= egos.y) & (egos.y <= self.road.left_edge))
@@ -218,6 +214,23 @@ class PackedRun:
             for j, actor in enumerate(others.actors[case])
         ]
         self.ends[case] = End(now, reason, None, self.egos.state(row), there)
+
+    def _near(self, before: PackedEgos) -> list[int]:
+        """Rows in which `first_touch` has to look: those that it does not dismiss by their distance at once."""
+        egos, others, step = self.egos, self.others, self.settings.step
+        fastest = float(max(egos.speed.max(), before.speed.max(), others.speed.max(), others.before[3].max()))
+        reach = self.largest + 6.0 * fastest * step + 1.0  # m, beyond all doubt
+        rows = np.flatnonzero((np.abs(others.x - egos.x[:, None]) <= reach).any(axis=1) & self.live)
+        if not rows.size:
+            return []
+        was_x, was_y = others.before[0][rows], others.before[1][rows]
+        was_ego_x, was_ego_y = before.x[rows][:, None], before.y[rows][:, None]
+        shift_x = (others.x[rows] - was_x) - (egos.x[rows][:, None] - was_ego_x)
+        shift_y = (others.y[rows] - was_y) - (egos.y[rows][:, None] - was_ego_y)
+        reaches = self.size[rows] + np.abs(shift_x) + np.abs(shift_y)
+        near = (np.abs(was_x - was_ego_x) <= reaches) & (np.abs(was_y - was_ego_y) <= reaches)
+        found: list[int] = rows[near.any(axis=1)].tolist()
+        return found
 
     def _touches(self, row: int, before: PackedEgos) -> bool:
         """Whether something touches the ego within the step; then the case has ended."""
@@ -261,16 +274,14 @@ class PackedRun:
 
     # -- rows ----------------------------------------------------------------------------------------------------------
 
-    def _leave(self, traci: Any, rows: BoolArray, why: str) -> None:
+    def _leave(self, traci: Any, rows: Sequence[int], why: str) -> None:
         """These have to be simulated alone."""
-        gone = np.flatnonzero(rows).tolist()
-        for row in gone:
+        for row in rows:
             self.left[int(self.others.case[row])] = why
-        self._drop(traci, gone)
+        self._drop(traci, rows)
 
-    def _drop(self, traci: Any, rows: Iterable[int]) -> None:
+    def _drop(self, traci: Any, rows: Sequence[int]) -> None:
         """Take the vehicles of cases that have ended off their roads; their rows stay for a while."""
-        rows = list(rows)
         cases = [int(self.others.case[row]) for row in rows]
         if not cases:
             return
@@ -280,6 +291,7 @@ class PackedRun:
         self.live = self.live.copy()
         self.live[rows] = False
         self.others.without(cases)
+        self.all_live = False
         self.others.set_live(np.flatnonzero(self.live))
 
     def _forget_ended(self) -> None:
@@ -290,6 +302,7 @@ class PackedRun:
         self.controller.keep(rows)
         self.egos = PackedEgos(*(channel[rows] for channel in self.egos))
         self.stood, self.stale, self.live = self.stood[rows], self.stale[rows], self.live[rows]
+        self.all_live = True
         self.others.keep(rows)
         self._body(len(rows))
 
