@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.ads.lane_change import LanePath, Steering
 from sumo_eval.ads.perception import Sensor, bumper_gap, lead_in_path
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
+
+if TYPE_CHECKING:
+    from sumo_eval.ads.packed_car_following import PackedIdm
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
@@ -169,6 +172,12 @@ class Idm:
 
     def __init__(self, parameters: IdmParameters | None = None) -> None:
         self.parameters = parameters or IdmParameters()
+
+    def packed(self, scenario: Briefing) -> PackedIdm:
+        """The same at the wheel of many egos."""
+        from sumo_eval.ads.packed_car_following import PackedIdm
+
+        return PackedIdm(self.parameters, scenario)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Take the lane and the speed of the start as the wanted ones."""

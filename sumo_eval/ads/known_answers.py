@@ -6,13 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.ads.perception import Sensor, lateral_overlap
 from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.packed import PackedScene
+from sumo_eval.cosim.packed import PackedCommand, PackedScene
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray
 
 
 def no_reaction(traci: Any, ego: str, time: float) -> Command:
@@ -24,16 +25,20 @@ class PackedNoReaction:
     """`no_reaction` in many cases at once."""
 
     def __init__(self, scenario: Briefing) -> None:
-        self._cases = 0
+        self._nothing = np.zeros(0)
 
-    def step(self, scene: PackedScene, time: float) -> FloatArray:
-        """No acceleration, (n,)."""
-        self._cases = len(scene.x)
-        return np.zeros(self._cases)
+    def step(self, scene: PackedScene, time: float) -> PackedCommand:
+        """No acceleration, no steering."""
+        if len(self._nothing) != len(scene.x):
+            self._nothing = np.zeros(len(scene.x))
+        return PackedCommand(self._nothing, self._nothing)
+
+    def keep(self, rows: NDArray[np.intp]) -> None:
+        """It remembers nothing of a case."""
 
     def settled(self) -> BoolArray:
         """Always, (n,)."""
-        return np.ones(self._cases, dtype=bool)
+        return np.ones(len(self._nothing), dtype=bool)
 
 
 no_reaction.packed = PackedNoReaction  # type: ignore[attr-defined]
@@ -78,13 +83,17 @@ class PackedIdealBraking:
         self._deceleration = deceleration
         self._cases = 0
 
-    def step(self, scene: PackedScene, time: float) -> FloatArray:
-        """Acceleration of each ego, (n,) m/s2."""
+    def step(self, scene: PackedScene, time: float) -> PackedCommand:
+        """Full braking while closing on anything ahead, else roll."""
         self._cases = len(scene.x)
         ahead = scene.other_x > scene.x[:, None]
-        closing = scene.speed[:, None] > scene.other_speed
-        overlap = scene.half_width + scene.other_half_width - np.abs(scene.y[:, None] - scene.other_y) > 0.0
-        return np.where((ahead & closing & overlap).any(axis=1), -self._deceleration, 0.0)
+        closing = scene.along[:, None] > scene.other_along
+        overlap = scene.half_width[:, None] + scene.other_half_width - np.abs(scene.y[:, None] - scene.other_y) > 0.0
+        brakes = (ahead & closing & overlap).any(axis=1)
+        return PackedCommand(np.where(brakes, -self._deceleration, 0.0), np.zeros(self._cases))
+
+    def keep(self, rows: NDArray[np.intp]) -> None:
+        """It remembers nothing of a case."""
 
     def settled(self) -> BoolArray:
         """Never: it is the reference, and drives every case to its end, (n,)."""

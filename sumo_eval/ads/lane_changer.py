@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.ads.car_following import IdmParameters, free_acceleration
 from sumo_eval.ads.lane_change import Steering
@@ -10,6 +10,9 @@ from sumo_eval.ads.overtaking import Overtaking, OvertakingHabits
 from sumo_eval.ads.perception import Sensor, visible
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
+
+if TYPE_CHECKING:
+    from sumo_eval.ads.packed_lane_changer import PackedLaneChanger
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 
@@ -27,6 +30,12 @@ class LaneChanger:
     def __init__(self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None) -> None:
         self.habits = habits
         self.parameters = parameters or IdmParameters()
+
+    def packed(self, scenario: Briefing) -> PackedLaneChanger:
+        """The same at the wheel of many egos."""
+        from sumo_eval.ads.packed_lane_changer import PackedLaneChanger
+
+        return PackedLaneChanger(self.habits, self.parameters, scenario)
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Take the lane and the speed of the start as the wanted ones."""

@@ -70,6 +70,7 @@ class Overtaking:
     """Follows what is in the way, or changes to the lane left of the start, once and for good.
 
     path: where to drive. passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
+    emergency_braking: needing more, m/s2, braking alone is not relied on.
     """
 
     def __init__(self, habits: OvertakingHabits, idm: IdmParameters, scenario: Briefing, me: Mover) -> None:
@@ -77,12 +78,12 @@ class Overtaking:
         lane = min(max(round(me.y / road.lane_width), 0), road.lanes - 1)
         self.path = LanePath(road.lane_centre(lane))
         self.passing = False
-        self._has_left_lane = lane + 1 < road.lanes
+        self.has_left_lane = lane + 1 < road.lanes
         self._lane_width = road.lane_width
         self._habits = habits
         self._cruising_speed = me.speed
         self._half_width = 0.5 * scenario.vehicle.width
-        self._emergency_braking = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
+        self.emergency_braking = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
         self._follower = Follower(idm, scenario.step)
         self._quickest = shortest_duration(road.lane_width, COMFORTABLE_LATERAL)
         self._evasion = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
@@ -98,7 +99,7 @@ class Overtaking:
         others: the vehicles known. desired_speed: m/s. free: the acceleration wanted with nothing in the way, m/s2.
         """
         leads = self._in_the_way(me, others)
-        if leads and self._has_left_lane and not self.changing:
+        if leads and self.has_left_lane and not self.changing:
             if self._begins(me, others, leads):
                 leads = self._in_the_way(me, others)
             elif self._bides_its_time(me, others, leads):
@@ -114,6 +115,11 @@ class Overtaking:
         if passed and wanted > 0.0 and self._in_the_way(me, passed, SPEED_RESERVE, CLEARANCE):
             return 0.0
         return wanted
+
+    def begins(self, me: Mover, others: Sequence[Mover]) -> bool:
+        """Begin the lane change, which then shows in `path`, if this is when. others: the vehicles known."""
+        leads = self._in_the_way(me, others)
+        return bool(leads) and self._begins(me, others, leads)
 
     def _in_the_way(
         self, me: Mover, others: Sequence[Mover], faster: float = 0.0, clearance: float = 0.0
@@ -138,7 +144,7 @@ class Overtaking:
         if me.along < LEAST_SPEED:
             return False
         lead = min(leads, key=lambda each: each.gap)
-        emergency = any(self._needed_braking(each) > self._emergency_braking for each in leads)
+        emergency = any(self._needed_braking(each) > self.emergency_braking for each in leads)
         if not emergency and not (self._pays(lead) and self._is_time(me, lead)):
             return False
         shortest = max(self._evasion if emergency else self._quickest, LEAST_LENGTH / me.along)

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from sumo_eval.ads.r157 import FOLLOWING_HEADWAY, HEADWAY_ROUNDING
 from sumo_eval.ads.r157_careful_driver import CUT_IN_TTC, DRIVER_BRAKES, CarefulDriver
 from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.packed import PackedScene
+from sumo_eval.cosim.packed import PackedCommand, PackedScene
 from sumo_eval.trajectory import BoolArray, FloatArray
+
+_MEMORIES = ("_lane", "_offset", "_speed", "_braking", "_strayed", "_braked", "_evaluated", "_necessary")
 
 
 class PackedCarefulDriver:
@@ -28,10 +30,15 @@ class PackedCarefulDriver:
         """Where it brakes for nothing, nor is about to, (n,)."""
         return np.asarray(np.isnan(self._necessary).all(axis=1))
 
-    def step(self, scene: PackedScene, time: float) -> FloatArray:
-        """Acceleration of each ego, (n,) m/s2."""
+    def step(self, scene: PackedScene, time: float) -> PackedCommand:
+        """Braking for the vehicle that made it necessary first, else none; the wheel stays straight."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self._wanted(scene, time)
+            return PackedCommand(self._wanted(scene, time), np.zeros(len(scene.x)))
+
+    def keep(self, rows: NDArray[np.intp]) -> None:
+        """Remember these cases alone."""
+        for name in _MEMORIES:
+            setattr(self, name, getattr(self, name)[rows])
 
     def _begin(self, scene: PackedScene, time: float) -> None:
         self._began = True
@@ -39,7 +46,7 @@ class PackedCarefulDriver:
         self._lane = self._lane_width * np.round(scene.other_y / self._lane_width)
         self._offset = np.zeros(scene.other_x.shape)
         self._time = time
-        self._speed = scene.other_speed.copy()
+        self._speed = scene.other_along.copy()
         self._strayed, self._braked = nothing.copy(), nothing.copy()
         self._evaluated, self._necessary = nothing.copy(), nothing.copy()
 
@@ -49,16 +56,17 @@ class PackedCarefulDriver:
         driver, step = self._driver, self._step
         self._look(scene, time)
 
-        x, y, speed = scene.x[:, None], scene.y[:, None], scene.speed[:, None]
-        gap = scene.other_x - x - scene.other_half_length - scene.half_length
-        widths = np.minimum(2.0 * scene.half_width, 2.0 * scene.other_half_width)
-        overlap = np.minimum(scene.half_width + scene.other_half_width - np.abs(y - scene.other_y), widths)
+        x, y, speed = scene.x[:, None], scene.y[:, None], scene.along[:, None]
+        half_length, half_width = scene.half_length[:, None], scene.half_width[:, None]
+        gap = scene.other_x - x - scene.other_half_length - half_length
+        widths = np.minimum(2.0 * half_width, 2.0 * scene.other_half_width)
+        overlap = np.minimum(half_width + scene.other_half_width - np.abs(y - scene.other_y), widths)
         ahead = scene.other_x > x
-        closing = speed - scene.other_speed
+        closing = speed - scene.other_along
         own_lane = np.abs(self._lane - y) < 0.5 * self._lane_width
         towards = ~np.isnan(self._strayed) & ~own_lane & (self._offset * (y - self._lane) > 0.0)
 
-        over = ~ahead | ((overlap <= 0.0) & ~towards) | ((speed <= scene.other_speed) & (self._braking <= 0.0))
+        over = ~ahead | ((overlap <= 0.0) & ~towards) | ((speed <= scene.other_along) & (self._braking <= 0.0))
         over &= ~np.isnan(self._necessary)
         for memory in (self._braked, self._evaluated, self._necessary):
             memory[over] = np.nan
@@ -71,7 +79,7 @@ class PackedCarefulDriver:
         self._necessary = np.where(cut_in, necessary, self._necessary)
 
         near = np.where(speed > 0.0, gap / speed, np.inf) <= FOLLOWING_HEADWAY + HEADWAY_ROUNDING
-        needed = self._needed(gap, speed, scene.other_speed)
+        needed = self._needed(gap, speed, scene.other_along)
         self._judge_path(scene, time, ahead, overlap > 0.0, towards, own_lane, closing > 0.0, near, needed)
 
         first = np.min(np.where(ahead & ~np.isnan(self._necessary), self._necessary, np.inf), axis=1)
@@ -81,8 +89,8 @@ class PackedCarefulDriver:
 
     def _look(self, scene: PackedScene, time: float) -> None:
         driver = self._driver
-        self._braking = (self._speed - scene.other_speed) / self._step
-        self._speed = scene.other_speed.copy()
+        self._braking = (self._speed - scene.other_along) / self._step
+        self._speed = scene.other_along.copy()
         offset = scene.other_y - self._lane
         strays = np.isnan(self._strayed) & (np.abs(offset) > driver.wander)
         share = (driver.wander - np.abs(self._offset)) / (np.abs(offset) - np.abs(self._offset))

@@ -101,24 +101,23 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
         packs.did_not_come_through(pack, f"{ALONE}{size} was lost. {happened}\n", ended.log)
         return []
-    results: list[Result | None] | None = ended.result
+    results: list[Result | str] | None = ended.result
     if results is None:
         packs.never_together(pack)
         return []
-    lost = tuple(case for case, result in zip(pack, results, strict=True) if result is None)
     log = f"Printed by {size}:\n{ended.log}" if ended.log else ""
-    why = f"{ALONE}{size} could not hold it.\n"
-    if len(lost) == len(pack):
-        packs.did_not_come_through(pack, why, log)
+    reasons = {result for result in results if isinstance(result, str)}
+    if len(reasons) == 1 and all(isinstance(result, str) for result in results):
+        packs.did_not_come_through(pack, f"{ALONE}{size} did not hold. {reasons.pop()}\n", log)
         return []
     packs.came_through(pack)
-    packs.run_alone(lost, why)
-    found = [
-        Outcome(case, result.status, result.recording, result.error, result.log)
-        for case, result in zip(pack, results, strict=True)
-        if result is not None
-    ]
-    return [replace(found[0], log=found[0].log + log), *found[1:]]
+    found: list[Outcome] = []
+    for case, result in zip(pack, results, strict=True):
+        if isinstance(result, str):
+            packs.run_alone((case,), f"{ALONE}it left {size}. {result}\n")
+        else:
+            found.append(Outcome(case, result.status, result.recording, result.error, result.log))
+    return [replace(outcome, log=outcome.log + log) for outcome in found[:1]] + found[1:]
 
 
 def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,9 +15,9 @@ from sumo_eval.batch.kept import KeptRecording, keep
 from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.controller import find_controller, load_controller
-from sumo_eval.cosim.packed import simulate_packed
+from sumo_eval.cosim.packed import NO_PACKED_FORM, NOT_FOR_PACKS, simulate_packed
 from sumo_eval.cosim.vehicle_model import GRAVITY
-from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.drivers.synthetic import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -54,10 +54,11 @@ class Result(NamedTuple):
     log: str
 
 
-def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | None] | None:
+def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | None:
     """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
 
-    None in the place of a result: that case has to run alone. None for them all: cases of this kind always have to.
+    A text in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
+    to.
     """
     if len(cases) == 1:
         outcome = run_case(cases[0], setup)
@@ -65,14 +66,13 @@ def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | None] | N
         kept = keep(recording) if isinstance(recording, Recording) else recording
         return [Result(outcome.status, kept, outcome.error, outcome.log)]
     try:
-        recordings = _simulate_packed(cases, setup)
+        found = list(_simulate_packed(cases, setup))
     except InputError:  # each of them says why when it runs alone
         return None
-    if recordings is None:
+    if all(one in (NO_PACKED_FORM, NOT_FOR_PACKS) for one in found):
         return None
     return [
-        None if found is None else Result(_STATUS[found.end_reason], keep(found), found.error, found.log)
-        for found in recordings
+        one if isinstance(one, str) else Result(_STATUS[one.end_reason], keep(one), one.error, one.log) for one in found
     ]
 
 
@@ -94,8 +94,7 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 def _simulate(case: Case, setup: Setup) -> Recording:
     settings = _settings(case, setup)
     if case.role == "human":
-        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
-        return simulate(case.concrete, driver, settings)
+        return simulate(case.concrete, _driver(case), settings)
     if case.role == "ideal":
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     _seed_global_generators(case)
@@ -110,20 +109,24 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     )
 
 
-def _simulate_packed(cases: Sequence[Case], setup: Setup) -> Iterator[Recording | None] | None:
-    """What `_simulate` gives for cases of one kind, from one simulation; None where there is no packed form."""
+def _simulate_packed(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
+    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
     settings = _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]
     role = cases[0].role
     if role == "human":
-        return None
+        return simulate_packed(concretes, [_driver(case) for case in cases], settings)
     if role == "ideal":
         return simulate_packed(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
-    if not hasattr(find_controller(cases[0].controller, setup.folder), "packed"):
-        return None
+    if not hasattr(find_controller(cases[0].controller, setup.folder), "packed"):  # do not make one in vain
+        return [NO_PACKED_FORM] * len(cases)
     return simulate_packed(
         concretes, cases[0].controller, settings, folder=setup.folder, step_timeout=setup.run.step_timeout
     )
+
+
+def _driver(case: Case) -> SyntheticDriver:
+    return human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
 
 
 def _settings(case: Case, setup: Setup) -> SimulationSettings:

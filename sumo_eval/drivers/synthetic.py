@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sumo_eval.ads.lane_change import PathPoint, Steering, smooth_step, smooth_step_bend, smooth_step_rate
 from sumo_eval.ads.overtaking import Overtaking, OvertakingHabits
@@ -19,6 +19,9 @@ from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
+
+if TYPE_CHECKING:
+    from sumo_eval.drivers.packed_driver import PackedDrivers
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -95,22 +98,34 @@ class SyntheticDriver:
     def __init__(self, driver: Driver, concrete: ConcreteScenario, seed: int) -> None:
         self.driver = driver
         stream = random_stream(seed, "driving", driver.index, concrete.scenario, *_point(concrete))
-        self._wander = SmoothNoise(stream, WANDER_DEVIATION, WANDER_CORRELATION_TIME)
-        self._pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
+        self.wander = SmoothNoise(stream, WANDER_DEVIATION, WANDER_CORRELATION_TIME)
+        self.pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
+
+    @classmethod
+    def together(cls, drivers: Sequence[SyntheticDriver], scenario: Briefing) -> PackedDrivers:
+        """The same drivers, each in a case of its own, with all cases side by side."""
+        from sumo_eval.drivers.packed_driver import PackedDrivers
+
+        return PackedDrivers(drivers, scenario)
+
+    @property
+    def habits(self) -> OvertakingHabits:
+        """How the driver overtakes."""
+        driver = self.driver
+        return OvertakingHabits(
+            inclined=driver.overtakes,
+            onset_headway=driver.onset_headway,
+            onset_ttc=driver.onset_ttc,
+            duration=driver.lane_change_duration,
+        )
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Sit down at the wheel."""
         driver = self.driver
         self._sensor = Sensor()
         me = self._sensor.look(traci, ego).me
-        habits = OvertakingHabits(
-            inclined=driver.overtakes,
-            onset_headway=driver.onset_headway,
-            onset_ttc=driver.onset_ttc,
-            duration=driver.lane_change_duration,
-        )
         self._attention = Attention(driver)
-        self._overtaking = Overtaking(habits, driver.idm, scenario, me)
+        self._overtaking = Overtaking(self.habits, driver.idm, scenario, me)
         self._steering = Steering(scenario.vehicle, scenario.step)
         self._desired_speed = driver.desired_speed(me.speed)
         self._strongest = scenario.vehicle.max_deceleration
@@ -123,7 +138,7 @@ class SyntheticDriver:
         scene = self._sensor.look(traci, ego)
         me = scene.me
         known = self._attention.known(scene, time)
-        free = (self._desired_speed - me.speed) / SPEED_RELAXATION + self._pedal.value(time)
+        free = (self._desired_speed - me.speed) / SPEED_RELAXATION + self.pedal.value(time)
         free *= smooth_step(time / SETTLING_TIME)
         wanted = self._overtaking.acceleration(me, known, self._desired_speed, free)
         return Command(max(wanted, -self._strongest), self._steering.angle(me, self._line(me)))
@@ -137,7 +152,7 @@ class SyntheticDriver:
         pace = max(me.speed, WANDER_PACE) / max(self._ease, 1e-3)
         self._clock += self._step * me.speed / pace
         path = self._overtaking.path.at(self._steering.rear_axle_next(me))
-        noise = self._wander.at(self._clock)
+        noise = self.wander.at(self._clock)
         shift = self.driver.lane_offset + noise.value
         share = self._clock / SETTLING_TIME
         if share >= 1.0:

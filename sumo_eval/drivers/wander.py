@@ -22,7 +22,8 @@ class SmoothNoise:
         n(t) = s sqrt(2 / K) sum_k sin(w_k t + p_k),   w_k ~ N(0, 1 / l),   p_k ~ U(0, 2 pi),   K = 8
 
     (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an Ornstein-Uhlenbeck process
-    cannot: that one would ask for unlimited lateral speed. deviation: s. correlation_time: l, s.
+    cannot: that one would ask for unlimited lateral speed. deviation: s. correlation_time: l, s. waves: (w_k, p_k),
+    rad/s and rad. amplitude: s sqrt(2 / K).
     """
 
     COMPONENTS = 8
@@ -30,14 +31,17 @@ class SmoothNoise:
     def __init__(self, stream: np.random.Generator, deviation: float, correlation_time: float) -> None:
         frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
         phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
-        self._waves = tuple(zip(frequencies.tolist(), phases.tolist(), strict=True))
-        self._bent_waves = tuple((frequency, phase, frequency * frequency) for frequency, phase in self._waves)
-        self._amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
+        self.waves = tuple(zip(frequencies.tolist(), phases.tolist(), strict=True))
+        self._bent_waves = tuple((frequency, phase, frequency * frequency) for frequency, phase in self.waves)
+        self.amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
 
     def value(self, time: float) -> float:
         """n(time)."""
+        value = 0.0
         sin = math.sin
-        return self._amplitude * sum([sin(frequency * time + phase) for frequency, phase in self._waves])
+        for frequency, phase in self.waves:  # `sum` rounds otherwise from Python 3.12 on
+            value += sin(frequency * time + phase)
+        return self.amplitude * value
 
     def at(self, time: float) -> NoisePoint:
         """n, dn/dt and d2n/dt2 at `time` (s)."""
@@ -49,5 +53,5 @@ class SmoothNoise:
             value += sine
             rate += frequency * cos(angle)
             bend -= squared * sine
-        amplitude = self._amplitude
+        amplitude = self.amplitude
         return NoisePoint(amplitude * value, amplitude * rate, amplitude * bend)

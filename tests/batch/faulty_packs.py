@@ -6,6 +6,7 @@ import time
 import numpy as np
 
 from sumo_eval import Command
+from sumo_eval.cosim.packed_controller import PackedCommand
 
 FAULTY_SPEED = 20.0
 
@@ -30,13 +31,16 @@ class _Packed:
         self.ads = ads
 
     def step(self, scene, now):
-        if FAULTY_SPEED in scene.speed:
+        if FAULTY_SPEED in scene.along:
             self.ads.fault()
         self.cases = len(scene.x)
-        return np.zeros(self.cases)
+        return PackedCommand(np.zeros(self.cases), np.zeros(self.cases))
 
     def settled(self):
         return np.zeros(self.cases, dtype=bool)
+
+    def keep(self, rows):
+        self.cases = len(rows)
 
 
 class Exits(Coasts):

@@ -1,5 +1,7 @@
 """A pack gives every case exactly what it would have had alone."""
 
+import math
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,12 +9,15 @@ import numpy as np
 import pytest
 from cosim_cases import case, lead
 
+from sumo_eval import Command
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
+from sumo_eval.ads.perception import Sensor
 from sumo_eval.ads.r157_careful_driver import CarefulDriver, CarefulDriverWithAeb
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.worker import run_case
 from sumo_eval.cosim import packed as packing
 from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.packed import PackedCommand
 from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
 from sumo_eval.cosim.session import packed_session
 from sumo_eval.scenario import catalogue
@@ -111,13 +116,14 @@ class Gives:
 class PackedGives(Gives):
     def step(self, scene, time):
         self.cases = len(scene.x)
-        return np.where((scene.speed == self.at) & (time > 0.3), self.answer, 0.0)
+        return PackedCommand(np.where((scene.along == self.at) & (time > 0.3), self.answer, 0.0), np.zeros(self.cases))
+
+    def keep(self, rows):
+        pass
 
 
 class Scalar(Gives):
     def step(self, traci, ego, time):
-        from sumo_eval import Command
-
         return Command(self.answer if traci.vehicle.getSpeed(ego) == self.at and time > 0.3 else 0.0)
 
     def packed(self, scenario):
@@ -166,13 +172,97 @@ def test_a_packed_form_that_raises_costs_no_case_and_is_logged(alone, caplog):
     assert "out of order" in caplog.text
 
 
-def test_what_cannot_be_packed_is_simulated_alone(alone):
-    turning = points("front_vehicle_cut_out", 97)  # its lead turns while it changes lane
-    assert all(recording.error is None for recording in simulate_many(turning, "no_reaction", SHORT))
-    assert list(simulate_many(points("cut_in", 997), CarefulDriverWithAeb, SHORT))
+def test_what_cannot_be_packed_is_simulated_alone_and_counted(alone):
+    why: Counter[str] = Counter()
     steering = points("cut_in", 997)
-    assert list(simulate_many(steering, "idm", SHORT))
-    assert alone == [*turning, *steering, *steering]
+    assert list(simulate_many(steering, CarefulDriverWithAeb, SHORT, alone=why))  # it has no packed form
+    nobody = [case(speed=20.0)]
+    assert list(simulate_many(nobody, "no_reaction", SHORT, alone=why))
+    assert alone == [*steering, *nobody]
+    assert sorted(why.values()) == [1, len(steering)]
+
+
+class Sways:
+    """Steers a sine, brakes behind what is near and else drives on; every bit of what it sees is in what it does."""
+
+    def __init__(self, amplitude: float, rate: float, brakes: float, drives: float, turns_off: float = 0.0) -> None:
+        self.habits = amplitude, rate, brakes, drives, turns_off
+
+    def reset(self, scenario, traci, ego):
+        self.sensor = Sensor()
+
+    def step(self, traci, ego, time):
+        amplitude, rate, brakes, drives, turns_off = self.habits
+        me, others = self.sensor.look(traci, ego)
+        wanted = drives + 1e-3 * (me.x + me.y + me.half_length + me.half_width + me.across)
+        for other in sorted(others, key=lambda other: other.name):
+            if other.x > me.x and other.x - me.x < 3.0 * (me.along - other.along) + 8.0:
+                wanted = -brakes
+            wanted += 1e-3 * (other.y + other.heading + other.across + other.half_length + other.half_width)
+        steering = amplitude * math.sin(rate * time) - 0.8 * me.heading - 0.05 * me.y + turns_off
+        return Command(wanted, steering)
+
+    @classmethod
+    def together(cls, controllers, briefing):
+        return PackedSways(controllers)
+
+
+class PackedSways:
+    def __init__(self, controllers) -> None:
+        self.habits = np.array([controller.habits for controller in controllers]).T
+
+    def step(self, scene, time):
+        amplitude, rate, brakes, drives, turns_off = self.habits
+        wanted = drives + 1e-3 * (scene.x + scene.y + scene.half_length + scene.half_width + scene.across)
+        for j in range(scene.other_x.shape[1]):
+            x, along = scene.other_x[:, j], scene.other_along[:, j]
+            near = (x > scene.x) & (x - scene.x < 3.0 * (scene.along - along) + 8.0)
+            wanted = np.where(near, -brakes, wanted)
+            wanted = wanted + 1e-3 * (
+                scene.other_y[:, j]
+                + scene.other_heading[:, j]
+                + scene.other_across[:, j]
+                + scene.other_half_length[:, j]
+                + scene.other_half_width[:, j]
+            )
+        sway = np.array([math.sin(value) for value in (rate * time).tolist()])
+        return PackedCommand(wanted, amplitude * sway - 0.8 * scene.heading - 0.05 * scene.y + turns_off)
+
+    def settled(self):
+        return np.ones(self.habits.shape[1], dtype=bool)
+
+    def keep(self, rows):
+        self.habits = self.habits[:, rows]
+
+
+SWAYS = [
+    Sways(0.05, 1.3, 4.0, 0.2),
+    Sways(0.3, 0.7, 9.0, 0.0),
+    Sways(0.02, 2.0, 2.0, -1.5),  # comes to a standstill
+    Sways(0.1, 0.9, 0.0, 0.5),  # runs into what is ahead
+    Sways(0.1, 0.9, 6.0, 0.5, 0.6),  # leaves the road to the left
+    Sways(3.0, 5.0, 9.0, 4.5),  # more than wheel, tyres and drive can do
+    Sways(0.0, 1.0, 3.0, -9.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "every"),
+    [
+        ("front_vehicle_cut_out", 31), ("front_vehicle_low_speed", 5), ("cut_in", 331), ("front_vehicle_braking", 41),
+        ("r157_cut_out", 151), ("ncap_ccrb", 9), ("ncap_ccrs", 5), ("ncap_ccrm", 5),
+    ],
+)  # fmt: skip
+def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bit(scenario, every, alone):
+    cases = [concrete for concrete in points(scenario, every) for _ in SWAYS]
+    drivers = [driver for _ in points(scenario, every) for driver in SWAYS]
+    together = list(simulate_many(cases, drivers))
+    assert not alone
+    reasons = set()
+    for concrete, driver, recording in zip(cases, drivers, together, strict=True):
+        assert everything(recording) == everything(simulate(concrete, driver))
+        reasons.add(recording.end_reason)
+    assert reasons >= {"contact", "off_road", "standstill"}
 
 
 def test_vehicles_of_different_roads_of_a_pack_do_not_see_each_other():
