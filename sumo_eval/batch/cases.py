@@ -16,6 +16,9 @@ Status = Literal[
     "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
 ]
 
+ALONE = "Simulated alone: "
+"""How the log of a case begins that was to be simulated together with others; the reason is the rest of the line."""
+
 
 @dataclass(frozen=True, slots=True)
 class Case:

@@ -9,15 +9,12 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from sumo_eval.batch.cases import Case, Outcome, Setup, Status
+from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup, Status
 from sumo_eval.batch.identity import locator_identity
 from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.batch.pool import Ended, Pool
 from sumo_eval.batch.worker import Result, run_together
 from sumo_eval.errors import InputError
-
-ALONE = "Simulated alone: "
-"""How the log of a case begins that was in a pack first."""
 
 Stopping = Callable[[], bool]
 """Asked before cases are begun: whether no more of them should be."""
@@ -96,28 +93,27 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     pack = ended.item
     if len(pack) == 1:
         return [_outcome(ended, packs.remark(pack[0]), setup)]
-    size = f"its pack of {len(pack)} cases"
+    printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
         happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
-        packs.did_not_come_through(pack, f"{ALONE}{size} was lost. {happened}\n", ended.log)
+        packs.did_not_come_through(pack, f"{ALONE}its pack was lost. {happened}\n", printed)
         return []
     results: list[Result | str] | None = ended.result
     if results is None:
         packs.never_together(pack)
         return []
-    log = f"Printed by {size}:\n{ended.log}" if ended.log else ""
-    reasons = {result for result in results if isinstance(result, str)}
-    if len(reasons) == 1 and all(isinstance(result, str) for result in results):
-        packs.did_not_come_through(pack, f"{ALONE}{size} did not hold. {reasons.pop()}\n", log)
+    reasons = {result if isinstance(result, str) else "" for result in results}
+    if "" not in reasons:
+        packs.did_not_come_through(pack, f"{ALONE}{' '.join(sorted(reasons))}\n", printed)
         return []
     packs.came_through(pack)
     found: list[Outcome] = []
     for case, result in zip(pack, results, strict=True):
         if isinstance(result, str):
-            packs.run_alone((case,), f"{ALONE}it left {size}. {result}\n")
+            packs.run_alone((case,), f"{ALONE}{result}\n")
         else:
             found.append(Outcome(case, result.status, result.recording, result.error, result.log))
-    return [replace(outcome, log=outcome.log + log) for outcome in found[:1]] + found[1:]
+    return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
 
 
 def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:

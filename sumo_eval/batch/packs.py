@@ -1,12 +1,13 @@
 """Which cases go to a child process together, and which alone.
 
 Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver has a form for many
-cases. Packs are large while there is much to do, and small at both ends: soon there is something to show, and all
-workers have work to the end. What does not come through in a pack runs alone, so that a faulty case costs itself.
+cases. A pack costs something of its own, so packs are as large as may be, and towards the end equally large, so that
+all workers have work to the end. What does not come through in a pack runs alone, so that a faulty case costs itself.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterable
 from itertools import islice
@@ -17,10 +18,9 @@ from sumo_eval.cosim.packed import first_meeting
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str]
 
-LEAST = 64  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
-_PARTS = 2  # packs that each worker still gets of what is known to be left
-_MOST_AHEAD = 16_384  # cases that are held ready
-_AT_ONCE = 512  # cases that are made ready while somebody waits
+LEAST = 32  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
+_PACKS_AHEAD = 4  # full packs for each worker that are held ready: the end is seen in time to divide it evenly
+_MOST_AHEAD = 16_384  # cases that are held ready at most
 _CUT = 4  # by how much packs of a kind get smaller after one that did not come through
 
 
@@ -29,9 +29,10 @@ class Packs:
 
     def __init__(self, cases: Iterable[Case], workers: int, largest: int) -> None:
         self._waiting = iter(cases)
-        self._largest = largest
-        self._shares = workers * _PARTS
-        self._most_ahead = min(self._shares * largest, _MOST_AHEAD)
+        self._largest = self._size = largest
+        self._all_seen = False
+        self._workers = workers
+        self._most_ahead = min(workers * _PACKS_AHEAD * largest, _MOST_AHEAD)
         self._ahead: dict[Kind, _Queue] = {}
         self._number_ahead = 0
         self._alone: deque[tuple[Case, str]] = deque()
@@ -48,9 +49,8 @@ class Packs:
             if not self._ahead:
                 return None
         kind = max(self._ahead, key=lambda kind: len(self._ahead[kind]))
-        share = max(-(-self._number_ahead // self._shares), LEAST)
         queue = self._ahead[kind]
-        pack = queue.take(min(share, self._largest_of.get(kind, self._largest)))
+        pack = queue.take(min(self._size, self._largest_of.get(kind, self._largest)))
         self._number_ahead -= len(pack)
         if not len(queue):
             del self._ahead[kind]
@@ -58,9 +58,16 @@ class Packs:
 
     def look_ahead(self) -> None:
         """Make the next cases ready; best done while the children work."""
-        for case in islice(self._waiting, max(min(self._most_ahead - self._number_ahead, _AT_ONCE), 0)):
+        room = self._most_ahead - self._number_ahead
+        if room <= 0 or self._all_seen:
+            return
+        for case in islice(self._waiting, room):
             self._ahead.setdefault(_kind(case), _Queue()).add((case,))
             self._number_ahead += 1
+        if self._number_ahead < self._most_ahead:  # the least number of equal packs for each worker that hold the rest
+            self._all_seen = True
+            rounds = math.ceil(self._number_ahead / (self._workers * self._largest)) or 1
+            self._size = min(max(math.ceil(self._number_ahead / (self._workers * rounds)), LEAST), self._largest)
 
     def came_through(self, pack: Pack) -> None:
         """Every case of a pack has its result: packs of the kind may become as large as they were."""

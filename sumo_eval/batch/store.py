@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.batch.cases import Case, Outcome, Role, Status
+from sumo_eval.batch.cases import ALONE, Case, Outcome, Role, Status
 from sumo_eval.batch.kept import EGO as EGO
 from sumo_eval.batch.kept import KeptRecording, keep, unpack
 from sumo_eval.errors import InputError
@@ -224,6 +224,16 @@ class Store:
             "total(exposure) FROM facts GROUP BY scenario, role, who, status ORDER BY scenario, role, who, status"
         )
         return list(self._connection.execute(query))
+
+    def simulated_alone(self, scenario: str, ads: str) -> dict[str, int]:
+        """How many drives of an ADS, and of those that it is compared with, left their pack, by the reason."""
+        query = (
+            "SELECT substr(log, length(:mark) + 1, instr(log, char(10)) - length(:mark) - 1) AS why, count(*) "
+            'FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
+            "AND (role != 'ads' OR driver = :ads) AND substr(log, 1, length(:mark)) = :mark GROUP BY why ORDER BY why"
+        )
+        found = self._connection.execute(query, {"mark": ALONE, "scenario": scenario, "ads": ads})
+        return dict(found)
 
     def digest(self) -> str:
         """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
