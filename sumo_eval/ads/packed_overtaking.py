@@ -16,6 +16,8 @@ from sumo_eval.ads.overtaking import (
     AHEAD_HEADWAY,
     AT_EASE,
     CLEARANCE,
+    EMERGENCY_GAP,
+    LEAST_LENGTH,
     LEAST_SPEED,
     REAR_DECELERATION,
     REAR_DELAY,
@@ -26,7 +28,7 @@ from sumo_eval.ads.overtaking import (
     OvertakingHabits,
 )
 from sumo_eval.ads.packed_car_following import PackedFollower, PackedIdmParameters
-from sumo_eval.ads.packed_lane_change import PackedLanePaths
+from sumo_eval.ads.packed_lane_change import PackedLanePaths, smooth_step
 from sumo_eval.ads.packed_perception import PackedEgos, PackedMovers, bumper_gap, first_least
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -56,6 +58,7 @@ class PackedOvertaking:
         self._lane_width = scenario.road.lane_width
         self._half_width = 0.5 * scenario.vehicle.width
         self._emergency_braking = self._plain[0].emergency_braking
+        self._quickest, self._evasion = self._plain[0].quickest, self._plain[0].evasion
         self._follower = PackedFollower(PackedIdmParameters.of(parameters), scenario.step, others)
 
     def keep(self, rows: NDArray[np.intp]) -> None:
@@ -121,22 +124,31 @@ class PackedOvertaking:
         nearest = first_least(np.where(leads, gap, np.inf), rank[:, cases]), np.arange(len(cases))
         room = gap - 0.1 * closing
         needed = np.where(room > 0.0, closing * closing / (2.0 * room), np.inf)
-        emergency = (leads & (closing > 0.0) & (needed > self._emergency_braking)).any(axis=0)
+        emergency: BoolArray = (leads & (closing > 0.0) & (needed > self._emergency_braking)).any(axis=0)
         pays = self._cruising_speed[cases] - others.along[:, cases][nearest] >= self._worth[cases]
         pays &= self._inclined[cases]
         onset = np.maximum(self._onset_headway[cases] * along, self._onset_ttc[cases] * closing[nearest])
         is_time = gap[nearest] <= onset
         rolls = along >= LEAST_SPEED
         began = np.zeros(len(cases), dtype=bool)
-        for index in np.flatnonzero(rolls & (emergency | (pays & is_time))).tolist():
-            began[index] = self._begins(me, others, known, rank, int(cases[index]))
+        wants = np.flatnonzero(rolls & (emergency | (pays & is_time)))
+        if wants.size:
+            least = np.where(emergency[wants], self._evasion, self._quickest)
+            shortest = np.maximum(least, LEAST_LENGTH / along[wants])
+            there = cases[wants]
+            able = self._are_passed(me, others, leads[:, wants], gap[:, wants], closing[:, wants], shortest, there)
+            able &= self._left_is_free(me, others, known, rank, there, shortest, emergency[wants])
+            for index in wants[able].tolist():
+                began[index] = self._begins(me, others, known, rank, int(cases[index]))
         bides = np.flatnonzero(rolls & pays & ~is_time & ~began)
         if bides.size:
-            bides = bides[self._left_is_free(me, others, known, rank, cases[bides])]
+            there = cases[bides]
+            ordinary = np.zeros(len(bides), dtype=bool)
+            bides = bides[self._left_is_free(me, others, known, rank, there, self._duration[there], ordinary)]
         return bool(began.any()), cases[bides]
 
     def _begins(self, me: PackedEgos, others: PackedMovers, known: BoolArray, rank: FloatArray, case: int) -> bool:
-        """Let the plain driver of a case decide."""
+        """Let the plain driver of a case decide how long the lane change takes, and so whether it begins."""
         plain = self._plain[case]
         indexes = sorted(np.flatnonzero(known[:, case]).tolist(), key=lambda index: float(rank[index, case]))
         if not plain.begins(me.of(case), [others.of(index, case) for index in indexes]):
@@ -145,10 +157,21 @@ class PackedOvertaking:
         self._changing[case] = True
         return True
 
+    def _are_passed(
+        self, me: PackedEgos, others: PackedMovers, leads: BoolArray, gap: FloatArray, closing: FloatArray,
+        shortest: FloatArray, cases: NDArray[np.intp],
+    ) -> BoolArray:  # fmt: skip
+        """Where the shortest lane change would be clear of every lead: where `Overtaking._duration` is not None."""
+        widths = others.y[:, cases] + self._half_width + others.half_width[:, cases]
+        share = (widths + CLEARANCE - me.y[cases]) / self._lane_width
+        late = (share > 0.0) & (closing > 0.0) & (smooth_step(gap / closing / shortest) < share)
+        return np.asarray(~(leads & ((share > 1.0) | (gap <= 0.0) | late)).any(axis=0))
+
     def _left_is_free(
-        self, me: PackedEgos, others: PackedMovers, known: BoolArray, rank: FloatArray, cases: NDArray[np.intp]
-    ) -> BoolArray:
-        """As `Overtaking._left_is_free` with the habitual duration and no emergency, for some cases."""
+        self, me: PackedEgos, others: PackedMovers, known: BoolArray, rank: FloatArray, cases: NDArray[np.intp],
+        duration: FloatArray, emergency: BoolArray,
+    ) -> BoolArray:  # fmt: skip
+        """As `Overtaking._left_is_free` for some cases; with a longer duration it is no freer."""
         centre = self.paths.start[cases] + self._lane_width
         half_strip = 0.5 * (2.0 * (self._half_width + SIDE_CLEARANCE))
         half_width = others.half_width[:, cases]
@@ -163,14 +186,14 @@ class PackedOvertaking:
         ahead = inside & ((x > my_x) | beside)
         nearest = first_least(np.where(ahead, x, np.inf), rank), columns
         gap = x[nearest] - my_x - lengths[nearest] - my_length
-        left = gap - np.maximum(my_along - along[nearest], 0.0) * self._duration[cases]
-        free &= ~(ahead[nearest] & (left < AHEAD_HEADWAY * my_along))
+        left = gap - np.maximum(my_along - along[nearest], 0.0) * duration
+        free &= ~(ahead[nearest] & (left < np.where(emergency, EMERGENCY_GAP, AHEAD_HEADWAY * my_along)))
         behind = inside & ((x <= my_x) | beside)
         nearest = first_least(np.where(behind, -x, np.inf), rank), columns
         gap = my_x - x[nearest] - lengths[nearest] - my_length
         closing = np.maximum(along[nearest] - my_along, 0.0)
         least = closing * REAR_DELAY + closing * closing / (2.0 * REAR_DECELERATION) + my_along * REAR_HEADWAY
-        free &= ~(behind[nearest] & (gap < least))
+        free &= ~(behind[nearest] & (gap < np.where(emergency, EMERGENCY_GAP + closing * duration, least)))
         return free
 
     def _still_ahead(self, me: PackedEgos, others: PackedMovers) -> BoolArray:
