@@ -124,7 +124,7 @@ class PackedOvertaking:
         nearest = first_least(np.where(leads, gap, np.inf), rank[:, cases]), np.arange(len(cases))
         room = gap - 0.1 * closing
         needed = np.where(room > 0.0, closing * closing / (2.0 * room), np.inf)
-        emergency: BoolArray = (leads & (closing > 0.0) & (needed > self._emergency_braking)).any(axis=0)
+        emergency = np.asarray((leads & (closing > 0.0) & (needed > self._emergency_braking)).any(axis=0))
         pays = self._cruising_speed[cases] - others.along[:, cases][nearest] >= self._worth[cases]
         pays &= self._inclined[cases]
         onset = np.maximum(self._onset_headway[cases] * along, self._onset_ttc[cases] * closing[nearest])
