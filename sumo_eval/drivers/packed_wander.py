@@ -40,7 +40,4 @@ class PackedNoise:
 
 def _total(terms: FloatArray) -> FloatArray:
     """The sum over the first axis, term by term as in a loop: numpy's own sum may take another order."""
-    total: FloatArray = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
+    return np.asarray(np.add.accumulate(terms, axis=0)[-1])
