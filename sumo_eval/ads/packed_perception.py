@@ -90,12 +90,13 @@ def visible(me: PackedEgos, others: PackedMovers, hiding_share: float) -> BoolAr
     """Which vehicles no single nearer vehicle ahead covers by more than `hiding_share` of their width, (m, n)."""
     x, y, half_width = others.x, others.y, others.half_width
     seen = np.ones(x.shape, dtype=bool)
+    if len(x) == 1:
+        return seen
+    ahead = x > me.x
     for index in range(len(x)):
         for nearer in range(len(x)):
-            if nearer == index:
-                continue
-            between = (me.x < x[nearer]) & (x[nearer] < x[index])
-            if not np.count_nonzero(between):
+            between = ahead[nearer] & (x[nearer] < x[index])
+            if nearer == index or not np.count_nonzero(between):
                 continue
             hiding, hidden = half_width[nearer], half_width[index]
             overlap = hiding + hidden - np.abs(y[nearer] - y[index])
