@@ -56,7 +56,8 @@ class Traffic:
         speed = float(stream.choice([1.0, 8.0, 20.0, 30.0]))
         self.vehicles["ego"] = 52.25, float(stream.choice([0.0, 0.0, 0.3, 3.5])), 90.0, speed
         for number in range(others):
-            ahead, lane = float(stream.uniform(-60.0, 150.0)), float(stream.choice([0.0, 0.0, 1.9, 3.5]))
+            ahead = float(stream.choice([stream.uniform(-40.0, 30.0), stream.uniform(5.0, 130.0)]))
+            lane = float(stream.choice([0.0, 0.0, 1.9, 3.5, 3.5]))
             self.vehicles[f"v{number}"] = 52.25 + ahead, lane, 90.0, speed * float(stream.uniform(0.0, 1.2))
         self.abreast = others > 1 and bool(stream.random() < 0.4)
         self._align()

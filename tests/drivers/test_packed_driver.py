@@ -18,9 +18,9 @@ CONCRETE = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obst
 
 @pytest.mark.parametrize("others", [1, 2, 5])
 def test_each_command_is_the_one_a_driver_gives_alone_whatever_the_scene(others):
-    plain, packed = ([SyntheticDriver(driver, CONCRETE, seed=4) for driver in DRIVERS * 2] for _ in range(2))
+    plain, packed = ([SyntheticDriver(driver, CONCRETE, seed=4) for driver in DRIVERS * 8] for _ in range(2))
     together = SyntheticDriver.together(packed, BRIEFING)
-    assert_same_commands(plain, together, others, seed=others, steps=160)
+    assert_same_commands(plain, together, others, seed=others, steps=100)
 
 
 @pytest.mark.parametrize(
