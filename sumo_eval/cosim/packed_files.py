@@ -13,7 +13,6 @@ from sumo_eval.cosim.sumo_files import departures, network_xml, vehicle_types
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import VehicleSettings
 
-
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
 
