@@ -79,7 +79,8 @@ def simulate_many(
                 counted[_NOT_FOR_PACKS] += len(members)
             else:
                 resolved = cases[members[0]].simulation(basis)
-                order = sorted(members, key=lambda index: _first_meeting(cases[index]))
+                lasts = _first_meeting if resolved.end_when_decided else _slow_drive
+                order = sorted(members, key=lambda index: lasts(cases[index]))
                 for part in _chunks(order, PACK):
                     form = packed_form or _together([each[index] for index in part])
                     pack = [cases[index] for index in part]
@@ -105,6 +106,12 @@ def _first_meeting(concrete: ConcreteScenario) -> float:
         if ego.speed > actor.start.speed
     ]
     return min(times, default=math.inf)
+
+
+def _slow_drive(concrete: ConcreteScenario) -> float:
+    """About how long the ego takes to the road's end if it stays behind the slowest that moves, s."""
+    speeds = [start.speed for start in (concrete.ego, *(actor.start for actor in concrete.actors)) if start.speed > 0.0]
+    return (concrete.road.length - concrete.ego.x) / min(speeds, default=math.inf)
 
 
 PackedForm = Callable[[Briefing], PackedController | None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ CHECKED_EVERY = 10
 there, and every other vehicle on its script. In between SUMO's egos may lag: nothing in a pack asks SUMO for them, and
 the other vehicles keep to their scripts whatever the egos do."""
 DROPPED_AT = 0.25  # share of the cases that has ended when the controller is told to forget them
+_CLOSE = 0.1  # m, bodies that are further apart all through a step do not touch
 _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 
 HANDED_BACK = "The packed ADS handed the case back."
@@ -50,7 +51,7 @@ class PackedRun:
         self.egos = PackedEgos(x, y, nothing, speed, nothing, nothing, np.ones(n), nothing)
         self.names = [vehicle_name(case, 0) for case in range(n)]
         self.others = PackedActors(cases, settings.step)
-        self.live = np.ones(n, dtype=bool)
+        self.live, self.all_live = np.ones(n, dtype=bool), True
         self.stale = np.zeros(n, dtype=bool)  # where SUMO has the ego elsewhere by now
         self.stood = np.zeros(n)
         self._body(n)
@@ -65,7 +66,7 @@ class PackedRun:
     def _body(self, rows: int) -> None:
         vehicle, others = self.settings.vehicle, self.others
         self.half_lengths, self.half_widths = np.full(rows, 0.5 * vehicle.length), np.full(rows, 0.5 * vehicle.width)
-        self.size = 0.5 * (vehicle.length + vehicle.width + others.length + others.width)
+        self.longest = float((others.length + others.width).max()) + vehicle.length + vehicle.width
 
     def drive(self, traci: Any, step_timeout: float) -> None:
         """Step until every case has ended."""
@@ -98,6 +99,7 @@ class PackedRun:
                 seen = egos_as_seen(self.egos, self.half_lengths, self.half_widths)
                 if self.steps % samples_every == 0:
                     self.samples.add(self.steps * step, self.egos, self.others)
+        self.samples.keep(self.others.case)
 
     def _take_charge(self, traci: Any) -> Seen:
         """Make SUMO obey, and see which cases it has placed as they are meant; what a sensor shows of the egos."""
@@ -126,18 +128,20 @@ class PackedRun:
     def _move_egos(self, traci: Any, command: PackedCommand) -> None:
         """The vehicle model for every ego: at once in its ordinary course, else with the scalar model."""
         step, limits, before = self.settings.step, self.settings.vehicle, self.egos
-        lost = self.live & ~(np.isfinite(command.acceleration) & np.isfinite(command.steering))
-        if lost.any():
-            self._leave(traci, lost, HANDED_BACK)
         after, exceptional = advance_all(before, command, limits, step)
-        if not self.live.all():
-            after = PackedEgos(*(np.where(self.live, new, old) for new, old in zip(after, before, strict=True)))
+        handed_back: list[int] = []
         for row in np.flatnonzero(exceptional & self.live).tolist():
             wanted = Command(float(command.acceleration[row]), float(command.steering[row]))
+            if not math.isfinite(wanted.acceleration + wanted.steering):
+                handed_back.append(row)
+                continue
             state, clips = advance(before.state(row), wanted, limits, step)
             for what, requested, applied in clips:
                 count_clip(self.clips[self.others.case[row]], what, self.steps * step, requested, applied)
             after.put(row, state)
+        self._leave(traci, handed_back, HANDED_BACK)
+        if not self.all_live:  # what the others would do may be no number
+            after = PackedEgos(*(np.where(self.live, new, old) for new, old in zip(after, before, strict=True)))
         self.stale |= (after.speed != before.speed) | (after.heading != 0.0) | (before.heading != 0.0)
         self.egos = after
 
@@ -164,22 +168,15 @@ class PackedRun:
         off[rows] = (np.abs(x - front_x[rows]) > _PLACE_TOLERANCE) | (np.abs(y - front_y[rows]) > _PLACE_TOLERANCE)
         off[rows] |= np.array(list(map(vehicle.getSpeed, names))) != self.egos.speed[rows]
         off |= self.others.surprised | self.others.off_their_scripts(self.steps * self.settings.step)
-        off &= self.live
-        if off.any():
-            self._leave(traci, off, NOT_AS_TOLD)
+        self._leave(traci, np.flatnonzero(off & self.live).tolist(), NOT_AS_TOLD)
 
     # -- ends ----------------------------------------------------------------------------------------------------------
 
     def _find_ends(self, traci: Any, before: PackedEgos) -> None:
         """Which cases end with this step: as in `simulate`, and in its order."""
-        settings, egos, others, live = self.settings, self.egos, self.others, self.live
+        settings, egos, live = self.settings, self.egos, self.live
         now = self.steps * settings.step
-        was_x, was_y, *_ = others.before
-        shift_x = (others.x - was_x) - (egos.x - before.x)[:, None]
-        shift_y = (others.y - was_y) - (egos.y - before.y)[:, None]
-        reach = self.size + np.abs(shift_x) + np.abs(shift_y)
-        near = (np.abs(was_x - before.x[:, None]) <= reach) & (np.abs(was_y - before.y[:, None]) <= reach)
-        ended = [row for row in np.flatnonzero(near.any(axis=1) & live).tolist() if self._touches(row, before)]
+        ended = [row for row in self._near(before) if self._touches(row, before)]
         standing = egos.speed < settings.standstill_speed
         self.stood = np.where(standing, self.stood + settings.step, 0.0)
         off_road = ~((self.road.right_edge <= egos.y) & (egos.y <= self.road.left_edge))
@@ -218,6 +215,32 @@ class PackedRun:
             for j, actor in enumerate(others.actors[case])
         ]
         self.ends[case] = End(now, reason, None, self.egos.state(row), there)
+
+    def _near(self, before: PackedEgos) -> list[int]:
+        """Rows in which something may touch the ego within the step: it is not apart along or across the road.
+
+        Between the samples everything moves linearly, and a body turned by h reaches no further along the road than
+        half its length + |h| half its width, and across it than half its width + |h| half its length.
+        """
+        egos, others, step = self.egos, self.others, self.settings.step
+        fastest = float(max(egos.speed.max(), before.speed.max(), others.speed.max(), others.before[3].max()))
+        reach = self.longest + 4.0 * fastest * step + 1.0  # m, beyond all doubt
+        rows = np.flatnonzero((np.abs(others.x - egos.x[:, None]) <= reach).any(axis=1) & self.live)
+        if not rows.size:
+            return []
+        was_x, was_y, was_heading, *_ = (channel[rows] for channel in others.before)
+        turn = np.maximum(np.abs(was_heading), np.abs(others.heading[rows]))
+        ego_turn = np.maximum(np.abs(before.heading), np.abs(egos.heading))[rows][:, None]
+        half_length, half_width = others.half_length[rows], others.half_width[rows]
+        mine, wide = self.half_lengths[rows][:, None], self.half_widths[rows][:, None]
+        long_reach = half_length + turn * half_width + mine + ego_turn * wide + _CLOSE
+        wide_reach = half_width + turn * half_length + wide + ego_turn * mine + _CLOSE
+        first, last = was_x - before.x[rows][:, None], others.x[rows] - egos.x[rows][:, None]
+        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last)) > long_reach
+        first, last = was_y - before.y[rows][:, None], others.y[rows] - egos.y[rows][:, None]
+        apart |= np.maximum(np.minimum(first, last), -np.maximum(first, last)) > wide_reach
+        found: list[int] = rows[~apart.all(axis=1)].tolist()
+        return found
 
     def _touches(self, row: int, before: PackedEgos) -> bool:
         """Whether something touches the ego within the step; then the case has ended."""
@@ -261,16 +284,14 @@ class PackedRun:
 
     # -- rows ----------------------------------------------------------------------------------------------------------
 
-    def _leave(self, traci: Any, rows: BoolArray, why: str) -> None:
+    def _leave(self, traci: Any, rows: Sequence[int], why: str) -> None:
         """These have to be simulated alone."""
-        gone = np.flatnonzero(rows).tolist()
-        for row in gone:
+        for row in rows:
             self.left[int(self.others.case[row])] = why
-        self._drop(traci, gone)
+        self._drop(traci, rows)
 
-    def _drop(self, traci: Any, rows: Iterable[int]) -> None:
+    def _drop(self, traci: Any, rows: Sequence[int]) -> None:
         """Take the vehicles of cases that have ended off their roads; their rows stay for a while."""
-        rows = list(rows)
         cases = [int(self.others.case[row]) for row in rows]
         if not cases:
             return
@@ -280,6 +301,7 @@ class PackedRun:
         self.live = self.live.copy()
         self.live[rows] = False
         self.others.without(cases)
+        self.all_live = False
         self.others.set_live(np.flatnonzero(self.live))
 
     def _forget_ended(self) -> None:
@@ -288,8 +310,10 @@ class PackedRun:
         if not rows.size or rows.size > (1.0 - DROPPED_AT) * len(self.live):
             return
         self.controller.keep(rows)
+        self.samples.keep(self.others.case[rows])
         self.egos = PackedEgos(*(channel[rows] for channel in self.egos))
         self.stood, self.stale, self.live = self.stood[rows], self.stale[rows], self.live[rows]
+        self.all_live = True
         self.others.keep(rows)
         self._body(len(rows))
 

@@ -39,10 +39,10 @@ def shown_angles(headings: FloatArray) -> FloatArray:
 
 def _within_a_turn(degrees: FloatArray) -> FloatArray:
     """As SUMO: whole turns are taken off or added one by one."""
-    while (high := degrees >= 360.0).any():
-        degrees = np.where(high, degrees - 360.0, degrees)
-    while (low := degrees < 0.0).any():
-        degrees = np.where(low, degrees + 360.0, degrees)
+    while degrees.max() >= 360.0:
+        degrees = np.where(degrees >= 360.0, degrees - 360.0, degrees)
+    while degrees.min() < 0.0:
+        degrees = np.where(degrees < 0.0, degrees + 360.0, degrees)
     return degrees
 
 
@@ -67,19 +67,41 @@ def as_seen(
     """Vehicles of which SUMO shows the front bumper, the angle and the speed; (k,) each."""
     headings = (STRAIGHT - angles) * (math.pi / 180.0)
     turned = np.flatnonzero(np.abs(headings) >= _ALONG)
-    x, across = front_x - half_length, np.zeros(len(speed))
+    straight = Seen(
+        front_x - half_length, front_y, np.zeros(len(speed)), speed, np.zeros(len(speed)), half_length, half_width
+    )
     if not turned.size:
-        return Seen(x, front_y, np.zeros(len(speed)), speed, across, half_length, half_width)
-    heading, y, along = np.zeros(len(speed)), front_y.copy(), speed.copy()
-    long, wide = half_length.copy(), half_width.copy()
-    h = read_headings(angles[turned])
-    c, s = one_by_one(math.cos, h), one_by_one(math.sin, h)
-    length, width, v = half_length[turned], half_width[turned], speed[turned]
-    x[turned], y[turned], heading[turned] = front_x[turned] - length * c, front_y[turned] - length * s, h
-    along[turned], across[turned] = v * c, v * s
-    long[turned] = length * np.abs(c) + width * np.abs(s)
-    wide[turned] = length * np.abs(s) + width * np.abs(c)
-    return Seen(x, y, heading, along, across, long, wide)
+        return straight
+    if turned.size == len(speed):
+        return _turned(front_x, front_y, angles, speed, half_length, half_width)
+    arrays = front_x, front_y, angles, speed, half_length, half_width
+    channels = [channel.copy() for channel in straight]
+    for channel, values in zip(channels, _turned(*(array[turned] for array in arrays)), strict=True):
+        channel[turned] = values
+    return Seen(*channels)
+
+
+def _turned(
+    front_x: FloatArray,
+    front_y: FloatArray,
+    angles: FloatArray,
+    speed: FloatArray,
+    half_length: FloatArray,
+    half_width: FloatArray,
+) -> Seen:
+    """The same of vehicles that do not point along the road."""
+    heading = read_headings(angles)
+    c, s = one_by_one(math.cos, heading), one_by_one(math.sin, heading)
+    c_size, s_size = np.abs(c), np.abs(s)
+    return Seen(
+        front_x - half_length * c,
+        front_y - half_length * s,
+        heading,
+        speed * c,
+        speed * s,
+        half_length * c_size + half_width * s_size,
+        half_length * s_size + half_width * c_size,
+    )
 
 
 def fronts(egos: PackedEgos, half_length: float) -> tuple[FloatArray, FloatArray]:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cosim.packed_controller import PackedCommand
 from sumo_eval.cosim.vehicle_model import GRAVITY, EgoState
@@ -110,52 +111,64 @@ def _steering_limits(
 def drive_all(
     speed: FloatArray, acceleration: FloatArray, target: FloatArray, limits: VehicleSettings, step: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """`vehicle_model.drive` on arrays: acceleration and speed at the end of the step, and the distance driven in it."""
-    if bool((np.abs(acceleration - target) < _SAME).all()):
-        stops = (acceleration < 0.0) & (2.0 * speed <= (np.abs(acceleration) - acceleration) * step * (1.0 + 1e-9))
-        if not stops.any():
-            distance = speed * step + 0.5 * acceleration * step**2 + 0.0
-            return target.copy(), np.maximum(speed + acceleration * step + 0.0, 0.0), distance
-    a, v, distance, left = acceleration.copy(), speed.copy(), np.zeros(len(target)), np.full(len(target), step)
+    """`vehicle_model.drive` on arrays: acceleration and speed at the end of the step, and the distance driven in it.
+
+    Rows that have used up the step go on through the loop with durations of 0, which change nothing.
+    """
+    a, v, left, distance = acceleration, speed, np.full(len(target), step), np.zeros(len(target))
     halted = np.zeros(len(target), dtype=bool)
-    rows = np.arange(len(target))
-    while rows.size:
-        a0, v0, left0, target0 = a[rows], v[rows], left[rows], target[rows]
-        goal, jerk = _ramps(a0, target0, limits)
-        duration = np.where(jerk == 0.0, left0, np.minimum((goal - a0) / jerk, left0))
-        stop = _times_to_stop(v0, a0, jerk)
-        stops = stop <= duration
-        whole = ~stops & (duration >= left0)
-        duration = np.where(stops, stop, duration)
-        square = np.array([value**2 for value in duration.tolist()])
-        cube = np.zeros(len(rows))
+    may_stop = not bool(v.min() > step * max(-a.min(), -target.min(), 0.0))
+    while True:
+        goal, jerk = _ramps(a, target, left, limits)
         ramps = np.flatnonzero(jerk)
-        cube[ramps] = [value**3 for value in duration[ramps].tolist()]
-        distance[rows] += v0 * duration + 0.5 * a0 * square + jerk * cube / 6.0
-        v[rows] = np.where(stops, 0.0, np.maximum(v0 + a0 * duration + 0.5 * jerk * square, 0.0))
-        a[rows] = np.where(stops, 0.0, np.where(whole, a0 + jerk * duration, goal))
-        stays = stops & (target0 < _SAME)
-        halted[rows] = stays
-        left[rows] = np.where(stays, 0.0, left0 - duration)
-        rows = rows[left[rows] > 0.0]
+        duration = np.where(jerk == 0.0, left, np.minimum((goal - a) / jerk, left)) if ramps.size else left
+        whole = duration >= left
+        if may_stop:
+            stop = _times_to_stop(v, a, jerk)
+            stops = (stop <= duration) & (left > 0.0)
+            duration = np.where(stops, stop, duration)
+        square, cube = _powers(duration, ramps)
+        distance = distance + (v * duration + 0.5 * a * square + jerk * cube / 6.0)
+        v = np.maximum(v + a * duration + 0.5 * jerk * square, 0.0)
+        a = np.where(whole, a + jerk * duration, goal) if ramps.size else a
+        left = left - duration
+        if may_stop:
+            v, a = np.where(stops, 0.0, v), np.where(stops, 0.0, a)
+            stays = stops & (target < _SAME)
+            halted |= stays
+            left = np.where(stays, 0.0, left)
+        if not left.any():
+            break
     reached = (np.abs(a - target) < _SAME) & ~halted
     return np.where(reached, target, a), v, distance
 
 
-def _ramps(a: FloatArray, target: FloatArray, limits: VehicleSettings) -> tuple[FloatArray, FloatArray]:
+def _powers(duration: FloatArray, ramps: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    """Squares, and cubes where the acceleration changes."""
+    cube = np.zeros(len(duration))
+    cube[ramps] = [value**3 for value in duration[ramps].tolist()]
+    if not ramps.size and (duration == duration[0]).all():
+        return np.full(len(duration), float(duration[0]) ** 2), cube
+    return np.array([value**2 for value in duration.tolist()]), cube
+
+
+def _ramps(
+    a: FloatArray, target: FloatArray, left: FloatArray, limits: VehicleSettings
+) -> tuple[FloatArray, FloatArray]:
     """As `_ramp` of the scalar model: where each acceleration goes next, and how fast."""
-    there, down, releases = np.abs(a - target) < _SAME, target < a, a < 0.0
-    goal = np.where(there, a, np.where(~down & releases, np.minimum(target, 0.0), target))
+    away = (np.abs(a - target) >= _SAME) & (left > 0.0)
+    if not away.any():
+        return a, np.zeros(len(a))
+    down, releases = target < a, a < 0.0
+    goal = np.where(~down & releases, np.minimum(target, 0.0), target)
     jerk = np.where(down, -limits.brake_jerk, np.where(releases, limits.brake_jerk, limits.drive_jerk))
-    return goal, np.where(there, 0.0, jerk)
+    return np.where(away, goal, a), np.where(away, jerk, 0.0)
 
 
 def _times_to_stop(v: FloatArray, a: FloatArray, jerk: FloatArray) -> FloatArray:
-    """As `_time_to_stop` of the scalar model; inf where the speed does not fall to 0."""
-    discriminant = a * a - 2.0 * jerk * v
-    root = np.sqrt(discriminant)  # nan where there is none
-    time = np.where(a < 0.0, 2.0 * v / (root - a), np.where(jerk < 0.0, (root + a) / -jerk, np.inf))
-    return np.where(np.isnan(time), np.inf, time)
+    """As `_time_to_stop` of the scalar model; nan or inf where the speed does not fall to 0."""
+    root = np.sqrt(a * a - 2.0 * jerk * v)
+    return np.where(a < 0.0, 2.0 * v / (root - a), np.where(jerk < 0.0, (root + a) / -jerk, np.inf))
 
 
 def _along_arcs(
