@@ -109,18 +109,20 @@ def neighbours(
     me: PackedEgos, others: PackedMovers, known: BoolArray, rank: FloatArray, centre: FloatArray, width: float
 ) -> PackedNeighbours:
     """As `perception.neighbours` among the known others; of two at the same place the one of lower rank comes first."""
-    nobody = np.zeros(len(me.x), dtype=bool)
     inside = known & (np.abs(others.y - centre) < 0.5 * width + others.half_width)
     if not np.count_nonzero(inside):
-        nowhere = np.zeros(len(me.x), dtype=np.intp)
-        return PackedNeighbours(nowhere, nobody, nowhere, nobody)
+        return PackedNeighbours(*_nearest(inside, others.x, rank), *_nearest(inside, others.x, rank))
     beside = np.abs(others.x - me.x) < others.half_length + me.half_length
-    ahead = inside & ((others.x > me.x) | beside)
-    behind = inside & ((others.x <= me.x) | beside)
     return PackedNeighbours(
-        first_least(np.where(ahead, others.x, np.inf), rank), np.asarray(ahead.any(axis=0)),
-        first_least(np.where(behind, -others.x, np.inf), rank), np.asarray(behind.any(axis=0)),
-    )  # fmt: skip
+        *_nearest(inside & ((others.x > me.x) | beside), others.x, rank),
+        *_nearest(inside & ((others.x <= me.x) | beside), -others.x, rank),
+    )
+
+
+def _nearest(among: BoolArray, x: FloatArray, rank: FloatArray) -> tuple[NDArray[np.intp], BoolArray]:
+    if not np.count_nonzero(among):
+        return np.zeros(among.shape[1], dtype=np.intp), np.zeros(among.shape[1], dtype=bool)
+    return first_least(np.where(among, x, np.inf), rank), np.asarray(among.any(axis=0))
 
 
 def of_each(values: FloatArray, index: NDArray[np.intp]) -> FloatArray:
