@@ -44,7 +44,7 @@ def assert_same_recordings(cases: Sequence[ConcreteScenario], make: Any) -> None
 
 
 class Traffic:
-    """A case whose vehicles do what comes: they hide and show, brake, stand, swerve, and drive abreast.
+    """A case whose vehicles do what comes: they hide and show, brake, stand, swerve, come head on, and drive abreast.
 
     The ego does not obey; so every decision is met with everything that a scene can hold, however unlikely.
     """
@@ -58,7 +58,8 @@ class Traffic:
         for number in range(others):
             ahead = float(stream.choice([stream.uniform(-40.0, 30.0), stream.uniform(5.0, 130.0)]))
             lane = float(stream.choice([0.0, 0.0, 1.9, 3.5, 3.5]))
-            self.vehicles[f"v{number}"] = 52.25 + ahead, lane, 90.0, speed * float(stream.uniform(0.0, 1.2))
+            angle = float(stream.choice([90.0, 90.0, 90.0, 90.0, 270.0]))
+            self.vehicles[f"v{number}"] = 52.25 + ahead, lane, angle, speed * float(stream.uniform(0.0, 1.2))
         self.abreast = others > 1 and bool(stream.random() < 0.4)
         self._align()
 
@@ -74,11 +75,13 @@ class Traffic:
             what = stream.random()
             if what < 0.03 and name != "ego":
                 y = float(stream.choice([0.0, 1.5, 3.5]))
-            elif what < 0.06:
+            elif what < 0.03:
+                speed = 0.5 * speed
+            elif what < 0.06 and angle < 180.0:
                 angle = 90.0 if angle != 90.0 else 90.0 - float(stream.uniform(-4.0, 4.0))
             elif what < 0.16:
                 speed = max(speed + float(stream.choice([-0.4, -0.03, 0.02, 0.3])), 0.0)
-            self.vehicles[name] = x + speed * STEP, y, angle, speed
+            self.vehicles[name] = x + (speed if angle < 180.0 else -speed) * STEP, y, angle, speed
         self._align()
 
 
