@@ -90,10 +90,11 @@ class PackedRun:
                 self._move_egos(traci, command)
                 if closely:
                     self._tell_egos(traci)
-                self.others.move(traci, time + step)
+                now = (self.steps + 1) * step
+                self.others.move(traci, time + step, now + step, closely=closely)
                 traci.simulationStep()
                 self.steps += 1
-                self.others.look(traci, time + step, closely=closely)
+                self.others.look(traci, now, closely=closely)
                 if closely:
                     self._check(traci)
                 self._find_ends(traci, before)
