@@ -66,7 +66,9 @@ class PackedRun:
     def _body(self, rows: int) -> None:
         vehicle, others = self.settings.vehicle, self.others
         self.half_lengths, self.half_widths = np.full(rows, 0.5 * vehicle.length), np.full(rows, 0.5 * vehicle.width)
-        self.longest = float((others.length + others.width).max()) + vehicle.length + vehicle.width
+        self.near_along = 0.5 * vehicle.length + others.half_length + _CLOSE
+        self.near_across = 0.5 * vehicle.width + others.half_width + _CLOSE
+        self.longest = self.near_along + 4.0 * (vehicle.width + others.width)  # headings are within -pi..pi
 
     def drive(self, traci: Any, step_timeout: float) -> None:
         """Step until every case has ended."""
@@ -88,10 +90,11 @@ class PackedRun:
                 self._move_egos(traci, command)
                 if closely:
                     self._tell_egos(traci)
-                self.others.move(traci, time + step)
+                now = (self.steps + 1) * step
+                self.others.move(traci, time + step, now + step, closely=closely)
                 traci.simulationStep()
                 self.steps += 1
-                self.others.look(traci, time + step, closely=closely)
+                self.others.look(traci, now, closely=closely)
                 if closely:
                     self._check(traci)
                 self._find_ends(traci, before)
@@ -222,24 +225,21 @@ class PackedRun:
         Between the samples everything moves linearly, and a body turned by h reaches no further along the road than
         half its length + |h| half its width, and across it than half its width + |h| half its length.
         """
-        egos, others, step = self.egos, self.others, self.settings.step
-        fastest = float(max(egos.speed.max(), before.speed.max(), others.speed.max(), others.before[3].max()))
-        reach = self.longest + 4.0 * fastest * step + 1.0  # m, beyond all doubt
-        rows = np.flatnonzero((np.abs(others.x - egos.x[:, None]) <= reach).any(axis=1) & self.live)
-        if not rows.size:
+        egos, others = self.egos, self.others
+        was_x, was_y, was_heading, *_ = others.before
+        first, last = was_x - before.x[:, None], others.x - egos.x[:, None]
+        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last))  # m along the road, at the least
+        close = (apart <= self.longest) & self.live[:, None]
+        if not close.any():
             return []
-        was_x, was_y, was_heading, *_ = (channel[rows] for channel in others.before)
-        turn = np.maximum(np.abs(was_heading), np.abs(others.heading[rows]))
-        ego_turn = np.maximum(np.abs(before.heading), np.abs(egos.heading))[rows][:, None]
-        half_length, half_width = others.half_length[rows], others.half_width[rows]
-        mine, wide = self.half_lengths[rows][:, None], self.half_widths[rows][:, None]
-        long_reach = half_length + turn * half_width + mine + ego_turn * wide + _CLOSE
-        wide_reach = half_width + turn * half_length + wide + ego_turn * mine + _CLOSE
-        first, last = was_x - before.x[rows][:, None], others.x[rows] - egos.x[rows][:, None]
-        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last)) > long_reach
-        first, last = was_y - before.y[rows][:, None], others.y[rows] - egos.y[rows][:, None]
-        apart |= np.maximum(np.minimum(first, last), -np.maximum(first, last)) > wide_reach
-        found: list[int] = rows[~apart.all(axis=1)].tolist()
+        turn = np.maximum(np.abs(was_heading), np.abs(others.heading))
+        ego_turn = np.maximum(np.abs(before.heading), np.abs(egos.heading))[:, None]
+        half_length, half_width = self.half_lengths[:, None], self.half_widths[:, None]
+        close &= apart <= self.near_along + turn * others.half_width + ego_turn * half_width
+        first, last = was_y - before.y[:, None], others.y - egos.y[:, None]
+        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last))
+        close &= apart <= self.near_across + turn * others.half_length + ego_turn * half_length
+        found: list[int] = np.flatnonzero(close.any(axis=1)).tolist()
         return found
 
     def _touches(self, row: int, before: PackedEgos) -> bool:

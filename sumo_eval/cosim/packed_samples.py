@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.packed_actors import Index, PackedActors
 from sumo_eval.cosim.packed_vehicle_model import PackedEgos
 from sumo_eval.scenario.concrete import Actor
 from sumo_eval.settings import VehicleSettings
-from sumo_eval.trajectory import Clip, Collision, EndReason, FloatArray, Recording, Trajectory
+from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
 
 _EGO = 6  # channels: x, y, heading, speed, acceleration, steering wheel angle
 _OTHER = 5  # the same without the last
@@ -79,21 +78,26 @@ class PackedSamples:
     ) -> Recording:
         """What a case left behind; every sample must have been followed by a `keep`."""
         m, last = self._others, int(np.searchsorted(self._times, end.time - 1e-9))
-        pieces = [block[rows[case]] for rows, block in self._blocks if rows[case] >= 0]
-        room = np.zeros((len(pieces[0]), 1))
-        values = np.concatenate((*pieces, room), axis=1)[:, : last + 1]
-        values[:_EGO, last] = end.ego
-        for index, other in enumerate(end.others):
-            values[_EGO + index :: m, last] = other
         times = np.array([*self._times[:last], end.time])
-        ego = _trajectory(times, values[:_EGO], vehicle)
+        pieces = [block[rows[case]] for rows, block in self._blocks if rows[case] >= 0]
+        values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=1)
+        ego = _trajectory(times, values[:_EGO], end.ego, vehicle)
         others = {
-            actor.name: _trajectory(times, values[_EGO + index :: m], actor) for index, actor in enumerate(actors)
+            actor.name: _trajectory(times, values[_EGO + index :: m], end.others[index], actor)
+            for index, actor in enumerate(actors)
         }
         return Recording(
             ego, others, end.collision, end.reason, tuple(clips), controller_latency=latency, wall_time=wall_time
         )
 
 
-def _trajectory(times: FloatArray, channels: NDArray[np.float64], body: VehicleSettings | Actor) -> Trajectory:
-    return Trajectory(times, *channels, length=body.length, width=body.width)
+def _trajectory(
+    times: FloatArray, samples: FloatArray, end: Sequence[float], body: VehicleSettings | Actor
+) -> Trajectory:
+    """A vehicle's samples before the end of its case, and its channels then."""
+    count, last = len(samples), len(times) - 1
+    block = np.full((len(CHANNELS), len(times)), np.nan)
+    block[0] = times
+    block[1 : 1 + count, :last] = samples[:, :last]
+    block[1 : 1 + count, last] = end
+    return Trajectory.of_block(block, length=body.length, width=body.width)
