@@ -32,6 +32,7 @@ from sumo_eval.scoring import (
     human_likeness,
     ideal_outcomes,
     missing_weights,
+    simulated_alone,
     tabulate,
 )
 from sumo_eval.spaces import choose_points, zones_of
@@ -92,7 +93,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     raise InputError(f"Run {folder} holds no case of ADS `{ads.name}` in scenario `{logical.name}`.")
                 hazardous = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
                 safe = [fact for fact, dangerous in zip(facts, hazardous, strict=True) if not dangerous]
-                indexes, notes = {}, drivers_left_out(logical, store)
+                indexes, notes = {}, drivers_left_out(logical, store) + simulated_alone(logical, ads.name, store)
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
                     indexes = human_likeness(logical, safe, compared, store, settings, progress)  # step 4: D_i
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r

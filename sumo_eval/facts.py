@@ -6,13 +6,14 @@ import math
 import os
 import time as clock
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.cases import Case, Setup
-from sumo_eval.batch.engines import Stopping, never, run_cases
+from sumo_eval.batch.engines import Stopping, never, run_cases, run_packs
 from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
@@ -32,7 +33,9 @@ Evaluable = EvaluationSettings | str | os.PathLike[str] | None
 WHOLE = (1, 1)
 _COMPLETE = "complete"
 _SHARD = "shard"
-_TIMED = 2  # drives by which an estimate times one of each kind
+_TIMED = 32  # drives at most, and
+_LEAST_TIMED = 2  # drives at least, by which an estimate times a kind; in between it takes
+_TIMED_FOR = 1.0  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +218,7 @@ def verify(
 
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
-    """How many drives an evaluation takes, and how long: timed on the middle point of each scenario."""
+    """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
@@ -228,28 +231,42 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
     seconds, timed = 0.0, 0
     for space in spaces:
-        here, safe = list(space.numbers), space.safe
-        middle = replace(space, numbers=here[len(here) // 2 :][:1])
-        human = replace(space, numbers=safe[len(safe) // 2 :][:1])
-        samples = [(case, len(here)) for case in (*plan.ads(middle), *plan.ideal(middle, set(middle.numbers)))]
+        some = replace(space, numbers=_spread(space.numbers))
+        ads_cases = list(plan.ads(some))
+        kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
+        kinds.append((list(plan.ideal(some, set(some.numbers))), space.numbers))
+        samples = [(cases, len(numbers)) for cases, numbers in kinds]
         if synthetic:
-            samples += [(case, len(safe) * evaluation.drivers.count) for case in islice(plan.humans(human), 1)]
-        for case, times in samples:
-            seconds += _seconds_a_drive(case, setup) * times
-            timed += _TIMED
+            people = list(islice(plan.humans(some), _TIMED))
+            samples.append((people, len(space.safe) * evaluation.drivers.count))
+        for cases, times in samples:
+            if cases:
+                a_drive, drives = _seconds_a_drive(cases, setup)
+                seconds += a_drive * times
+                timed += drives
     share_to_do = 1.0 - recorded / max(ads + humans, 1)
     points = sum(len(space.numbers) for space in spaces)
     workers = evaluation.run.workers
     return Estimate(ads, humans, points, recorded, seconds * share_to_do / workers, timed, workers)
 
 
-def _seconds_a_drive(case: Case, setup: Setup) -> float:
-    """Wall time of a drive in a child that has already done one, with its imports and its compilation."""
-    outcomes = run_cases([case] * (1 + _TIMED), setup)
-    next(outcomes)
-    began = clock.perf_counter()
-    drives = sum(1 for _ in outcomes)
-    return (clock.perf_counter() - began) / drives
+def _spread(numbers: Sequence[int]) -> Sequence[int]:
+    """At most `_TIMED` of them, from one end to the other."""
+    return numbers[:: -(-len(numbers) // _TIMED)] if numbers else numbers
+
+
+def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:
+    """Wall time of a drive among these in a warm pool, by how many drives: as many as a second is enough for."""
+    for _ in run_cases(cases[:1], setup):
+        pass  # imports and compilation are no rate
+    began, done, took = clock.perf_counter(), 0, 0.0
+    with closing(run_packs(cases, setup)) as packs:
+        for outcomes in packs:
+            done += len(outcomes)
+            took = clock.perf_counter() - began
+            if took > _TIMED_FOR and done >= _LEAST_TIMED:
+                break
+    return took / done, done
 
 
 def _planned(plan: Planner, space: Space) -> Iterator[Case]:

@@ -75,6 +75,15 @@ def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:
     return (f"{len(left_out)} of {len(drives)} drives of the drivers are left out of the reference ({how}).",)
 
 
+def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[str, ...]:
+    """A sentence about drives that were to be simulated together with others, and had to be done again alone."""
+    reasons = store.simulated_alone(logical.name, ads)
+    if not reasons:
+        return ()
+    why = " ".join(f"{number} x: {reason}" for reason, number in reasons.items())
+    return (f"{_count(sum(reasons.values()), 'drive')} left the pack and had to be simulated alone. {why}",)
+
+
 def collision_terms(
     logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact], store: Store
 ) -> dict[str, CollisionTerms]:

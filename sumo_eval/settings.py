@@ -375,6 +375,12 @@ class RunSettings(Checked):
         4096.0
     )
     cases_per_child: Annotated[int, Ge(1), About("cases after which a child process is replaced by a fresh one")] = 500
+    cases_per_pack: Annotated[
+        int,
+        Ge(1),
+        Le(256),
+        About("cases simulated together at most where the driver of the ego has a form for many; 1: each alone"),
+    ] = 256
     engine: Annotated[
         Literal["processes", "serial", "dask"],
         About("where cases run: in child processes, in this process without isolation, or on a Dask cluster"),

@@ -1,16 +1,25 @@
-"""Cases per second of every engine, as a ratio to one bare libsumo loop over the same cases, interleaved in one run.
+"""What the batch costs around the simulation: engines beside a bare loop, and one size of run beside another.
 
-python tools/batch_rates.py [CASES] [tcp://SCHEDULER]
+python tools/batch_rates.py engines [CASES] [tcp://SCHEDULER]     # default 1,000 cases
+python tools/batch_rates.py sizes [CASES ...]                     # default 100 1000 10000
 
-Two ratios to the bare loop of the same round: of wall time (what more processes gain; it hangs on what else the machine
-does) and of processor time, children's included (what a case costs; much steadier on a busy machine). Each is the
-median of the rounds with the least and the most. Of a cluster's workers the processor time is not known here.
+engines: `careful_driver` in the cut-in of UN R157 through every engine, as ratios to a bare `simulate_many` over the
+same cases in the same round: of wall time (what more processes gain; it hangs on what else the machine does) and of
+processor time, children's included. Each is the median of the rounds with the least and the most. Of a cluster's
+workers the processor time is not known here. The last line is what two workers gain over one.
+
+sizes: whole runs (`record_facts`, resume, score, report) of so many points, without human drivers, each in a process of
+its own: cost per case and peak memory of the process that collects.
 """
+
+from __future__ import annotations
 
 import os
 import platform
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from multiprocessing import forkserver
@@ -18,33 +27,61 @@ from pathlib import Path
 
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import run_cases
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim import simulate_many
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.request import Request
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+    SimulationSettings,
+)
+from sumo_eval.spaces import zones_of
+from sumo_eval.trajectory import Trajectory
 
 ROUNDS = 5
-WARM_UP = 4  # cases before the clock runs: imports, and the process that the children come from, are no rate
+WARM_UP = 40  # cases before the clock runs: imports, and the process that the children come from, are no rate
+ADS = "careful_driver"
+SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
+POSSIBLE = 0.56  # share of the cut-in's box that can be
+
+
+def no_drivers(concrete: ConcreteScenario) -> list[Trajectory]:
+    """A human reference that has nobody."""
+    return []
+
+
+def cut_ins(count: int) -> list[ConcreteScenario]:
+    """That many cut-ins from all over the space."""
+    logical = catalogue.load("cut_in")
+    points = sample(logical, "latin_hypercube", request=Request(count=round(count / POSSIBLE * 1.1), seed=1)).points
+    return list(logical.concretes(points[:count]))
 
 
 def bare(cases: Sequence[Case]) -> int:
-    """Simulate the cases one after the other in this process, with nothing around them."""
-    return sum(1 for case in cases if simulate(case.concrete, case.controller).error is None)
+    """Simulate the cases in this process, with nothing around them."""
+    recordings = simulate_many([case.concrete for case in cases], ADS, SIMULATION)
+    return sum(1 for recording in recordings if recording.error is None)
 
 
 def engine(run: RunSettings) -> Callable[[Sequence[Case]], int]:
     """The same through an engine: how many outcomes came, and were evaluated."""
-    setup = Setup(SimulationSettings(), run, Path())
-    return lambda cases: sum(1 for outcome in run_cases(cases, setup) if outcome.status == "ok")
+    setup = Setup(SIMULATION, run, Path())
+    return lambda cases: sum(1 for outcome in run_cases(cases, setup) if outcome.status in ("ok", "collision"))
 
 
-def processor_time() -> float:
-    """Seconds of this process and of all children that have ended; they are children of the fork server, not ours."""
+def children_time() -> float:
+    """Processor time of all children that have ended, s; they are children of the fork server, not ours."""
     server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # the standard library shows it nowhere else
     if server is None:
-        return time.process_time()
+        return 0.0
     fields = Path(f"/proc/{server}/stat").read_text().rpartition(")")[2].split()
-    ticks = sum(int(field) for field in fields[11:15])  # user and system time, its own and its children's
-    return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")
+    return sum(int(field) for field in fields[11:15]) / os.sysconf("SC_CLK_TCK")
 
 
 def spread(basis: Sequence[float], found: Sequence[float]) -> str:
@@ -53,12 +90,9 @@ def spread(basis: Sequence[float], found: Sequence[float]) -> str:
     return f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
 
 
-def main() -> None:
+def engines(number: int, scheduler: str) -> None:
     """Print a line for each engine."""
-    number = int(sys.argv[1]) if len(sys.argv) > 1 else 200
-    scheduler = sys.argv[2] if len(sys.argv) > 2 else ""
-    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
-    cases = [Case(point, concrete, "ads", "idm", "idm") for point in range(number)]
+    cases = [Case(point, concrete, "ads", ADS, ADS) for point, concrete in enumerate(cut_ins(number))]
     ways = {
         "bare": bare,
         "serial": engine(RunSettings(engine="serial")),
@@ -73,10 +107,10 @@ def main() -> None:
     processor: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, way in ways.items():
-            began, busy = time.perf_counter(), processor_time()
+            began, busy = time.perf_counter(), time.process_time() + children_time()
             done = way(cases)
             wall[name].append(time.perf_counter() - began)
-            processor[name].append(processor_time() - busy)
+            processor[name].append(time.process_time() + children_time() - busy)
             if done != number:
                 raise SystemExit(f"{name}: {done} cases of {number} came to their end")
         print(", ".join(f"{name} {found[-1]:.2f} s" for name, found in wall.items()), flush=True)
@@ -87,6 +121,64 @@ def main() -> None:
         if name != "dask":
             line += f", processor {spread(processor['bare'], processor[name])}"
         print(line)
+    print(f"2 workers over 1: wall {spread(wall['1 worker'], wall['2 workers'])}")
+
+
+def size(number: int) -> None:
+    """One whole run, in this process; a line of what it cost."""
+    from resource import RUSAGE_SELF, getrusage
+
+    from sumo_eval.evaluation import score
+    from sumo_eval.facts import record_facts
+    from sumo_eval.report.assessed import write_assessed_report
+    from sumo_eval.report.tables import write_tables
+
+    def peak() -> str:
+        return f"{getrusage(RUSAGE_SELF).ru_maxrss // 1024} MB"
+
+    sampling = SamplingSettings(method="latin_hypercube", count=round(number / POSSIBLE))
+    evaluation = EvaluationSettings(
+        name="size",
+        simulation=SIMULATION,
+        scenario=(ScenarioSettings("cut_in", sampling),),
+        ads=(AdsSettings(ADS, ADS),),
+        drivers=DriverSettings(source=f"{Path(__file__).name}:{no_drivers.__name__}"),
+    )
+    source = Path(__file__).parent
+    zones_of(catalogue.load("cut_in"), evaluation.method.zones)  # kept in this process; they cost nothing by the case
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        costs = []
+        for resume in (False, True):
+            began, busy = time.perf_counter(), time.process_time()
+            recorded = record_facts(evaluation, source, run, resume=resume)
+            costs.append((time.perf_counter() - began, time.process_time() - busy))
+        each = 1e3 / recorded.drives
+        (wall, own), (_, again) = costs
+        print(
+            f"{recorded.drives} drives: {each * wall:.2f} ms wall and {each * own:.3f} ms of the parent each, children "
+            f"{each * children_time():.2f} ms; resumed {each * again:.3f} ms; {peak()}",
+            end="", flush=True,
+        )  # fmt: skip
+        result = score(run)
+        print(f"; scored {peak()}", end="", flush=True)
+        write_tables(result)
+        write_assessed_report(result)
+        print(f"; report {peak()}", flush=True)
+
+
+def main() -> None:
+    """Do what the command line asks for."""
+    what, *rest = sys.argv[1:] or ["engines"]
+    if what == "engines":
+        engines(int(rest[0]) if rest else 1000, rest[1] if len(rest) > 1 else "")
+    elif what == "sizes":
+        for number in map(int, rest or ["100", "1000", "10000"]):
+            subprocess.run([sys.executable, __file__, "size", str(number)], check=True)
+    elif what == "size":
+        size(int(rest[0]))
+    else:
+        raise SystemExit(__doc__)
 
 
 if __name__ == "__main__":

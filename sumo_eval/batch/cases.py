@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from sumo_eval.batch.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
@@ -14,6 +15,9 @@ Role = Literal["ads", "ideal", "human"]
 Status = Literal[
     "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
 ]
+
+ALONE = "Simulated alone: "
+"""How the log of a case begins that was to be simulated together with others; the reason is the rest of the line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,7 @@ class Outcome:
 
     case: Case
     status: Status
-    recording: Recording | None
+    recording: Recording | KeptRecording | None
     error: str | None = None
     log: str = ""
 

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
-from itertools import islice
 from typing import Any
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import Stopping, run_in_children
 from sumo_eval.batch.identity import harness_identity
+from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.errors import InputError
 
-BATCH = 25  # cases a task: a task costs the scheduler about 2 ms, and a lost worker costs this many cases again
+BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
 _BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
 _TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
 
 
-def run_batch(cases: list[Case], setup: Setup, harness: str) -> list[Outcome] | str:
+def run_batch(cases: Pack, setup: Setup, harness: str) -> list[Outcome] | str:
     """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same facts."""
     if harness_identity() != harness:
         return "has another version of sumo_eval or of libsumo than the process that collects the facts"
-    return list(run_in_children(cases, setup))
+    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
 
 
-def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[Outcome, None, None]:
+def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
     """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as batches end.
 
     A batch whose worker is lost goes to another one; an outcome that had not come back yet is made again.
@@ -34,11 +34,11 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
 
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
-        batches: dict[str, tuple[list[Case], int]] = {}
+        batches: dict[str, tuple[Pack, int]] = {}
         harness = harness_identity()
-        waiting = iter(cases)
+        packs = Packs(cases, max(sum(client.nthreads().values()), 1), BATCH)
 
-        def submit(batch: list[Case], times: int) -> None:
+        def submit(batch: Pack, times: int) -> None:
             future = client.submit(run_batch, batch, setup, harness, pure=False)
             batches[future.key] = batch, times
             under_way.add(future)
@@ -46,10 +46,11 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
         def fill() -> None:
             most = max(sum(client.nthreads().values()), 1) * _BATCHES_PER_THREAD
             while len(batches) < most and not stopping():
-                batch = list(islice(waiting, BATCH))
-                if not batch:
+                batch = packs.take()
+                if batch is None:
                     return
                 submit(batch, 1)
+                packs.look_ahead()
 
         fill()
         while batches:
@@ -60,13 +61,11 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
                 found = future.result()
                 if isinstance(found, str):
                     raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
-                yield from found
+                yield found
             elif times < _TIMES:
                 submit(batch, times + 1)
             else:
-                yield from (
-                    Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch
-                )
+                yield [Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch]
             future.release()
             fill()
     finally:

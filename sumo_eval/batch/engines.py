@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from sumo_eval.batch.cases import Case, Outcome, Setup, Status
+from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup, Status
 from sumo_eval.batch.identity import locator_identity
+from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.batch.pool import Ended, Pool
-from sumo_eval.batch.worker import run_case
+from sumo_eval.batch.worker import Result, run_together
 from sumo_eval.errors import InputError
 
 Stopping = Callable[[], bool]
-"""Asked before every case: whether no more of them should be begun."""
+"""Asked before cases are begun: whether no more of them should be."""
 
 
 def never() -> bool:
@@ -24,6 +27,13 @@ def never() -> bool:
 
 def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[Outcome, None, None]:
     """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run` names."""
+    with closing(run_packs(cases, setup, stopping)) as packs:
+        for outcomes in packs:
+            yield from outcomes
+
+
+def run_packs(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[list[Outcome], None, None]:
+    """The same by packs: the outcomes of those cases that ended together."""
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
@@ -35,11 +45,15 @@ def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -
 
 def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
-) -> Generator[Outcome, None, None]:
-    """Every case in one of `workers` child processes: whatever happens there costs that case alone."""
+) -> Generator[list[Outcome], None, None]:
+    """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
+    packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
     with _pool(workers, setup, setup.run.cases_per_child) as pool:
-        for ended in pool.run(run_case, cases, setup, stopping):
-            yield _outcome(ended, setup)
+        settle = partial(_settled, packs=packs, setup=setup)
+        for outcomes in pool.run(run_together, packs.take, setup, settle, stopping, len):
+            if outcomes:
+                yield outcomes
+            packs.look_ahead()
 
 
 def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
@@ -50,7 +64,8 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     """
     identities: dict[str, str] = {}
     with _pool(1, setup, items_per_child=1) as pool:
-        for ended in pool.run(locator_identity, named, setup.folder):
+        waiting = iter(named)
+        for ended in pool.run(locator_identity, lambda: next(waiting, None), setup.folder, lambda ended: ended):
             kind, locator = ended.item
             if isinstance(ended.result, InputError):
                 raise ended.result
@@ -61,23 +76,54 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     return identities
 
 
-def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[Outcome, None, None]:
-    for case in cases:
-        if stopping():
-            return
-        yield run_case(case, setup)
+def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
+    packs = Packs(cases, 1, setup.run.cases_per_pack)
+    while not stopping() and (pack := packs.take()) is not None:
+        outcomes = _settled(Ended(pack, "done", run_together(pack, setup), None, ""), packs, setup)
+        if outcomes:
+            yield outcomes
 
 
 def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:
     return Pool(workers, setup.run.case_timeout, setup.run.memory_limit, items_per_child)
 
 
-def _outcome(ended: Ended[Case], setup: Setup) -> Outcome:
+def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
+    """What a pack brought; its other cases go back to the packs, to be run alone."""
+    pack = ended.item
+    if len(pack) == 1:
+        return [_outcome(ended, packs.remark(pack[0]), setup)]
+    printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
+    if ended.how != "done":
+        happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
+        packs.did_not_come_through(pack, f"{ALONE}its pack was lost. {happened}\n", printed)
+        return []
+    results: list[Result | str] | None = ended.result
+    if results is None:
+        packs.never_together(pack)
+        return []
+    reasons = {result if isinstance(result, str) else "" for result in results}
+    if "" not in reasons:
+        packs.did_not_come_through(pack, f"{ALONE}{' '.join(sorted(reasons))}\n", printed)
+        return []
+    packs.came_through(pack)
+    found: list[Outcome] = []
+    for case, result in zip(pack, results, strict=True):
+        if isinstance(result, str):
+            packs.run_alone((case,), f"{ALONE}{result}\n")
+        else:
+            found.append(Outcome(case, result.status, result.recording, result.error, result.log))
+    return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
+
+
+def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
+    """What a case that ran alone brought."""
+    (case,) = ended.item
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(ended.item, status, None, _what_happened(ended, setup), ended.log)
-    outcome: Outcome = ended.result
-    return Outcome(ended.item, outcome.status, outcome.recording, outcome.error, outcome.log + ended.log)
+        return Outcome(case, status, None, _what_happened(ended, setup), remark + ended.log)
+    result: Result = ended.result[0]
+    return Outcome(case, result.status, result.recording, result.error, remark + result.log + ended.log)
 
 
 def _what_happened(ended: Ended[Any], setup: Setup) -> str:

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import threading
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
@@ -26,6 +26,7 @@ from typing import Any, Generic, Literal, TypeVar
 from sumo_eval.batch.children import child_context, tie_to_owner
 
 Item = TypeVar("Item")
+Settled = TypeVar("Settled")
 Task = Callable[[Any, Any], Any]
 """A function of the item and of what all items share; importable by name, like both arguments picklable."""
 
@@ -98,29 +99,37 @@ class Pool:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def run(
-        self, task: Task, items: Iterable[Item], shared: Any, stopping: Callable[[], bool] = lambda: False
-    ) -> Iterator[Ended[Item]]:
-        """What became of the items, each as soon as it has ended. When `stopping`, those that run are the last."""
-        waiting = iter(items)
+        self,
+        task: Task,
+        take: Callable[[], Item | None],
+        shared: Any,
+        settle: Callable[[Ended[Item]], Settled],
+        stopping: Callable[[], bool] = lambda: False,
+        size: Callable[[Item], int] = lambda item: 1,
+    ) -> Iterator[Settled]:
+        """What `settle` makes of the items, as they end. When `stopping`, those that run are the last.
+
+        take: gives the next item whenever a child is free; None: there is none, unless one that runs brings up more.
+        settle: is told of every end at once; its results come out when the children have been given more to do.
+        size: how many of `items_per_child` an item counts as.
+        """
         busy: dict[_Child, Item] = {}
-        more = True
+        settled: list[Settled] = []
         while True:
-            while more and len(busy) < self._workers:
-                more = not stopping()
-                if more:
-                    try:
-                        item = next(waiting)
-                    except StopIteration:
-                        more = False
-                    else:
-                        busy[self._give(busy, task, item, shared)] = item
+            while len(busy) < self._workers and not stopping():
+                item = take()
+                if item is None:
+                    break
+                busy[self._give(busy, task, item, shared, size(item))] = item
+            yield from settled
             if not busy:
                 return
+            settled = []
             for child, ended in self._next_ended(busy):
                 del busy[child]
-                yield ended
+                settled.append(settle(ended))
 
-    def _give(self, busy: dict[_Child, Any], task: Task, item: Any, shared: Any) -> _Child:
+    def _give(self, busy: dict[_Child, Any], task: Task, item: Any, shared: Any, size: int) -> _Child:
         """Let a free child work on an item; one that has died meanwhile, or served long enough, is replaced."""
         child = next((child for child in self._children if child not in busy), None)
         if child is not None and child.items >= self._items_per_child:
@@ -128,14 +137,14 @@ class Pool:
             child = None
         if child is not None:
             try:
-                child.give(task, item, shared, self._deadline)
+                child.give(task, item, shared, self._deadline, size)
             except OSError:
                 self._drop(child)
             else:
                 return child
         child = _Child(self._lifeline, self._memory_limit, self._scratch)
         self._children.append(child)
-        child.give(task, item, shared, self._deadline)
+        child.give(task, item, shared, self._deadline, size)
         return child
 
     def _next_ended(self, busy: dict[_Child, Item]) -> list[tuple[_Child, Ended[Item]]]:
@@ -202,10 +211,10 @@ class _Child:
         theirs.close()
         writing.close()
 
-    def give(self, task: Task, item: Any, shared: Any, deadline: float) -> None:
+    def give(self, task: Task, item: Any, shared: Any, deadline: float, size: int) -> None:
         """Send an item. Raises OSError when the child is no more."""
         self.results.send((task, item, shared, deadline))
-        self.items += 1
+        self.items += size
         self.deadline = clock.monotonic() + deadline
 
     def receive(self) -> tuple[Any, bool, bool]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
-from sumo_eval.batch.engines import Stopping, identify, never, run_cases
+from sumo_eval.batch.engines import Stopping, identify, never, run_packs
 from sumo_eval.batch.identity import harness_identity, people_identity, with_fingerprint
 from sumo_eval.batch.store import Store
 from sumo_eval.cosim.fmu import FmuPlant
@@ -226,11 +226,11 @@ class _Work:
                 else:
                     yield case
 
-        with closing(run_cases(missing(), self._setup, self._stopping)) as outcomes:
-            for outcome in outcomes:
-                self._store.add(outcome)
-                done += 1
-                failed += outcome.status not in EVALUATED
+        with closing(run_packs(missing(), self._setup, self._stopping)) as packs:
+            for outcomes in packs:
+                self._store.add(*outcomes)
+                done += len(outcomes)
+                failed += sum(outcome.status not in EVALUATED for outcome in outcomes)
                 self._progress(stage, done, total, failed)
         if done < total:
             self.check()

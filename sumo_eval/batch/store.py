@@ -5,22 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-import struct
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from sys import intern
 from typing import Any
 
-import numpy as np
-
-from sumo_eval.batch.cases import Case, Outcome, Role, Status
+from sumo_eval.batch.cases import ALONE, Case, Outcome, Role, Status
+from sumo_eval.batch.kept import EGO as EGO
+from sumo_eval.batch.kept import KeptRecording, keep, unpack
 from sumo_eval.errors import InputError
-from sumo_eval.trajectory import CHANNELS, Clip, Collision, Trajectory
+from sumo_eval.trajectory import Clip, Collision, Trajectory
 
 FORMAT_VERSION = 2
-EGO = "ego"
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
@@ -110,39 +108,28 @@ class Store:
         finally:
             self._connection.close()
 
-    def add(self, outcome: Outcome) -> None:
-        """Record a case: its row and all its trajectories, or nothing, in one transaction.
+    def add(self, *outcomes: Outcome) -> None:
+        """Record cases, each with its row and all its trajectories: all of them or none, in one transaction.
 
         A case of the same name takes the place of one that was recorded with another fingerprint. Raises InputError
-        when the file cannot take it in, e.g. because the disk is full.
+        when the file cannot take them in, e.g. because the disk is full.
         """
-        case, recording = outcome.case, outcome.recording
-        facts = (
-            case.key,
-            case.concrete.scenario,
-            case.point,
-            case.role,
-            case.driver,
-            case.controller,
-            json.dumps(dict(case.concrete.values)),
-            case.concrete.exposure,
-            outcome.status,
-            recording.end_reason if recording else None,
-            outcome.error,
-            recording.simulated_time if recording else None,
-            json.dumps(asdict(recording.collision)) if recording and recording.collision else None,
-            json.dumps([asdict(clip) for clip in recording.clips] if recording else []),
-            case.fingerprint,
-        )
-        times = (recording.wall_time, *recording.controller_latency) if recording else (None, None, None)
-        drives = {EGO: recording.ego, **recording.actors} if recording else {}
-        packed = [(case.key, name, pack(trajectory)) for name, trajectory in drives.items()]
+        recorded = [(outcome, _kept(outcome)) for outcome in outcomes]
+        facts = [_fact_row(outcome, kept) for outcome, kept in recorded]
+        circumstances = [_circumstance_row(outcome, kept) for outcome, kept in recorded]
+        drives = [
+            (outcome.case.key, name, data)
+            for outcome, kept in recorded
+            if kept is not None
+            for name, data in kept.drives.items()
+        ]
         with self._changes():
-            if self._is_recorded_otherwise(case):
-                self._remove(case.key)
-            self._connection.execute("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
-            self._connection.execute("INSERT INTO circumstances VALUES (?,?,?,?,?)", (case.key, outcome.log, *times))
-            self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", packed)
+            for outcome in outcomes:
+                if self._is_recorded_otherwise(outcome.case):
+                    self._remove(outcome.case.key)
+            self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
+            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?)", circumstances)
+            self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
     def holds(self, case: Case) -> bool:
         """Whether the case is recorded as it would be made now."""
@@ -239,6 +226,16 @@ class Store:
         )
         return list(self._connection.execute(query))
 
+    def simulated_alone(self, scenario: str, ads: str) -> dict[str, int]:
+        """How many drives of an ADS, and of those that it is compared with, left their pack, by the reason."""
+        query = (
+            "SELECT substr(log, length(:mark) + 1, instr(log, char(10)) - length(:mark) - 1) AS why, count(*) "
+            'FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
+            "AND (role != 'ads' OR driver = :ads) AND substr(log, 1, length(:mark)) = :mark GROUP BY why ORDER BY why"
+        )
+        found = self._connection.execute(query, {"mark": ALONE, "scenario": scenario, "ads": ads})
+        return dict(found)
+
     def digest(self) -> str:
         """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
         found = hashlib.sha256()
@@ -285,14 +282,56 @@ def open_store(path: Path, *, create: bool = False) -> Iterator[Store]:
         store.close()
 
 
+def _kept(outcome: Outcome) -> KeptRecording | None:
+    recording = outcome.recording
+    return recording if recording is None or isinstance(recording, KeptRecording) else keep(recording)
+
+
+def _fact_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
+    case = outcome.case
+    return (
+        case.key,
+        case.concrete.scenario,
+        case.point,
+        case.role,
+        case.driver,
+        case.controller,
+        json.dumps(dict(case.concrete.values)),
+        case.concrete.exposure,
+        outcome.status,
+        kept.end_reason if kept else None,
+        outcome.error,
+        kept.simulated_time if kept else None,
+        json.dumps(_plain(kept.collision)) if kept and kept.collision else None,
+        json.dumps([_plain(clip) for clip in kept.clips] if kept else []),
+        case.fingerprint,
+    )
+
+
+def _plain(record: Collision | Clip) -> dict[str, object]:
+    """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the cost."""
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
+    times = (kept.wall_time, *kept.controller_latency) if kept else (None, None, None)
+    return outcome.case.key, outcome.log, *times
+
+
 def _fact(row: tuple[Any, ...]) -> Fact:
     (case, scenario, point, role, driver, controller, values, exposure, status, end_reason, error, log, simulated_time,
      collision, clips, wall_time, latency_mean, latency_max) = row  # fmt: skip
     return Fact(
-        case, scenario, point, role, driver, controller, json.loads(values), exposure, status, end_reason, error, log,
-        simulated_time, _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
+        case, intern(scenario), point, role, intern(driver), intern(controller), _values(values), exposure,
+        status, end_reason, error, log, simulated_time,
+        _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
         wall_time, latency_mean, latency_max,
     )  # fmt: skip
+
+
+def _values(text: str) -> dict[str, float]:
+    """The names are the same in all rows of a scenario, and so they shall be in memory."""
+    return {intern(name): value for name, value in json.loads(text).items()}
 
 
 def _collision(text: str | None) -> Collision | None:
@@ -303,33 +342,3 @@ def _collision(text: str | None) -> Collision | None:
         name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
     }
     return Collision(**channels)
-
-
-_DOUBLE = ("time", "x")  # the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle
-_SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
-_HEADER = struct.Struct("<Idd")
-
-
-def pack(trajectory: Trajectory) -> bytes:
-    """A trajectory as bytes: time and x in double, the rest in single precision, byte planes together, deflated."""
-    planes = [
-        np.ascontiguousarray(getattr(trajectory, name), dtype=kind).view(np.uint8).reshape(len(trajectory), -1).T
-        for names, kind in ((_DOUBLE, "<f8"), (_SINGLE, "<f4"))
-        for name in names
-    ]
-    body = b"".join(plane.tobytes() for plane in planes)
-    return _HEADER.pack(len(trajectory), trajectory.length, trajectory.width) + zlib.compress(body, 6)
-
-
-def unpack(data: bytes) -> Trajectory:
-    """The trajectory that `pack` wrote."""
-    n, length, width = _HEADER.unpack_from(data)
-    body = np.frombuffer(zlib.decompress(data[_HEADER.size :]), dtype=np.uint8)
-    channels: dict[str, Any] = {}
-    offset = 0
-    for names, kind, size in ((_DOUBLE, "<f8", 8), (_SINGLE, "<f4", 4)):
-        for name in names:
-            plane = body[offset : offset + n * size].reshape(size, n)
-            channels[name] = np.ascontiguousarray(plane.T).view(kind).reshape(n).astype(np.float64)
-            offset += n * size
-    return Trajectory(**channels, length=length, width=width)

@@ -1,19 +1,23 @@
-"""What runs in a child process: one case through SUMO. Imports no more than that needs."""
+"""What runs in a child process: cases through SUMO, alone or together. Imports no more than that needs."""
 
 from __future__ import annotations
 
 import random
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking
 from sumo_eval.batch.cases import Case, Outcome, Setup, Status
+from sumo_eval.batch.kept import KeptRecording, keep
 from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.controller import load_controller
+from sumo_eval.cosim.controller import find_controller, load_controller
+from sumo_eval.cosim.packed import NO_PACKED_FORM, NOT_FOR_PACKS, simulate_packed
 from sumo_eval.cosim.vehicle_model import GRAVITY
-from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.drivers.synthetic import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -41,6 +45,37 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     return Outcome(case, _STATUS[recording.end_reason], recording, recording.error, recording.log)
 
 
+class Result(NamedTuple):
+    """An `Outcome` without its case, which whoever asked for it has."""
+
+    status: Status
+    recording: KeptRecording | None
+    error: str | None
+    log: str
+
+
+def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | None:
+    """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
+
+    A text in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
+    to.
+    """
+    if len(cases) == 1:
+        outcome = run_case(cases[0], setup)
+        recording = outcome.recording
+        kept = keep(recording) if isinstance(recording, Recording) else recording
+        return [Result(outcome.status, kept, outcome.error, outcome.log)]
+    try:
+        found = list(_simulate_packed(cases, setup))
+    except InputError:  # each of them says why when it runs alone
+        return None
+    if all(one in (NO_PACKED_FORM, NOT_FOR_PACKS) for one in found):
+        return None
+    return [
+        one if isinstance(one, str) else Result(_STATUS[one.end_reason], keep(one), one.error, one.log) for one in found
+    ]
+
+
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
     """The simulation with the ideal vehicle's own brakes, on a road that can hold them."""
     vehicle = settings.vehicle
@@ -57,25 +92,49 @@ def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
 
 
 def _simulate(case: Case, setup: Setup) -> Recording:
-    if case.role != "ads":  # the conditions and the vehicle model of the ADSs under test are not theirs
-        simulation = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
-        setup = replace(setup, simulation=simulation)
+    settings = _settings(case, setup)
     if case.role == "human":
-        driver = human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
-        return simulate(case.concrete, driver, setup.simulation)
+        return simulate(case.concrete, _driver(case), settings)
     if case.role == "ideal":
-        settings = _ideal_vehicle(setup.simulation)
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     _seed_global_generators(case)
     controller = watched(load_controller(case.controller, setup.folder), setup.run)
     return simulate(
         case.concrete,
         controller,
-        setup.simulation,
+        settings,
         folder=setup.folder,
         step_timeout=setup.run.step_timeout,
         seed=case.seed,
     )
+
+
+def _simulate_packed(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
+    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
+    settings = _settings(cases[0], setup)
+    concretes = [case.concrete for case in cases]
+    role = cases[0].role
+    if role == "human":
+        return simulate_packed(concretes, [_driver(case) for case in cases], settings)
+    if role == "ideal":
+        return simulate_packed(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if not hasattr(find_controller(cases[0].controller, setup.folder), "packed"):  # do not make one in vain
+        return [NO_PACKED_FORM] * len(cases)
+    return simulate_packed(
+        concretes, cases[0].controller, settings, folder=setup.folder, step_timeout=setup.run.step_timeout
+    )
+
+
+def _driver(case: Case) -> SyntheticDriver:
+    return human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
+
+
+def _settings(case: Case, setup: Setup) -> SimulationSettings:
+    """Only the ADSs under test have the conditions and the vehicle model of the run, and not the ideal brakes."""
+    if case.role == "ads":
+        return setup.simulation
+    settings = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
+    return _ideal_vehicle(settings) if case.role == "ideal" else settings
 
 
 def _seed_global_generators(case: Case) -> None:

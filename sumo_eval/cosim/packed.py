@@ -37,8 +37,8 @@ _LOG = logging.getLogger(__name__)
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
 PACK = 256  # cases in one simulation: enough that a step's fixed cost is shared, few enough that stragglers are
 
-_NO_PACKED_FORM = "The ADS has no packed form."
-_NOT_FOR_PACKS = "The case or its settings allow no pack (its road's network, its conditions, its vehicle model)."
+NO_PACKED_FORM = "The ADS has no packed form."
+NOT_FOR_PACKS = "The case or its settings allow no pack (its road's network, its conditions, its vehicle model)."
 
 
 def simulate_many(
@@ -57,12 +57,31 @@ def simulate_many(
     Cases that follow each other are packed where the controller has a packed form (see `PackedController`) and the case
     allows it; the others are simulated one by one. alone: counts these, by the reason.
     """
+    together = simulate_packed(cases, controller, settings, folder=folder, step_timeout=step_timeout)
+    each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
+    for concrete, its_own, found in zip(cases, each, together, strict=True):
+        if isinstance(found, Recording):
+            yield found
+        else:
+            if alone is not None:
+                alone[found] += 1
+            yield simulate(concrete, its_own, settings, folder=folder, step_timeout=step_timeout)
+
+
+def simulate_packed(
+    cases: Sequence[ConcreteScenario],
+    controller: ControllerLike | Sequence[ControllerLike],
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = math.inf,
+) -> Iterator[Recording | str]:
+    """As `simulate_many`, but for cases that have to be simulated alone: the reason, for the caller to see to them."""
     basis = settings or SimulationSettings()
     each = list(controller) if isinstance(controller, list | tuple) else [controller] * len(cases)
     if len(each) != len(cases):
         raise must_be("The controllers", "`simulate_many`", f"one for each of the {len(cases)} cases", len(each))
     packed_form = None if isinstance(controller, list | tuple) else _packed_form(controller, folder)
-    counted: Counter[str] = Counter() if alone is None else alone
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(index: int) -> tuple[object, ...] | None:
@@ -74,44 +93,34 @@ def simulate_many(
 
     for key, group in groupby(range(len(cases)), key=kind):
         for members in _chunks(list(group), SORTED_AT_ONCE):
-            recordings: dict[int, Recording] = {}
-            if key is None:
-                counted[_NOT_FOR_PACKS] += len(members)
-            else:
+            found: dict[int, Recording | str] = {}
+            if key is not None:
                 resolved = cases[members[0]].simulation(basis)
-                lasts = _first_meeting if resolved.end_when_decided else _slow_drive
-                order = sorted(members, key=lambda index: lasts(cases[index]))
+                order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
                 for part in _chunks(order, PACK):
                     form = packed_form or _together([each[index] for index in part])
                     pack = [cases[index] for index in part]
-                    found = _packed(pack, form, resolved, step_timeout, counted)
-                    recordings.update((index, one) for index, one in zip(part, found, strict=True) if one is not None)
+                    found.update(zip(part, _packed(pack, form, resolved, step_timeout), strict=True))
             for index in members:
-                recording = recordings.pop(index, None)
-                if recording is None:
-                    recording = simulate(cases[index], each[index], settings, folder=folder, step_timeout=step_timeout)
-                yield recording
+                yield found.pop(index, NOT_FOR_PACKS)
 
 
 def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 
-def _first_meeting(concrete: ConcreteScenario) -> float:
-    """About when the ego reaches another vehicle if nobody does anything, s: cases that end together share a pack."""
-    ego = concrete.ego
-    times = [
-        (actor.start.x - ego.x) / (ego.speed - actor.start.speed)
-        for actor in concrete.actors
-        if ego.speed > actor.start.speed
-    ]
-    return min(times, default=math.inf)
+def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
+    """About when a case ends, s: cases that end together share a pack, which lasts as long as its last.
 
-
-def _slow_drive(concrete: ConcreteScenario) -> float:
-    """About how long the ego takes to the road's end if it stays behind the slowest that moves, s."""
-    speeds = [start.speed for start in (concrete.ego, *(actor.start for actor in concrete.actors)) if start.speed > 0.0]
-    return (concrete.road.length - concrete.ego.x) / min(speeds, default=math.inf)
+    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends when it is
+    `decided`, when the ego reaches another vehicle if nobody does anything.
+    """
+    ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
+    if decided:
+        times = [(start.x - ego.x) / (ego.speed - start.speed) for start in starts if ego.speed > start.speed]
+        return min(times, default=math.inf)
+    speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
+    return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
 
 
 PackedForm = Callable[[Briefing], PackedController | None]
@@ -141,27 +150,23 @@ def _packed(
     packed_form: PackedForm | None,
     settings: SimulationSettings,
     step_timeout: float,
-    alone: Counter[str],
-) -> Sequence[Recording | None]:
-    """The recording of each case; None for a case that has to be simulated alone."""
+) -> Sequence[Recording | str]:
+    """The recording of each case, or why it has to be simulated alone."""
     if packed_form is None:
-        alone[_NO_PACKED_FORM] += len(cases)
-        return [None] * len(cases)
+        return [NO_PACKED_FORM] * len(cases)
     road = replace(cases[0].road, name="road")  # the scenario is not revealed, as in `simulate`
     briefing = Briefing("", road, settings.vehicle, settings.step, None, step_timeout)
     began = clock.perf_counter()
     try:
         controller = packed_form(briefing)
         if controller is None:
-            alone[_NO_PACKED_FORM] += len(cases)
-            return [None] * len(cases)
+            return [NO_PACKED_FORM] * len(cases)
         pack = PackedRun(cases, settings, controller)
         network = packed_network_xml(cases[0].road, len(cases))
         with packed_session(network, packed_routes_xml(cases, settings.vehicle), settings) as traci:
             pack.drive(traci, step_timeout)
-    except Exception as error:  # noqa: BLE001 - logged in full and counted, and each case is simulated alone
+    except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is simulated alone
         _LOG.exception("A pack of %d cases failed; each of them is simulated alone.", len(cases))
-        alone[f"A pack failed: {said(error)}."] += len(cases)
-        return [None] * len(cases)
-    alone.update(pack.left.values())
-    return pack.recordings(clock.perf_counter() - began)
+        return [f"A pack failed: {said(error)}."] * len(cases)
+    recordings = pack.recordings(clock.perf_counter() - began)
+    return [pack.left[case] if one is None else one for case, one in enumerate(recordings)]

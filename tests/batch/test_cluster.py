@@ -13,7 +13,7 @@ from batch.runs import sumo_eval_cli, write_evaluation
 
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import run_cases
-from sumo_eval.batch.store import pack
+from sumo_eval.batch.kept import pack
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings

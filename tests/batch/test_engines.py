@@ -11,7 +11,7 @@ import pytest
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import run_cases
-from sumo_eval.batch.store import pack
+from sumo_eval.batch.kept import pack
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
@@ -180,7 +180,7 @@ def test_the_serial_engine_gives_the_same_without_children() -> None:
 
 
 def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
-    setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
+    setup = Setup(SimulationSettings(), RunSettings(workers=2, cases_per_pack=1), HERE)
     asked: list[bool] = []
 
     def stopping() -> bool:

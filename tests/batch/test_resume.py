@@ -72,12 +72,12 @@ def test_resuming_a_complete_run_simulates_nothing(whole: Path, monkeypatch: pyt
     simulated = []
     from sumo_eval.batch import recording
 
-    def run_cases(cases, setup, stopping):  # type: ignore[no-untyped-def]
+    def run_packs(cases, setup, stopping):  # type: ignore[no-untyped-def]
         for case in cases:
             simulated.append(case.key)
             yield from ()
 
-    monkeypatch.setattr(recording, "run_cases", run_cases)
+    monkeypatch.setattr(recording, "run_packs", run_packs)
     evaluation = sumo_eval.evaluate(None, whole, resume=True)
     assert simulated == []
     assert digest(whole) == before

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from sumo_eval.batch.cases import Case, Outcome
-from sumo_eval.batch.store import open_store, pack, unpack
+from sumo_eval.batch.kept import pack, unpack
+from sumo_eval.batch.store import open_store
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Recording, Trajectory

@@ -1,0 +1,199 @@
+"""Cases that run together are what they are alone, whatever the size of the packs, and a fault costs its own case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup
+from sumo_eval.batch.engines import run_cases, run_packs
+from sumo_eval.batch.identity import with_fingerprint
+from sumo_eval.batch.kept import KeptRecording
+from sumo_eval.batch.packs import LEAST, Packs
+from sumo_eval.batch.store import open_store
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
+
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CUT_IN = catalogue.load("cut_in")
+SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
+FAULTY = 5  # number of the case in which the ego starts at 20 m/s
+LIMITS: dict[str, Any] = {"case_timeout": 3.0, "step_timeout": 0.2, "memory_limit": 700.0}
+
+
+def setup(**run: Any) -> Setup:
+    return Setup(SIMULATION, RunSettings(**run), HERE)
+
+
+def cases(controller: str, count: int = 9) -> list[Case]:
+    """Drives at one ego speed each, 15, 16 ... m/s."""
+    return [
+        Case(number, SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0), "ads", "mine", controller)
+        for number in range(count)
+    ]
+
+
+def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
+    """All that is no circumstance, by case."""
+    found = {}
+    for outcome in outcomes:
+        recording = outcome.recording
+        assert recording is None or isinstance(recording, KeptRecording)
+        drives = None if recording is None else (recording.drives, recording.collision, recording.clips)
+        found[outcome.case.key] = (outcome.status, outcome.error, drives)
+    assert len(found) == len(outcomes), "each exactly once"
+    return found
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        ("Exits", "crashed"),
+        ("Hangs", "ads_timeout"),
+        ("HangsInC", "timeout"),
+        ("Raises", "ads_error"),
+        ("Interrupts", "ads_error"),
+        ("FillsMemory", "ads_error"),
+    ],
+)
+def test_a_case_that_breaks_its_pack_costs_itself_alone_and_the_log_says_so(fault: str, status: str) -> None:
+    drives = cases(f"faulty_packs.py:{fault}")
+    assert drives[FAULTY].concrete.ego.speed == 20.0
+    together = list(run_cases(drives, setup(workers=1, **LIMITS)))
+    alone = list(run_cases(drives, setup(workers=1, cases_per_pack=1, **LIMITS)))
+    assert facts(together) == facts(alone)
+    statuses = {outcome.case.point: outcome.status for outcome in together}
+    assert statuses.pop(FAULTY) == status
+    assert set(statuses.values()) == {"collision"}
+    assert all(outcome.log.startswith(ALONE) for outcome in together)
+    assert not any(outcome.log.startswith(ALONE) for outcome in alone)
+
+
+def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
+    (first, *others) = run_cases(cases("faulty_packs.py:Chatters"), setup(workers=1))
+    assert first.log.startswith("Printed by its pack of 9 cases:\na word from the faulty point\n")
+    assert not any(outcome.log for outcome in others)
+    (first, *others) = run_cases(cases("faulty_packs.py:Exits"), setup(workers=1))
+    why = f"{ALONE}its pack was lost. The process that ran it died with exit code 7.\n"
+    assert first.log == f"{why}Printed by its pack of 9 cases:\nlast words before leaving\n"
+    assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
+
+
+def test_an_ads_whose_packed_form_refuses_runs_alone() -> None:
+    refusing = facts(list(run_cases(cases("faulty_packs.py:RefusesPacks"), setup(workers=1))))
+    assert refusing == facts(list(run_cases(cases("faulty_packs.py:Coasts"), setup(workers=1))))
+
+
+def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case() -> None:
+    outcomes = list(run_cases(cases("faulty_packs.py:Missing"), setup(workers=1)))
+    assert [outcome.status for outcome in outcomes] == ["rejected"] * 9
+
+
+def kinds() -> list[Case]:
+    """ADSs with a form for many, one without, the ideal vehicle; two scenarios; mixed."""
+    found: list[Case] = []
+    for number, (gap, speed) in enumerate([(20.0, 8.0), (40.0, 12.5), (60.0, 16.0), (30.0, 6.0), (50.0, 10.0)]):
+        concrete = CUT_IN.concrete(ego_speed=20.0, cut_in_speed=speed, gap=gap, lateral_speed=0.9)
+        found += [Case(number, concrete, "ads", name, name) for name in ("careful_driver", "no_reaction")]
+        found.append(Case(number, concrete, "ideal", "ideal", "ideal_braking"))
+        low = SPACE.concrete(ego_speed=15.0 + number, lead_speed=speed)
+        found += [Case(number, low, "ads", name, name) for name in ("careful_driver", "rss")]
+    return [with_fingerprint(case, SIMULATION, "", "") for case in found]
+
+
+def stored(path: Path, run: Setup) -> str:
+    with open_store(path, create=True) as store:
+        for outcomes in run_packs(kinds(), run):
+            store.add(*outcomes)
+        return store.digest()
+
+
+def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(tmp_path: Path) -> None:
+    alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
+    for number, run in enumerate(
+        [
+            setup(workers=1),
+            setup(workers=2),
+            setup(workers=3, cases_per_pack=2),
+            setup(workers=2, cases_per_child=3),
+            setup(engine="serial"),
+            setup(engine="serial", cases_per_pack=3),
+        ]
+    ):
+        assert stored(tmp_path / str(number), run) == alone
+
+
+def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_ideal_vehicle(tmp_path: Path) -> None:
+    noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
+    found = [
+        stored(tmp_path / str(size), Setup(noisy, RunSettings(workers=1, cases_per_pack=size), HERE)) for size in (1, 9)
+    ]
+    assert found[0] == found[1]
+
+
+# --- which cases go together ------------------------------------------------------------------------------------------
+
+
+def taken(packs: Packs) -> list[int]:
+    sizes = []
+    while pack := packs.take():
+        sizes.append(len(pack))
+        packs.look_ahead()
+    return sizes
+
+
+@pytest.mark.parametrize(("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)])
+def test_packs_are_few_and_towards_the_end_equally_large(count: int, workers: int) -> None:
+    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
+    drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
+    sizes = taken(Packs(drives, workers, 256))
+    assert sum(sizes) == count
+    assert max(sizes) <= 256
+    assert len(sizes) <= -(-count // 256) + 2 * workers, "each costs something of its own"
+    assert max(sizes[-workers:]) - min(sizes[-workers:]) <= LEAST, "all workers have work to the end"
+
+
+def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
+    packs = Packs(kinds(), 1, 3)
+    seen = 0
+    while pack := packs.take():
+        assert len({(case.role, case.controller, case.concrete.scenario) for case in pack}) == 1
+        assert len(pack) <= 3
+        seen += len(pack)
+    assert seen == len(kinds())
+
+
+def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold() -> None:
+    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
+    packs = Packs([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
+    pack = packs.take()
+    assert pack is not None
+    assert len(pack) == 64
+    packs.did_not_come_through(pack, "it broke", "")
+    packs.look_ahead()
+    alone = [packs.take() for _ in range(64)]
+    assert [case for one in alone if one is not None for case in one] == list(pack)
+    sizes = []
+    for _ in range(4):
+        pack = packs.take()
+        assert pack is not None
+        sizes.append(len(pack))
+        packs.came_through(pack)
+        packs.look_ahead()
+    assert sizes == [16, 32, 64, 64]
+
+
+def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() -> None:
+    asked = []
+
+    def many() -> Any:
+        for number in range(10**6):
+            asked.append(number)
+            yield Case(number, SPACE.concrete(ego_speed=20.0, lead_speed=10.0), "ads", "a", "a")
+
+    Packs(many(), 2, 256).take()
+    assert len(asked) <= 2 * 4 * 256
