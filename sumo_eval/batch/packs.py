@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from itertools import islice
 
 from sumo_eval.batch.cases import Case
-from sumo_eval.cosim.packed import first_meeting
+from sumo_eval.cosim.packed import probable_end
 
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str]
@@ -113,7 +113,7 @@ class _Queue:
 
     def take(self, number: int) -> Pack:
         if len(self._sorted) < number:
-            self._sorted = sorted(self._sorted + self._coming, key=lambda case: -first_meeting(case.concrete))
+            self._sorted = sorted(self._sorted + self._coming, key=lambda case: -probable_end(case.concrete))
             self._coming = []
         pack = self._sorted[-number:]
         del self._sorted[-number:]

@@ -96,7 +96,7 @@ def simulate_packed(
             found: dict[int, Recording | str] = {}
             if key is not None:
                 resolved = cases[members[0]].simulation(basis)
-                order = sorted(members, key=lambda index: first_meeting(cases[index]))
+                order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
                 for part in _chunks(order, PACK):
                     form = packed_form or _together([each[index] for index in part])
                     pack = [cases[index] for index in part]
@@ -109,15 +109,18 @@ def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
     return (items[begin : begin + size] for begin in range(0, len(items), size))
 
 
-def first_meeting(concrete: ConcreteScenario) -> float:
-    """About when the ego reaches another vehicle if nobody does anything, s: cases that end together share a pack."""
-    ego = concrete.ego
-    times = [
-        (actor.start.x - ego.x) / (ego.speed - actor.start.speed)
-        for actor in concrete.actors
-        if ego.speed > actor.start.speed
-    ]
-    return min(times, default=math.inf)
+def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
+    """About when a case ends, s: cases that end together share a pack, which lasts as long as its last.
+
+    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends when it is
+    `decided`, when the ego reaches another vehicle if nobody does anything.
+    """
+    ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
+    if decided:
+        times = [(start.x - ego.x) / (ego.speed - start.speed) for start in starts if ego.speed > start.speed]
+        return min(times, default=math.inf)
+    speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
+    return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
 
 
 PackedForm = Callable[[Briefing], PackedController | None]

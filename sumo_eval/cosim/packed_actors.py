@@ -62,16 +62,15 @@ class _Slides:
         case, index, *others = np.array(rows, dtype=np.float64).reshape(-1, 10).T
         return cls(case.astype(np.intp), index.astype(np.intp), *others)
 
-    def places(self, time: float, step: float) -> list[tuple[int, int, float, float]]:
-        """Case, index, x of the front bumper and y of those that are moving at a time."""
-        moving = np.flatnonzero((self.begin < time) & (time < self.begin + self.duration + step))
-        if not moving.size:
-            return []
-        done = np.minimum(np.maximum(time - self.begin[moving], 0.0) * self.speed[moving], np.abs(self.offset[moving]))
-        y = self.start_y[moving] + np.copysign(done, self.offset[moving])
-        front = self.start_x[moving] + self.along[moving] * time + self.half_length[moving]
-        columns = self.case[moving], self.index[moving], front, y
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+    def moving(self, time: float, step: float) -> BoolArray:
+        """Which of them the harness moves at a time."""
+        return (self.begin < time) & (time < self.begin + self.duration + step)
+
+    def places(self, who: Index, time: float) -> tuple[FloatArray, FloatArray]:
+        """x of the front bumper and y of some of them at a time."""
+        done = np.minimum(np.maximum(time - self.begin[who], 0.0) * self.speed[who], np.abs(self.offset[who]))
+        front = self.start_x[who] + self.along[who] * time + self.half_length[who]
+        return front, self.start_y[who] + np.copysign(done, self.offset[who])
 
     def lateral_speed(self, time: float) -> FloatArray:
         """As `ConstantLateral.lateral_speed`."""
@@ -90,7 +89,7 @@ class PackedActors:
     """m other vehicles in each of k cases; arrays (k, m), as `simulate` reads them off SUMO.
 
     x, y: centre. across: m/s to the left of the heading, of those that slide. `seen`: what a sensor shows. surprised:
-    where, at the last close look, one had another speed or angle than what it was told, (k,).
+    where SUMO has shown a place, a speed or an angle that it was not told, (k,).
     """
 
     def __init__(self, cases: Sequence[ConcreteScenario], step: float) -> None:
@@ -169,8 +168,12 @@ class PackedActors:
 
     # -- motion --------------------------------------------------------------------------------------------------------
 
-    def move(self, traci: Any, time: float) -> None:
-        """Scripted motion to a time, as in `simulate`; straight on at constant speed, or standing, SUMO moves them."""
+    def move(self, traci: Any, time: float, after: float, *, closely: bool) -> None:
+        """Scripted motion to a time, as in `simulate`; straight on at constant speed, or standing, SUMO moves them.
+
+        after: the time of the next step. closely: SUMO is told of everybody. Else it hears of one that slides only when
+        it takes over: it shows to the last bit what it is told, which every close look checks.
+        """
         set_speed, move = traci.vehicle.setSpeed, traci.vehicle.moveToXY
         names, edges = self.names, self._edges
         moved: list[tuple[int, int]] = []
@@ -191,12 +194,25 @@ class PackedActors:
                 set_speed(name, speed)
                 move(name, edges[case], 0, x, y, angle, KEEPS_ROUTE_OFF_ROAD)
             moved += script.who
-        for case, index, front, y in self._slides.places(time, self._step):
-            move(names[case][index], edges[case], 0, front, y, STRAIGHT, KEEPS_ROUTE_OFF_ROAD)
+        self._slide(traci, time, after, closely=closely)
         self._changing = moved + self._moved  # SUMO takes over from the harness in the step after the last move
         self._moved = moved
         if over:
             self._scripts = [script for script in self._scripts if not self._is_over(script, time)]
+
+    def _slide(self, traci: Any, time: float, after: float, *, closely: bool) -> None:
+        slides = self._slides
+        moving = slides.moving(time, self._step)
+        who = np.flatnonzero(moving)
+        front, y = slides.places(who, time)
+        told = np.ones(len(who), dtype=bool) if closely else ~slides.moving(after, self._step)[who]
+        self._slid = (self._row[slides.case[who]], slides.index[who]), front, y, told
+        for one in np.flatnonzero(told).tolist():
+            case, index = int(slides.case[who[one]]), int(slides.index[who[one]])
+            place = float(front[one]), float(y[one])
+            traci.vehicle.moveToXY(
+                self.names[case][index], self._edges[case], 0, *place, STRAIGHT, KEEPS_ROUTE_OFF_ROAD
+            )
 
     def _is_over(self, script: _Script, time: float) -> bool:
         return all(end + self._step < time for _, end in script.spans)
@@ -208,13 +224,13 @@ class PackedActors:
         self.before = self.x, self.y, self.heading, self.speed, self.across
         angle, vehicle = self.angle, traci.vehicle
         self._read_fronts(traci)
-        self._slide(now)
+        self._follow_slides(now)
         if closely:
             self._read_motion(traci)
             unexpected = (self.speed != self.before[3]) | (self.angle != angle)
             for case, index in self._changing:
                 unexpected[self._row[case], index] = False
-            self.surprised = unexpected.any(axis=1)
+            self.surprised = self.surprised | unexpected.any(axis=1)
         elif self._changing:
             pairs = self._changing
             who = [self.names[case][index] for case, index in pairs]
@@ -247,14 +263,20 @@ class PackedActors:
         self.speed[self._live] = np.array(list(map(traci.vehicle.getSpeed, self._shown))).reshape(shape)
         self.angle[self._live] = np.array(list(map(traci.vehicle.getAngle, self._shown))).reshape(shape)
 
-    def _slide(self, now: float) -> None:
+    def _follow_slides(self, now: float) -> None:
+        """Those that slide are where they were moved to, and have a speed across."""
         slides = self._slides
         sliding = [script for script in self._scripts if script.actor.slides]
         if not slides.case.size and not sliding:
             return
+        at, front, y, told = self._slid
+        wrong = told & ((self.front_x[at] != front) | (self.front_y[at] != y))
+        if wrong.any():
+            self.surprised = self.surprised.copy()
+            self.surprised[at[0][wrong]] = True
+        self.front_x[at], self.front_y[at] = front, y
         self.across = self.across.copy()
-        if slides.case.size:
-            self.across[self._row[slides.case], slides.index] = slides.lateral_speed(now)
+        self.across[self._row[slides.case], slides.index] = slides.lateral_speed(now)
         for script in sliding:
             across = script.actor.lateral_speed(now)
             for case, index in script.who:

@@ -29,6 +29,7 @@ CHECKED_EVERY = 10
 there, and every other vehicle on its script. In between SUMO's egos may lag: nothing in a pack asks SUMO for them, and
 the other vehicles keep to their scripts whatever the egos do."""
 DROPPED_AT = 0.25  # share of the cases that has ended when the controller is told to forget them
+_CLOSE = 0.1  # m, bodies that are further apart all through a step do not touch
 _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 
 HANDED_BACK = "The packed ADS handed the case back."
@@ -65,8 +66,9 @@ class PackedRun:
     def _body(self, rows: int) -> None:
         vehicle, others = self.settings.vehicle, self.others
         self.half_lengths, self.half_widths = np.full(rows, 0.5 * vehicle.length), np.full(rows, 0.5 * vehicle.width)
-        self.size = 0.5 * (vehicle.length + vehicle.width + others.length + others.width)
-        self.largest = float(self.size.max())
+        self.near_along = 0.5 * vehicle.length + others.half_length + _CLOSE
+        self.near_across = 0.5 * vehicle.width + others.half_width + _CLOSE
+        self.longest = self.near_along + 4.0 * (vehicle.width + others.width)  # headings are within -pi..pi
 
     def drive(self, traci: Any, step_timeout: float) -> None:
         """Step until every case has ended."""
@@ -88,10 +90,11 @@ class PackedRun:
                 self._move_egos(traci, command)
                 if closely:
                     self._tell_egos(traci)
-                self.others.move(traci, time + step)
+                now = (self.steps + 1) * step
+                self.others.move(traci, time + step, now + step, closely=closely)
                 traci.simulationStep()
                 self.steps += 1
-                self.others.look(traci, time + step, closely=closely)
+                self.others.look(traci, now, closely=closely)
                 if closely:
                     self._check(traci)
                 self._find_ends(traci, before)
@@ -99,6 +102,7 @@ class PackedRun:
                 seen = egos_as_seen(self.egos, self.half_lengths, self.half_widths)
                 if self.steps % samples_every == 0:
                     self.samples.add(self.steps * step, self.egos, self.others)
+        self.samples.keep(self.others.case)
 
     def _take_charge(self, traci: Any) -> Seen:
         """Make SUMO obey, and see which cases it has placed as they are meant; what a sensor shows of the egos."""
@@ -216,20 +220,26 @@ class PackedRun:
         self.ends[case] = End(now, reason, None, self.egos.state(row), there)
 
     def _near(self, before: PackedEgos) -> list[int]:
-        """Rows in which `first_touch` has to look: those that it does not dismiss by their distance at once."""
-        egos, others, step = self.egos, self.others, self.settings.step
-        fastest = float(max(egos.speed.max(), before.speed.max(), others.speed.max(), others.before[3].max()))
-        reach = self.largest + 6.0 * fastest * step + 1.0  # m, beyond all doubt
-        rows = np.flatnonzero((np.abs(others.x - egos.x[:, None]) <= reach).any(axis=1) & self.live)
-        if not rows.size:
+        """Rows in which something may touch the ego within the step: it is not apart along or across the road.
+
+        Between the samples everything moves linearly, and a body turned by h reaches no further along the road than
+        half its length + |h| half its width, and across it than half its width + |h| half its length.
+        """
+        egos, others = self.egos, self.others
+        was_x, was_y, was_heading, *_ = others.before
+        first, last = was_x - before.x[:, None], others.x - egos.x[:, None]
+        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last))  # m along the road, at the least
+        close = (apart <= self.longest) & self.live[:, None]
+        if not close.any():
             return []
-        was_x, was_y = others.before[0][rows], others.before[1][rows]
-        was_ego_x, was_ego_y = before.x[rows][:, None], before.y[rows][:, None]
-        shift_x = (others.x[rows] - was_x) - (egos.x[rows][:, None] - was_ego_x)
-        shift_y = (others.y[rows] - was_y) - (egos.y[rows][:, None] - was_ego_y)
-        reaches = self.size[rows] + np.abs(shift_x) + np.abs(shift_y)
-        near = (np.abs(was_x - was_ego_x) <= reaches) & (np.abs(was_y - was_ego_y) <= reaches)
-        found: list[int] = rows[near.any(axis=1)].tolist()
+        turn = np.maximum(np.abs(was_heading), np.abs(others.heading))
+        ego_turn = np.maximum(np.abs(before.heading), np.abs(egos.heading))[:, None]
+        half_length, half_width = self.half_lengths[:, None], self.half_widths[:, None]
+        close &= apart <= self.near_along + turn * others.half_width + ego_turn * half_width
+        first, last = was_y - before.y[:, None], others.y - egos.y[:, None]
+        apart = np.maximum(np.minimum(first, last), -np.maximum(first, last))
+        close &= apart <= self.near_across + turn * others.half_length + ego_turn * half_length
+        found: list[int] = np.flatnonzero(close.any(axis=1)).tolist()
         return found
 
     def _touches(self, row: int, before: PackedEgos) -> bool:
@@ -300,6 +310,7 @@ class PackedRun:
         if not rows.size or rows.size > (1.0 - DROPPED_AT) * len(self.live):
             return
         self.controller.keep(rows)
+        self.samples.keep(self.others.case[rows])
         self.egos = PackedEgos(*(channel[rows] for channel in self.egos))
         self.stood, self.stale, self.live = self.stood[rows], self.stale[rows], self.live[rows]
         self.all_live = True

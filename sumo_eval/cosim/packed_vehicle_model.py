@@ -11,10 +11,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.cosim.packed_controller import PackedCommand
-from sumo_eval.cosim.vehicle_model import GRAVITY, EgoState
+from sumo_eval.cosim.vehicle_model import GRAVITY, EgoState, drive
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -113,62 +112,36 @@ def drive_all(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """`vehicle_model.drive` on arrays: acceleration and speed at the end of the step, and the distance driven in it.
 
-    Rows that have used up the step go on through the loop with durations of 0, which change nothing.
+    In its ordinary course the acceleration goes to its target, or on its way there, and stays. What may stop within the
+    step, or goes from braking to driving, is left to the scalar model.
     """
-    a, v, left, distance = acceleration, speed, np.full(len(target), step), np.zeros(len(target))
-    halted = np.zeros(len(target), dtype=bool)
-    may_stop = not bool(v.min() > step * max(-a.min(), -target.min(), 0.0))
-    while True:
-        goal, jerk = _ramps(a, target, left, limits)
-        ramps = np.flatnonzero(jerk)
-        duration = np.where(jerk == 0.0, left, np.minimum((goal - a) / jerk, left)) if ramps.size else left
-        whole = duration >= left
-        if may_stop:
-            stop = _times_to_stop(v, a, jerk)
-            stops = (stop <= duration) & (left > 0.0)
-            duration = np.where(stops, stop, duration)
-        square, cube = _powers(duration, ramps)
-        distance = distance + (v * duration + 0.5 * a * square + jerk * cube / 6.0)
-        v = np.maximum(v + a * duration + 0.5 * jerk * square, 0.0)
-        a = np.where(whole, a + jerk * duration, goal) if ramps.size else a
-        left = left - duration
-        if may_stop:
-            v, a = np.where(stops, 0.0, v), np.where(stops, 0.0, a)
-            stays = stops & (target < _SAME)
-            halted |= stays
-            left = np.where(stays, 0.0, left)
-        if not left.any():
-            break
-    reached = (np.abs(a - target) < _SAME) & ~halted
-    return np.where(reached, target, a), v, distance
-
-
-def _powers(duration: FloatArray, ramps: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    """Squares, and cubes where the acceleration changes."""
-    cube = np.zeros(len(duration))
-    cube[ramps] = [value**3 for value in duration[ramps].tolist()]
-    if not ramps.size and (duration == duration[0]).all():
-        return np.full(len(duration), float(duration[0]) ** 2), cube
-    return np.array([value**2 for value in duration.tolist()]), cube
-
-
-def _ramps(
-    a: FloatArray, target: FloatArray, left: FloatArray, limits: VehicleSettings
-) -> tuple[FloatArray, FloatArray]:
-    """As `_ramp` of the scalar model: where each acceleration goes next, and how fast."""
-    away = (np.abs(a - target) >= _SAME) & (left > 0.0)
-    if not away.any():
-        return a, np.zeros(len(a))
-    down, releases = target < a, a < 0.0
-    goal = np.where(~down & releases, np.minimum(target, 0.0), target)
-    jerk = np.where(down, -limits.brake_jerk, np.where(releases, limits.brake_jerk, limits.drive_jerk))
-    return np.where(away, goal, a), np.where(away, jerk, 0.0)
-
-
-def _times_to_stop(v: FloatArray, a: FloatArray, jerk: FloatArray) -> FloatArray:
-    """As `_time_to_stop` of the scalar model; nan or inf where the speed does not fall to 0."""
-    root = np.sqrt(a * a - 2.0 * jerk * v)
-    return np.where(a < 0.0, 2.0 * v / (root - a), np.where(jerk < 0.0, (root + a) / -jerk, np.inf))
+    away = np.abs(acceleration - target) >= _SAME
+    decelerating = np.minimum(acceleration, target) < 0.0
+    odd = decelerating & (speed <= -step * np.minimum(acceleration, target) + 1e-9)
+    if away.any():
+        down, releases = target < acceleration, acceleration < 0.0
+        goal = np.where(away, np.where(~down & releases, np.minimum(target, 0.0), target), acceleration)
+        jerk = np.where(down, -limits.brake_jerk, np.where(releases, limits.brake_jerk, limits.drive_jerk))
+        ramp = np.where(away, np.minimum((goal - acceleration) / jerk, step), 0.0)
+        durations = ramp.tolist()
+        square, cube = np.array([value**2 for value in durations]), np.array([value**3 for value in durations])
+        distance = speed * ramp + 0.5 * acceleration * square + jerk * cube / 6.0
+        v = np.maximum(speed + acceleration * ramp + 0.5 * jerk * square, 0.0)
+        a = np.where(ramp >= step, acceleration + jerk * ramp, goal)
+        rest = step - ramp
+        square = np.array([value**2 for value in rest.tolist()])
+        distance = distance + (v * rest + 0.5 * a * square)
+        v = np.maximum(v + a * rest, 0.0)
+        there = np.abs(a - target) < _SAME
+        odd |= (rest > 0.0) & ~there
+        a = np.where(there, target, a)
+    else:
+        distance = speed * step + 0.5 * acceleration * step**2 + 0.0
+        a, v = target.copy(), np.maximum(speed + acceleration * step + 0.0, 0.0)
+    for row in np.flatnonzero(odd).tolist():
+        given = float(speed[row]), float(acceleration[row]), float(target[row])
+        a[row], v[row], distance[row] = drive(*given, limits, step)
+    return a, v, distance
 
 
 def _along_arcs(

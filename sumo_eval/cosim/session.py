@@ -75,7 +75,9 @@ def packed_session(network: str, routes: str, settings: SimulationSettings) -> I
         (here / "rou.xml").write_text(routes, encoding="utf-8")
         try:
             with _stderr_into(here / "stderr.txt"):
-                libsumo.start(_arguments(here / "net.xml", here / "rou.xml", here / "sumo.log", settings))
+                arguments = _arguments(here / "net.xml", here / "rou.xml", here / "sumo.log", settings)
+                arguments[arguments.index("--collision.action") + 1] = "none"  # SUMO's are nobody's business in a pack
+                libsumo.start(arguments)
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
             yield libsumo
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:

@@ -49,10 +49,11 @@ class PackedAttention:
     def known(self, me: PackedEgos, others: PackedMovers, time: float) -> tuple[PackedMovers, BoolArray]:
         """Look at the true scenes at `time`; return the vehicles that each driver acts upon, and which he knows of."""
         seen = visible(me, others, HIDING_SHARE)
-        unknown = np.isinf(self.first_seen)
+        unknown = self.first_seen == np.inf
         self._take_alarm(me, others, seen, unknown, time)
         self._remember(others, seen, unknown, time)
-        self.first_seen[seen & unknown] = time
+        if np.count_nonzero(unknown):
+            self.first_seen[seen & unknown] = time
         past = time - self._delay + 1e-9
         known = self.first_seen <= past
         back = len(self._times) - np.maximum(np.searchsorted(self._times, past, side="right"), 1)
@@ -64,7 +65,7 @@ class PackedAttention:
         self, me: PackedEgos, others: PackedMovers, seen: BoolArray, unknown: BoolArray, time: float
     ) -> None:
         """From when a vehicle ahead crosses, is closed upon or appears, the reaction time is the alerted one."""
-        if not self._calm.any():
+        if not np.count_nonzero(self._calm):
             return
         calls = (np.abs(others.across) > CROSSING_SPEED) | (me.along - others.along > CLOSING_SPEED)
         calls = np.where(unknown, time > 0.0, calls & (others.x > me.x))
@@ -81,7 +82,7 @@ class PackedAttention:
         look[1:] = others
         braking = (last[_ALONG] - others.along) / (time - last[_SEEN])
         look[_BRAKING] = np.where((braking > NOTICED_BRAKING) & ~unknown, braking, 0.0)
-        if not seen.all():
+        if np.count_nonzero(seen) < seen.size:
             look[:] = np.where(seen, look, last)
 
 
@@ -90,7 +91,7 @@ def _after(look: FloatArray, time: float) -> PackedMovers:
     seen, x, y, along, across, half_length, half_width, braking = look
     elapsed = time - seen
     brakes = braking > 0.0
-    if not brakes.any():
+    if not np.count_nonzero(brakes):
         return PackedMovers(x + along * elapsed, y + across * elapsed, along, across, half_length, half_width, braking)
     rolling = np.where(brakes, np.minimum(elapsed, np.maximum(along, 0.0) / braking), elapsed)
     return PackedMovers(

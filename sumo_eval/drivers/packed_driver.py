@@ -80,21 +80,22 @@ class PackedDrivers:
         path = self._overtaking.paths.at(self._steering.rear_axle_next(me))
         value, rate, bend = self._wander.at(self._clock)
         value = self._lane_offset + value
-        if (self._clock / SETTLING_TIME < 1.0).any():
-            value, rate, bend = self._settling(value, rate, bend)
+        share = self._clock / SETTLING_TIME
+        if np.count_nonzero(share < 1.0):
+            value, rate, bend = _settling(share, value, rate, bend)
         return PackedPathPoints(path.y + value, path.slope + rate / pace, path.bend + bend / (pace * pace))
 
-    def _settling(self, shift: FloatArray, rate: FloatArray, bend: FloatArray) -> tuple[FloatArray, ...]:
-        """The wander while it takes over from the middle of the lane."""
-        share = self._clock / SETTLING_TIME
-        s = np.minimum(np.maximum(share, 0.0), 1.0)
-        left = 1.0 - s
-        blend = smooth_step(share)
-        rising = 30.0 * s * s * left * left / SETTLING_TIME
-        bending = 60.0 * s * left * (1.0 - 2.0 * s) / (SETTLING_TIME * SETTLING_TIME)
-        settled = share >= 1.0
-        return (
-            np.where(settled, shift, blend * shift),
-            np.where(settled, rate, rising * shift + blend * rate),
-            np.where(settled, bend, bending * shift + 2.0 * rising * rate + blend * bend),
-        )
+
+def _settling(share: FloatArray, shift: FloatArray, rate: FloatArray, bend: FloatArray) -> tuple[FloatArray, ...]:
+    """The wander while it takes over from the middle of the lane; share: of that time which is over."""
+    s = np.minimum(np.maximum(share, 0.0), 1.0)
+    left = 1.0 - s
+    blend = smooth_step(share)
+    rising = 30.0 * s * s * left * left / SETTLING_TIME
+    bending = 60.0 * s * left * (1.0 - 2.0 * s) / (SETTLING_TIME * SETTLING_TIME)
+    settled = share >= 1.0
+    return (
+        np.where(settled, shift, blend * shift),
+        np.where(settled, rate, rising * shift + blend * rate),
+        np.where(settled, bend, bending * shift + 2.0 * rising * rate + blend * bend),
+    )

@@ -34,13 +34,17 @@ class PackedNoise:
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Value, rate and bend of each at its own time (s), (n,)."""
         turns = circle(self._frequency * times + self._phase)
-        sums = _total(np.stack((turns.sine, self._frequency * turns.cosine, self._squared * turns.sine), axis=1))
-        return self._amplitude * sums[0], self._amplitude * sums[1], self._amplitude * -sums[2]
+        terms = np.empty((len(turns.sine), 3, len(times)))
+        terms[:, 0] = turns.sine
+        np.multiply(self._frequency, turns.cosine, out=terms[:, 1])
+        np.multiply(self._squared, turns.sine, out=terms[:, 2])
+        value, rate, bend = _total(terms)
+        return self._amplitude * value, self._amplitude * rate, self._amplitude * -bend
 
 
 def _total(terms: FloatArray) -> FloatArray:
     """The sum over the first axis, term by term as in a loop: numpy's own sum may take another order."""
-    total: FloatArray = terms[0]
+    total: FloatArray = terms[0].copy()
     for term in terms[1:]:
-        total = total + term
+        total += term
     return total
