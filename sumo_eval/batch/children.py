@@ -62,6 +62,17 @@ def child_context() -> BaseContext:
     return cast("BaseContext", context)
 
 
+def warm_up() -> None:
+    """Let the process that makes the children begin to load the simulator, while this one loads what it needs itself.
+
+    Nothing waits for it, and where children are spawned there is no such process.
+    """
+    if _KIND == "forkserver":
+        child_context()
+        with _script_out_of_sight(), _children_environment():
+            multiprocessing.forkserver.ensure_running()
+
+
 def tie_to_owner(lifeline: Connection) -> None:
     """Called in a child: end with the owner. `lifeline`: reading end of a pipe whose writing end the owner holds."""
     if sys.platform == "win32":
