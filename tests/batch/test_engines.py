@@ -191,6 +191,24 @@ def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
     assert len(list(run_cases(cases, setup, stopping))) == 5
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_from_it():
+    code = (
+        "from multiprocessing import forkserver\n"
+        "from sumo_eval.batch.children import child_context, warm_up\n"
+        "if __name__ == '__main__':\n"
+        "    warm_up()\n"
+        "    begun = forkserver._forkserver._forkserver_pid\n"
+        "    child = child_context().Process(target=print, args=('a child',))\n"
+        "    child.start()\n"
+        "    child.join()\n"
+        "    assert begun is not None and begun == forkserver._forkserver._forkserver_pid\n"
+        "    assert child.exitcode == 0\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+
+
 def test_a_child_imports_no_more_than_it_needs():
     # Every child of every run pays for it: numpy and libsumo, and none of the packages that only scoring needs.
     code = (
