@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time as clock
 from pathlib import Path
 
 import pytest
@@ -207,6 +209,22 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_ctrl_c_while_the_simulator_is_being_loaded_shows_no_traceback(tmp_path):
+    command = [sys.executable, "-m", "sumo_eval", "run", "--out", str(tmp_path / "run")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+        family = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        while len(family.read_text().split()) < 2:  # the process that makes the children, and the one that watches it
+            clock.sleep(0.01)
+        clock.sleep(0.1)  # it has begun to import
+        os.killpg(running.pid, signal.SIGINT)
+        _, said = running.communicate(timeout=60)
+    # Python ends itself by the signal where it came amid the making of a dataclass; a shell says 130 of that, too.
+    assert running.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in said
+    assert "Stopped" in said
 
 
 def test_a_child_imports_no_more_than_it_needs():
