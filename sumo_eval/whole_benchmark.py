@@ -25,10 +25,11 @@ from sumo_eval.errors import InputError
 STAGES = (  # of the last part of a stage's name in the command's lines, and what the table calls it
     ("controllers", "start-up"),
     ("zones", "zones"),
+    ("ADSs and drivers against", "D"),
+    ("drivers against", "D"),
+    ("human-likeness of", "D"),
     ("ADSs", "driving: ADSs"),
     ("ideal vehicle", "driving: ideal vehicle"),
-    ("drivers against each other", "D: drivers against each other"),
-    ("human-likeness of", "D: human-likeness of the ADSs"),
     ("drivers", "driving: drivers"),
     ("confidence", "other scores and confidence"),
     ("report", "report"),
