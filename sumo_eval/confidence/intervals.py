@@ -24,6 +24,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 SOURCES = ("cases", "drivers", "boundary")
 REPLICATES = 2_000
+AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,18 @@ def _replicates(
     terms: CaseTerms, stream: np.random.Generator, replicates: int, sources: Collection[str]
 ) -> tuple[FloatArray, FloatArray]:
     """C and D of each replicate; D is nan where a collision lies in the safe zone or no safe case has an index."""
+    at_once = max(AT_ONCE // len(terms.exposure), 1)
+    parts = [
+        _some_replicates(terms, stream, min(at_once, replicates - done), sources)
+        for done in range(0, replicates, at_once)
+    ]
+    c, d = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return c, d
+
+
+def _some_replicates(
+    terms: CaseTerms, stream: np.random.Generator, replicates: int, sources: Collection[str]
+) -> tuple[FloatArray, FloatArray]:
     n = len(terms.exposure)
     counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates) if "cases" in sources else np.ones((replicates, n))
     y = np.broadcast_to(terms.y, (replicates, n))

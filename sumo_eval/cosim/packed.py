@@ -23,7 +23,7 @@ from sumo_eval.cosim.packed_controller import PackedCommand, PackedController, P
 from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
 from sumo_eval.cosim.packed_run import PackedRun
 from sumo_eval.cosim.session import packed_session
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulate import check_intervals, simulate
 from sumo_eval.errors import must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -78,6 +78,7 @@ def simulate_packed(
 ) -> Iterator[Recording | str]:
     """As `simulate_many`, but for cases that have to be simulated alone: the reason, for the caller to see to them."""
     basis = settings or SimulationSettings()
+    check_intervals(basis)
     each = list(controller) if isinstance(controller, list | tuple) else [controller] * len(cases)
     if len(each) != len(cases):
         raise must_be("The controllers", "`simulate_many`", f"one for each of the {len(cases)} cases", len(each))

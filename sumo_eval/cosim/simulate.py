@@ -68,7 +68,7 @@ def simulate(
     fault of SUMO with "sim_error". What was driven until then is kept.
     """
     settings = concrete.simulation(settings or SimulationSettings())
-    _check_intervals(settings)
+    check_intervals(settings)
     ads = load_controller(controller, folder)
     began = clock.perf_counter()
     ego_type = ads.vtype if isinstance(ads, NativeModel) else None
@@ -92,7 +92,7 @@ def simulate(
     return run.recording(clock.perf_counter() - began)
 
 
-def _check_intervals(settings: SimulationSettings) -> None:
+def check_intervals(settings: SimulationSettings) -> None:
     """SUMO rounds its step to milliseconds, and a sample falls on a step."""
     milliseconds = settings.step * 1000.0
     if round(milliseconds) < 1 or abs(milliseconds - round(milliseconds)) > 1e-6:

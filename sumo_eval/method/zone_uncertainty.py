@@ -12,6 +12,7 @@ from sumo_eval.trajectory import FloatArray
 
 NEAR = 4.0  # posterior deviations from the boundary beyond which a point is on its side for sure
 SMALLEST = 1e-9  # variance that is rounding
+AT_ONCE = 4096  # points whose covariance with all training points is held at a time
 
 
 def posterior_factor(zones: ZonePartition, points: ArrayLike) -> FloatArray:
@@ -32,13 +33,17 @@ def posterior_factor(zones: ZonePartition, points: ArrayLike) -> FloatArray:
     noise = surface.noise_deviation**2 + (TARGET_TOLERANCE * zones.training_target) ** 2
     known = cho_factor(covariance(surface.points, surface.points) + np.diag(noise), lower=True)
     unit = surface.coordinates(zones.logical.to_unit(rows))
-    cross = covariance(unit, surface.points)
-    variance = surface.signal_deviation**2 - np.einsum("ij,ji->i", cross, cho_solve(known, cross.T))
+    variance = np.empty(len(rows))
+    for first in range(0, len(rows), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        cross = covariance(unit[some], surface.points)
+        variance[some] = surface.signal_deviation**2 - np.einsum("ij,ji->i", cross, cho_solve(known, cross.T))
     y = zones.predicted(rows)
     open_ = np.abs(y) < NEAR * np.sqrt(np.maximum(variance, SMALLEST))
     if not open_.any():
         return nothing
-    joint = covariance(unit[open_], unit[open_]) - cross[open_] @ cho_solve(known, cross[open_].T)
+    cross = covariance(unit[open_], surface.points)
+    joint = covariance(unit[open_], unit[open_]) - cross @ cho_solve(known, cross.T)
     values, vectors = np.linalg.eigh((joint + joint.T) / 2.0)
     kept = values > SMALLEST
     factor = np.zeros((len(rows), int(kept.sum())))

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+import sumo_eval
 from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup
 from sumo_eval.batch.engines import run_cases, run_packs
 from sumo_eval.batch.identity import with_fingerprint
@@ -15,7 +16,15 @@ from sumo_eval.batch.kept import KeptRecording
 from sumo_eval.batch.packs import LEAST, Packs
 from sumo_eval.batch.store import open_store
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+    SimulationSettings,
+)
 
 HERE = Path(__file__).parent
 SPACE = catalogue.load("front_vehicle_low_speed")
@@ -78,7 +87,7 @@ def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
     assert first.log.startswith("Printed by its pack of 9 cases:\na word from the faulty point\n")
     assert not any(outcome.log for outcome in others)
     (first, *others) = run_cases(cases("faulty_packs.py:Exits"), setup(workers=1))
-    why = f"{ALONE}its pack was lost. The process that ran it died with exit code 7.\n"
+    why = f"{ALONE}Its pack was lost. The process that ran it died with exit code 7.\n"
     assert first.log == f"{why}Printed by its pack of 9 cases:\nlast words before leaving\n"
     assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
 
@@ -197,3 +206,28 @@ def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() 
 
     Packs(many(), 2, 256).take()
     assert len(asked) <= 2 * 4 * 256
+
+
+def test_settings_that_reject_a_case_alone_reject_it_in_a_pack() -> None:
+    odd = replace(SIMULATION, step=0.03, record_interval=0.1)
+    for ads in ("careful_driver", "idm"):
+        found = [list(run_cases(cases(ads, 3), Setup(odd, RunSettings(cases_per_pack=size), HERE))) for size in (1, 3)]
+        assert facts(found[0]) == facts(found[1])
+        assert {outcome.status for outcome in found[1]} == {"rejected"}
+
+
+def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
+    sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
+    settings = EvaluationSettings(
+        name="packs",
+        simulation=SIMULATION,
+        scenario=(ScenarioSettings("front_vehicle_low_speed", sampling),),
+        ads=(AdsSettings("mine", f"{HERE / 'faulty_packs.py'}:Exits"), AdsSettings("idm", "idm")),
+        drivers=DriverSettings(count=2),
+    )
+    mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores
+    (note,) = (note for note in mine.notes if "pack" in note)
+    lost = "Its pack was lost. The process that ran it died with exit code 7."
+    assert note == f"{mine.cases} drives left the pack and had to be simulated alone. {mine.cases} x: {lost}"
+    assert mine.not_evaluated >= 1
+    assert not any("pack" in note for note in idm.notes)
