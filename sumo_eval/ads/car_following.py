@@ -173,8 +173,10 @@ class Idm:
     def __init__(self, parameters: IdmParameters | None = None) -> None:
         self.parameters = parameters or IdmParameters()
 
-    def packed(self, scenario: Briefing) -> PackedIdm:
-        """The same at the wheel of many egos."""
+    def packed(self, scenario: Briefing) -> PackedIdm | None:
+        """The same at the wheel of many egos; None of a subclass, which may decide otherwise."""
+        if type(self) is not Idm:
+            return None
         from sumo_eval.ads.packed_car_following import PackedIdm
 
         return PackedIdm(self.parameters, scenario)

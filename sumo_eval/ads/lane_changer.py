@@ -31,8 +31,10 @@ class LaneChanger:
         self.habits = habits
         self.parameters = parameters or IdmParameters()
 
-    def packed(self, scenario: Briefing) -> PackedLaneChanger:
-        """The same at the wheel of many egos."""
+    def packed(self, scenario: Briefing) -> PackedLaneChanger | None:
+        """The same at the wheel of many egos; None of a subclass, which may decide otherwise."""
+        if type(self) is not LaneChanger:
+            return None
         from sumo_eval.ads.packed_lane_changer import PackedLaneChanger
 
         return PackedLaneChanger(self.habits, self.parameters, scenario)

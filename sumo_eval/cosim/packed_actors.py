@@ -20,7 +20,8 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 Index = NDArray[np.intp]
 KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
-_SCRIPT_TOLERANCE = 0.05  # m, as in `simulate`
+_SCRIPT_TOLERANCE = 0.02  # m, less than in `simulate`
+_NOWHERE = -1e6  # m, SUMO's places that are none are far beyond
 
 
 @dataclass(slots=True)
@@ -116,7 +117,6 @@ class PackedActors:
         self.scripted_until = np.array(
             [max((end for a in row for _, end in scripted_spans(a, step)), default=0.0) for row in self.actors]
         )
-        self.unscripted = np.array([[not scripted_spans(a, step) for a in row] for row in self.actors])
         self._sort_scripts()
         self._moved: list[tuple[int, int]] = []  # by the last step, and turning or changing their speed
         self._changing: list[tuple[int, int]] = []
@@ -134,7 +134,8 @@ class PackedActors:
                 elif spans := scripted_spans(actor, self._step):
                     scripts.setdefault(actor, _Script(actor, spans, [])).who.append((case, index))
         self._slides = _Slides.of(slides)
-        self._scripts = list(scripts.values())
+        self._all_scripts = list(scripts.values())
+        self._scripts = self._all_scripts
 
     def set_live(self, rows: Index) -> None:
         """The rows of the cases that go on; only their vehicles are in SUMO."""
@@ -145,9 +146,10 @@ class PackedActors:
     def without(self, cases: Sequence[int]) -> None:
         """Drop the scripts of cases that have ended."""
         gone = set(cases)
-        for script in self._scripts:
+        for script in self._all_scripts:
             if any(case in gone for case, _ in script.who):
                 script.who = [pair for pair in script.who if pair[0] not in gone]
+        self._all_scripts = [script for script in self._all_scripts if script.who]
         self._scripts = [script for script in self._scripts if script.who]
         self._moved = [pair for pair in self._moved if pair[0] not in gone]
         stays = np.ones(len(self.actors), dtype=bool)
@@ -158,7 +160,7 @@ class PackedActors:
         """Hold only these rows, in this order."""
         for name in (
             "case", "x", "y", "heading", "speed", "across", "angle", "front_x", "front_y", "length", "width",
-            "half_length", "half_width", "start_x", "start_y", "start_speed", "unscripted", "scripted_until",
+            "half_length", "half_width", "start_x", "start_y", "start_speed", "scripted_until",
             "surprised",
         ):  # fmt: skip
             setattr(self, name, getattr(self, name)[rows])
@@ -251,6 +253,9 @@ class PackedActors:
     def _read_fronts(self, traci: Any) -> None:
         places = chain.from_iterable(map(traci.vehicle.getPosition, self._shown))
         read = np.fromiter(places, np.float64, 2 * len(self._shown)).reshape(len(self._live), -1, 2)
+        if read.min() < _NOWHERE:  # beside every lane SUMO does not move a vehicle, and loses its place
+            self.surprised = self.surprised.copy()
+            self.surprised[self._live[read.min(axis=(1, 2)) < _NOWHERE]] = True
         if self._all:
             self.front_x, self.front_y = read[:, :, 0].copy(), read[:, :, 1].copy()
             return
@@ -305,10 +310,18 @@ class PackedActors:
         return Seen(*(channel.reshape(self.x.shape) for channel in flat))
 
     def off_their_scripts(self, time: float) -> BoolArray:
-        """Rows in which one that nobody moves is not where its speed would have it, (k,)."""
-        off_x = np.abs(self.x - (self.start_x + self.start_speed * time))
-        off = (off_x > 0.5 * _SCRIPT_TOLERANCE) | (np.abs(self.y - self.start_y) > 0.5 * _SCRIPT_TOLERANCE)
-        return np.asarray((off & self.unscripted).any(axis=1))
+        """Rows in which one is not where its script has it, which `simulate` puts on record, (k,)."""
+        x, y = self.start_x + self.start_speed * time, self.start_y.copy()
+        slides = self._slides
+        at = self._row[slides.case], slides.index
+        front, y[at] = slides.places(np.arange(len(slides.case)), time)
+        x[at] = front - slides.half_length
+        for script in self._all_scripts:
+            place = script.actor.x(time), script.actor.y(time)
+            for case, index in script.who:
+                x[self._row[case], index], y[self._row[case], index] = place
+        off = (np.abs(self.x - x) > _SCRIPT_TOLERANCE) | (np.abs(self.y - y) > _SCRIPT_TOLERANCE)
+        return np.asarray(off.any(axis=1))
 
     def accelerations(self, time: float) -> Iterator[tuple[int, int, float]]:
         """Row, index and acceleration of those that have one at a time, m/s2."""

@@ -34,6 +34,7 @@ _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 
 HANDED_BACK = "The packed ADS handed the case back."
 NOT_AT_ITS_START = "SUMO did not place a vehicle at its start."
+BESIDE_THE_LANES = "The ego's front bumper left SUMO's lanes, where SUMO counts its speed otherwise."
 NOT_AS_TOLD = "SUMO showed a vehicle elsewhere, or faster or turned otherwise, than it was told."
 
 
@@ -62,6 +63,8 @@ class PackedRun:
         self.steps = 0
         self.latency: list[float] = []
         self.half_length = 0.5 * vehicle.length
+        self.middle = 0.5 * (self.road.left_edge + self.road.right_edge)
+        self.within = 0.5 * (self.road.left_edge - self.road.right_edge + vehicle.width) - _CLOSE  # m, SUMO's own limit
 
     def _body(self, rows: int) -> None:
         vehicle, others = self.settings.vehicle, self.others
@@ -97,6 +100,8 @@ class PackedRun:
                 self.others.look(traci, now, closely=closely)
                 if closely:
                     self._check(traci)
+                elif self.others.surprised.any():
+                    self._leave_surprised(traci)
                 self._find_ends(traci, before)
                 self._forget_ended()
                 seen = egos_as_seen(self.egos, self.half_lengths, self.half_widths)
@@ -173,6 +178,9 @@ class PackedRun:
         off |= self.others.surprised | self.others.off_their_scripts(self.steps * self.settings.step)
         self._leave(traci, np.flatnonzero(off & self.live).tolist(), NOT_AS_TOLD)
 
+    def _leave_surprised(self, traci: Any) -> None:
+        self._leave(traci, np.flatnonzero(self.others.surprised & self.live).tolist(), NOT_AS_TOLD)
+
     # -- ends ----------------------------------------------------------------------------------------------------------
 
     def _find_ends(self, traci: Any, before: PackedEgos) -> None:
@@ -204,6 +212,9 @@ class PackedRun:
             ended.append(row)
         if ended:
             self._drop(traci, ended)
+        beside = (np.abs(egos.y + self.half_length * egos.sine - self.middle) > self.within) & self.live
+        if beside.any():
+            self._leave(traci, np.flatnonzero(beside).tolist(), BESIDE_THE_LANES)
 
     def _end_as_it_is(self, row: int, now: float, reason: EndReason) -> None:
         case, others = int(self.others.case[row]), self.others

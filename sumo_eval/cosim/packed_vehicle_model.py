@@ -62,7 +62,8 @@ def advance_all(
     turns = (angle != 0.0) | (egos.steering_wheel_angle != 0.0)
     steers = bool(turns.any())
     if steers:
-        mean = 0.5 * (egos.steering_wheel_angle + angle)
+        stop = math.radians(limits.max_steering_wheel_angle_deg)
+        mean = np.minimum(np.maximum(0.5 * (egos.steering_wheel_angle + angle), -stop), stop)
         curvature = one_by_one(math.tan, mean / limits.steering_ratio) / limits.wheelbase
         refused, left = _steering_limits(egos, command, mean, curvature, limits, step)
         exceptional |= turns & refused

@@ -102,8 +102,10 @@ class SyntheticDriver:
         self.pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
 
     @classmethod
-    def together(cls, drivers: Sequence[SyntheticDriver], scenario: Briefing) -> PackedDrivers:
-        """The same drivers, each in a case of its own, with all cases side by side."""
+    def together(cls, drivers: Sequence[SyntheticDriver], scenario: Briefing) -> PackedDrivers | None:
+        """The same drivers, each in a case of its own, side by side; None of a subclass, which may decide otherwise."""
+        if cls is not SyntheticDriver:
+            return None
         from sumo_eval.drivers.packed_driver import PackedDrivers
 
         return PackedDrivers(drivers, scenario)

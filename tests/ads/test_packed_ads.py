@@ -9,7 +9,9 @@ from side_by_side import assert_same_commands, assert_same_recordings, points
 
 from sumo_eval.ads import elementwise
 from sumo_eval.ads.car_following import Idm, IdmParameters
+from sumo_eval.ads.lane_change import LanePath
 from sumo_eval.ads.lane_changer import SMOOTH, LaneChanger
+from sumo_eval.ads.packed_lane_change import PackedLanePaths
 from sumo_eval.ads.packed_perception import first_least
 
 BRISK = IdmParameters(headway=0.6, standstill_gap=1.5, acceleration=2.5, deceleration=3.0)
@@ -19,6 +21,23 @@ BRISK = IdmParameters(headway=0.6, standstill_gap=1.5, acceleration=2.5, deceler
 @pytest.mark.parametrize("make", [Idm, LaneChanger, lambda: LaneChanger(SMOOTH, BRISK)])
 def test_each_command_is_the_one_it_gives_alone_whatever_the_scene(make, others):
     assert_same_commands([make() for _ in range(90)], make().packed(BRIEFING), others, seed=others, steps=60)
+
+
+@pytest.mark.parametrize("ads", [Idm, LaneChanger])
+def test_a_subclass_which_may_decide_otherwise_has_no_packed_form(ads):
+    assert ads().packed(BRIEFING) is not None
+    assert type("Own", (ads,), {})().packed(BRIEFING) is None
+
+
+def test_paths_side_by_side_are_each_the_one_alone():
+    paths = [LanePath(0.0), LanePath(3.5), *(LanePath(0.0, 3.5, begin, 80.0) for begin in (0.0, 60.0, 100.0, 140.0))]
+    packed = PackedLanePaths(paths)
+    for x in (-5.0, 60.0, 77.7, 100.0, 140.0, 180.0, 240.0):
+        everywhere = np.full(len(paths), x)
+        assert bits(np.stack(packed.at(everywhere), axis=1)) == bits([path.at(x) for path in paths])
+        assert bits(packed.y(everywhere)) == bits([path.y(x) for path in paths])
+    packed.keep(np.array([1, 0]))
+    assert bits(packed.y(np.zeros(2))) == bits([3.5, 0.0])
 
 
 @pytest.mark.parametrize(

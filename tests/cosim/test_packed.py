@@ -20,7 +20,8 @@ from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.packed import PackedCommand
 from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
 from sumo_eval.cosim.session import packed_session
-from sumo_eval.scenario import catalogue
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start, catalogue
 from sumo_eval.scenario.sampling import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
@@ -263,6 +264,48 @@ def test_egos_that_steer_and_vehicles_that_turn_are_recorded_as_alone_bit_for_bi
         assert everything(recording) == everything(simulate(concrete, driver))
         reasons.add(recording.end_reason)
     assert reasons >= {"contact", "off_road", "standstill"}
+
+
+def scripted(*moves, brake=None, slides=False, y=0.0, speed=14.0):
+    """A vehicle 40 m ahead, and one in its way that nobody moves."""
+    ahead = Actor("ahead", Start(90.0, y, speed), moves, brake=brake, slides=slides)
+    return case(ahead, Actor("beyond", Start(150.0, 3.5, 12.0)), speed=15.0)
+
+
+SCRIPTS = {
+    "half a lane": scripted(LaneChange(0.5, 3.0, 1.75)),
+    "a little to the right": scripted(LaneChange(0.3, 2.0, -0.7)),
+    "off the road": scripted(LaneChange(0.5, 2.0, -4.5)),
+    "over the left edge": scripted(LaneChange(0.5, 3.0, 5.6)),
+    "there and back": scripted(LaneChange(0.5, 3.0, 3.5), LaneChange(4.0, 2.5, -3.5)),
+    "two at once": scripted(LaneChange(0.5, 3.0, 2.1), LaneChange(1.5, 2.5, 1.4)),
+    "at constant lateral speed": scripted(ConstantLateral(0.33, 1.1, 3.5)),
+    "braking": scripted(brake=Brake(0.4, 6.0, 20.0)),
+    "braking as it changes lane": scripted(LaneChange(0.5, 1.5, 3.5), brake=Brake(1.0, 4.0)),
+    "sliding twice": scripted(ConstantLateral(0.2, 1.0, 2.0), ConstantLateral(3.05, 0.7, -1.0), slides=True),
+    "sliding as it brakes": scripted(ConstantLateral(0.2, 2.0, 3.5), brake=Brake(1.0, 3.0), slides=True),
+    "sliding off the road": scripted(ConstantLateral(0.2, 2.0, -3.0), slides=True),
+    "sliding half a lane": scripted(ConstantLateral(0.2, 2.0, 1.75), slides=True),
+    "off the centre": scripted(LaneChange(0.5, 3.0, 2.0), y=0.6),
+    "standing": scripted(speed=0.0),
+    "from the left": scripted(LaneChange(1.0, 2.5, -3.5), y=3.5),
+}
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_what_the_other_vehicles_do_is_the_same_in_a_pack_whatever_their_script(name):
+    settings = SimulationSettings(time_limit=9.0)
+    cases = [SCRIPTS[name]] * len(SWAYS)
+    why: Counter[str] = Counter()
+    for driver, recording in zip(SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True):
+        assert everything(recording) == everything(simulate(SCRIPTS[name], driver, settings))
+    if "road" not in name and "edge" not in name:  # SUMO shows another speed of who is beside every lane
+        assert not why
+
+
+def test_controllers_that_are_too_few_for_the_cases_are_refused():
+    with pytest.raises(InputError, match="one for each of the 2 cases"):
+        list(simulate_many([SCRIPTS["standing"]] * 2, [SWAYS[0]]))
 
 
 def test_vehicles_of_different_roads_of_a_pack_do_not_see_each_other():

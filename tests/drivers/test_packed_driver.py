@@ -24,7 +24,15 @@ def test_each_command_is_the_one_a_driver_gives_alone_whatever_the_scene(others)
     people = DRIVERS * 4 + tuple(replace(driver, reaction_time=0.5 + 0.1 * driver.index) for driver in DRIVERS * 4)
     plain, packed = ([SyntheticDriver(driver, CONCRETE, seed=4) for driver in people] for _ in range(2))
     together = SyntheticDriver.together(packed, BRIEFING)
+    assert together is not None
     assert_same_commands(plain, together, others, seed=others, steps=100)
+
+
+def test_a_subclass_which_may_decide_otherwise_has_no_packed_form():
+    class Own(SyntheticDriver):
+        pass
+
+    assert Own.together([Own(DRIVERS[0], CONCRETE, seed=4)], BRIEFING) is None
 
 
 @pytest.mark.parametrize(
