@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.confidence.intervals import REPLICATES, Interval
+from sumo_eval.confidence.intervals import AT_ONCE, REPLICATES, Interval
 from sumo_eval.errors import must_be
 from sumo_eval.trajectory import FloatArray
 
@@ -39,19 +39,23 @@ def risk(
     if n < 2 or not exposure.sum() > 0.0:
         raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
     hit = (loss > 0.0).astype(np.float64)
-    counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates)
-    over = counts @ exposure
-    counts, over = counts[over > 0.0], over[over > 0.0]
+    at_once = max(AT_ONCE // n, 1)
+    parts = []
+    for done in range(0, replicates, at_once):
+        counts = stream.multinomial(n, np.full(n, 1.0 / n), min(at_once, replicates - done))
+        parts.append([counts @ exposure, counts @ (exposure * hit), counts @ (exposure * loss)])
+    over, hits, losses = np.concatenate(parts, axis=1)
+    drawn = over > 0.0
     effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
     tail = (1.0 - level) / 2.0
     unseen = 1.0 - tail ** (1.0 / effective)
 
-    def interval(values: FloatArray) -> Interval:
-        low, high = np.quantile(counts @ (exposure * values) / over, [tail, 1.0 - tail])
+    def interval(values: FloatArray, sums: FloatArray) -> Interval:
+        low, high = np.quantile(sums[drawn] / over[drawn], [tail, 1.0 - tail])
         if not hit.any():
             high = unseen  # a loss is at most 1
         elif hit.all():
             low = float(low) * (1.0 - unseen)
         return Interval(float(exposure @ values / exposure.sum()), float(low), float(high), level)
 
-    return Risk(interval(hit), interval(loss), effective)
+    return Risk(interval(hit, hits), interval(loss, losses), effective)
