@@ -96,7 +96,8 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
         happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
-        packs.did_not_come_through(pack, f"{ALONE}Its pack was lost. {happened}\n", printed)
+        why = f"{ALONE}Its pack was lost. {happened}\n"
+        packs.did_not_come_through(pack, why, printed, too_slow=ended.how == "overdue")
         return []
     results: list[Result | str] | None = ended.result
     if results is None:

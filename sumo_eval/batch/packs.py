@@ -37,6 +37,7 @@ class Packs:
         self._number_ahead = 0
         self._alone: deque[tuple[Case, str]] = deque()
         self._largest_of: dict[Kind, int] = {}
+        self._in_time: dict[Kind, int] = {}  # size beyond which packs of a kind take too long
         self._remarks: dict[str, str] = {}
 
     def take(self) -> Pack | None:
@@ -73,12 +74,17 @@ class Packs:
         """Every case of a pack has its result: packs of the kind may become as large as they were."""
         kind = _kind(pack[0])
         if self._largest_of.get(kind, 1) > 1:
-            self._largest_of[kind] = min(2 * self._largest_of[kind], self._largest)
+            self._largest_of[kind] = min(2 * self._largest_of[kind], self._in_time.get(kind, self._largest))
 
-    def did_not_come_through(self, pack: Pack, why: str, printed: str) -> None:
-        """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the end single cases."""
+    def did_not_come_through(self, pack: Pack, why: str, printed: str, *, too_slow: bool = False) -> None:
+        """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the end single cases.
+
+        too_slow: it ran out of time; then packs of the kind do not become as large again.
+        """
         kind = _kind(pack[0])
         self._largest_of[kind] = max(min(len(pack), self._largest_of.get(kind, self._largest)) // _CUT, 1)
+        if too_slow:
+            self._in_time[kind] = self._largest_of[kind]
         self.run_alone(pack[:1], why + printed)
         self.run_alone(pack[1:], why)
 

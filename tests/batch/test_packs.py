@@ -176,13 +176,16 @@ def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
     assert seen == len(kinds())
 
 
-def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold() -> None:
+@pytest.mark.parametrize(("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])])
+def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
+    too_slow: bool, expected: list[int]
+) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     packs = Packs([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
     pack = packs.take()
     assert pack is not None
     assert len(pack) == 64
-    packs.did_not_come_through(pack, "it broke", "")
+    packs.did_not_come_through(pack, "it broke", "", too_slow=too_slow)
     packs.look_ahead()
     alone = [packs.take() for _ in range(64)]
     assert [case for one in alone if one is not None for case in one] == list(pack)
@@ -193,7 +196,7 @@ def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_
         sizes.append(len(pack))
         packs.came_through(pack)
         packs.look_ahead()
-    assert sizes == [16, 32, 64, 64]
+    assert sizes == expected
 
 
 def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() -> None:
