@@ -12,7 +12,7 @@ from sumo_eval.trajectory import FloatArray
 
 NEAR = 4.0  # posterior deviations from the boundary beyond which a point is on its side for sure
 SMALLEST = 1e-9  # variance that is rounding
-AT_ONCE = 4096  # points whose covariance with all training points is held at a time
+AT_ONCE = 1024  # points whose covariances with all training points are held at a time
 
 
 def posterior_factor(zones: ZonePartition, points: ArrayLike) -> FloatArray:

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import EGO, Fact, Store, open_store
+from sumo_eval.batch.store import EGO, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
     "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
@@ -105,20 +105,24 @@ def _scenario(
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     trajectories: list[Trajectory] = []
-    facts = {fact.case: fact for fact in store.facts("ads", logical.name)}
+    points, hits = {}, {}  # no more of the facts: there may be a hundred thousand of them
+    for fact in store.each_fact("ads", logical.name):
+        points[fact.case] = fact.point
+        if fact.collision is not None:
+            hits[fact.case] = fact.collision
     rows = []
     for case in cases:
-        number = facts[case.case].point
+        number = points[case.case]
         here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
         row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
-        row["contact"] = contact(facts[case.case], recorded.get(EGO))
+        row["contact"] = contact(hits.get(case.case), recorded.get(EGO))
         rows.append(row)
     drivers: dict[int, list[int]] = {}
-    compared = [fact for fact in store.facts("human", logical.name) if fact.status == "ok"]  # D_i is made of these
+    compared = [fact for fact in store.each_fact("human", logical.name) if fact.status == "ok"]  # D_i is made of these
     numbers = Counter(fact.point for fact in compared)
     for row in rows:
         row["drivers"] = numbers[row["point"]]
@@ -370,9 +374,9 @@ def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Emb
     Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
     human-like.
     """
-    points = {fact.case: (fact.scenario, fact.point) for fact in store.facts("ads")}
+    points = {fact.case: (fact.scenario, fact.point) for fact in store.each_fact("ads")}
     own = Counter(points.values())
-    humans = Counter((fact.scenario, fact.point) for fact in store.facts("human"))
+    humans = Counter((fact.scenario, fact.point) for fact in store.each_fact("human"))
     tells: dict[Point, float] = {}
     for case in evaluation.cases:
         matters = case.collided or not case.evaluated
@@ -397,11 +401,10 @@ def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Emb
     return Embedded(frozenset(chosen), frozenset(with_drivers))
 
 
-def contact(fact: Fact, ego: Trajectory | None) -> dict[str, Any] | None:
+def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | None:
     """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
-    if fact.collision is None or ego is None:
+    if hit is None or ego is None:
         return None
-    hit = fact.collision
     return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
 
 

@@ -71,7 +71,7 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
     vehicles = store.trajectories(fact.case)
     places = {name: len(trajectories) + place for place, name in enumerate(vehicles)}
     trajectories += vehicles.values()
-    hit = contact(fact, vehicles.get(EGO))
+    hit = contact(fact.collision, vehicles.get(EGO))
     if hit is not None and fact.collision is not None:
         hit["speed"] = round(fact.collision.relative_speed, 3)
     return {"name": fact.driver, "vehicles": places, "contact": hit}
