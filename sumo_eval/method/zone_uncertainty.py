@@ -43,8 +43,11 @@ def posterior_factor(zones: ZonePartition, points: ArrayLike) -> FloatArray:
     if not open_.any():
         return nothing
     cross = covariance(unit[open_], surface.points)
-    joint = covariance(unit[open_], unit[open_]) - cross @ cho_solve(known, cross.T)
-    values, vectors = np.linalg.eigh((joint + joint.T) / 2.0)
+    joint = covariance(unit[open_], unit[open_])
+    joint -= cross @ cho_solve(known, cross.T)
+    joint = joint + joint.T
+    joint /= 2.0
+    values, vectors = np.linalg.eigh(joint)
     kept = values > SMALLEST
     factor = np.zeros((len(rows), int(kept.sum())))
     factor[open_] = vectors[:, kept] * np.sqrt(values[kept])
