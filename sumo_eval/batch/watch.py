@@ -35,14 +35,14 @@ class WatchedController:
     Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case ends the process.
     """
 
+    is_adapter = True
+
     def __init__(self, controller: Controller, step_timeout: float, memory_limit: float) -> None:
         self._controller = controller
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
         self._stepping = False
-        ads: Any = getattr(controller, "target", getattr(controller, "function", None))
-        if hasattr(ads, "settled"):
-            self.settled = ads.settled  # what an ADS says of itself, for cases that end when they are decided
+        self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:

@@ -44,6 +44,8 @@ _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
+_NEAR = 0.02  # m, along and across, as near to it as nobody need look closer
+_tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long, and a step makes several
 _SEEN_AS_IT_IS: dict[str, Any] = {
     "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
     "field_of_view_deg": None, "occlusion": False,
@@ -128,27 +130,24 @@ class _Track:
 class _Script:
     """What another vehicle's script says, and when it says no more than: straight on, at one speed."""
 
+    __slots__ = (
+        "actor", "after", "before", "begin", "end", "half_length", "length", "reach", "slides", "spans", "width",
+    )  # fmt: skip
+
     def __init__(self, actor: Actor, step: float, ego: VehicleSettings) -> None:
         self.actor = actor
+        self.length, self.width, self.slides = actor.length, actor.width, actor.slides
         self.half_length = 0.5 * actor.length
         self.reach = 0.5 * (ego.length + ego.width + actor.length + actor.width)  # m, of `first_touch`
         self.spans = scripted_spans(actor, step)
         self.begin = min((begin for begin, _ in self.spans), default=math.inf)
         self.end = max((end for _, end in self.spans), default=-math.inf)
-        stands = actor.brake is not None
+        start = actor.start
         # x = offset + speed * time, and y, before and after everything that the script has the vehicle do
-        self.before = (actor.start.x, actor.start.speed, actor.start.y)
-        self.after = (actor.x(self.end) if stands else actor.start.x, 0.0 if stands else actor.start.speed,
-                      actor.y(self.end) if self.spans else actor.start.y)  # fmt: skip
-
-    def is_quiet(self, time: float) -> bool:
-        """Whether the vehicle goes straight on at constant speed, or stands."""
-        return time < self.begin or time > self.end
-
-    def has_it_near(self, x: float, y: float, time: float) -> bool:
-        """Whether a quiet vehicle is so near to where its script has it that nobody need look closer."""
-        offset, speed, across = self.before if time < self.begin else self.after
-        return abs(x - offset - speed * time) < 0.5 * _SCRIPT_TOLERANCE and abs(y - across) < 0.5 * _SCRIPT_TOLERANCE
+        self.before = self.after = (start.x, start.speed, start.y)
+        if self.spans:
+            x, speed = (start.x, start.speed) if actor.brake is None else (actor.x(self.end), 0.0)
+            self.after = (x, speed, actor.y(self.end))
 
 
 class _Run:
@@ -390,7 +389,7 @@ class _Run:
             state, clips = self.plant.advance(before, command, step)
         for what, requested, applied in clips:
             self.clip(what, requested, applied)
-        x, y, heading, speed, *_ = state
+        x, y, heading, speed, _, _ = state
         traci.vehicle.setSpeed(EGO, speed)
         self.placed_at = _place(traci, EGO, x, y, heading, self.half_length)
         self.state = state
@@ -407,9 +406,11 @@ class _Run:
         """Scripted motion at a time within one of the actor's spans."""
         if actor.name not in self.actors:
             return
-        along, across = actor.speed(time), actor.lateral_speed(time)
-        heading = 0.0 if actor.slides else math.atan2(across, along)
-        traci.vehicle.setSpeed(actor.name, along if actor.slides else math.hypot(along, across))
+        speed, heading = actor.speed(time), 0.0
+        if not actor.slides:
+            across = actor.lateral_speed(time)
+            speed, heading = math.hypot(speed, across), math.atan2(across, speed)
+        traci.vehicle.setSpeed(actor.name, speed)
         _place(traci, actor.name, actor.x(time), actor.y(time), heading, 0.5 * actor.length)
 
     # -- observation ---------------------------------------------------------------------------------------------------
@@ -424,17 +425,16 @@ class _Run:
         touched: tuple[float, str] | None = None
         for name, last in before.items():
             script = self.scripts[name]
-            actor = script.actor
             try:
-                other = _read(traci, name, script.half_length, actor.length, actor.width)
+                x, y, heading, speed = _read(traci.vehicle, name, script.half_length)
             except traci.TraCIException:
                 self.clip("actor_left_the_network", now, now)
                 continue
-            if actor.slides and not script.is_quiet(now):
-                other = other._replace(across=actor.lateral_speed(now))
+            across = script.actor.lateral_speed(now) if script.slides and script.begin <= now <= script.end else 0.0
+            other = _tuple(Body, (x, y, heading, speed, script.length, script.width, across))
             actors[name] = other
             last_x, last_y = last.x, last.y
-            shift_x, shift_y = (other.x - last_x) - moved_x, (other.y - last_y) - moved_y
+            shift_x, shift_y = (x - last_x) - moved_x, (y - last_y) - moved_y
             reach = script.reach + abs(shift_x) + abs(shift_y)
             if abs(last_x - was_x) > reach or abs(last_y - was_y) > reach:
                 continue  # as `first_touch` would say, at less cost
@@ -484,7 +484,7 @@ class _Run:
         assert self.state is not None
         x, y, heading, speed, self.acceleration, _ = self.state
         self.lane_speed = speed
-        body = Body(x, y, heading, speed, self.limits.length, self.limits.width)
+        body = _tuple(Body, (x, y, heading, speed, self.limits.length, self.limits.width, 0.0))
         x, y = traci.vehicle.getPosition(EGO)
         front_x, front_y = self.placed_at
         if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
@@ -495,7 +495,7 @@ class _Run:
 
     def _read_driven_ego(self, traci: Any, now: float) -> Body:
         """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
-        body = _read(traci, EGO, self.half_length, self.limits.length, self.limits.width)
+        body = Body(*_read(traci.vehicle, EGO, self.half_length), self.limits.length, self.limits.width)
         self._check_native_motion(body, now)
         self.acceleration = (body.speed - self.lane_speed) / self.step
         self.lane_speed = body.speed
@@ -551,25 +551,28 @@ class _Run:
             return
         self.sampled = time
         steering = math.nan if self.state is None else self.state.steering_wheel_angle
-        x, y, heading, speed, *_ = self.ego
+        x, y, heading, speed, _, _, _ = self.ego
         self.tracks[EGO].samples.extend((time, x, y, heading, speed, self.acceleration, steering))
         for name, body in self.actors.items():
-            x, y, heading, speed, *_ = body
+            x, y, heading, speed, _, _, _ = body
             script = self.scripts[name]
-            if script.is_quiet(time):
-                acceleration = 0.0
-                if not script.has_it_near(x, y, time):
-                    self._check_actor(script.actor, body, time)
-            else:
+            if script.begin <= time <= script.end:
                 acceleration = script.actor.acceleration(time)
                 self._check_actor(script.actor, body, time)
+            else:
+                acceleration = 0.0
+                offset, pace, across = script.before if time < script.begin else script.after
+                if abs(x - offset - pace * time) > _NEAR or abs(y - across) > _NEAR:
+                    self._check_actor(script.actor, body, time)
             self.tracks[name].samples.extend((time, x, y, heading, speed, acceleration))
 
     def _check_actor(self, actor: Actor, body: Body, time: float) -> None:
         """Whatever way an ADS found to another vehicle, the vehicle then is not where its script has it."""
-        off = math.hypot(body.x - actor.x(time), body.y - actor.y(time))
-        if off > _SCRIPT_TOLERANCE:
-            self.clip("actor_off_its_script", 0.0, off)
+        ahead, left = body.x - actor.x(time), body.y - actor.y(time)
+        if abs(ahead) > _NEAR or abs(left) > _NEAR:
+            off = math.hypot(ahead, left)
+            if off > _SCRIPT_TOLERANCE:
+                self.clip("actor_off_its_script", 0.0, off)
 
     def end(self, reason: EndReason) -> None:
         """The case is over."""
@@ -620,22 +623,17 @@ def _checked(answer: object, time: float) -> Command:
     return Command(float(acceleration), float(steering))
 
 
-def _read(traci: Any, name: str, half_length: float, length: float, width: float) -> Body:
-    """A vehicle's body from SUMO, whose x, y is the front bumper's centre and whose angle runs clockwise from north."""
-    vehicle = traci.vehicle
+def _read(vehicle: Any, name: str, half_length: float) -> tuple[float, float, float, float]:
+    """A vehicle's centre, heading and speed from SUMO, which reports the front bumper's centre and an angle clockwise
+    from north.
+    """
     x, y = vehicle.getPosition(name)
     angle = vehicle.getAngle(name)
     if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
-        return Body(x - half_length, y, 0.0, vehicle.getSpeed(name), length, width)
+        return x - half_length, y, 0.0, vehicle.getSpeed(name)
     heading = math.remainder(math.radians(90.0 - angle), math.tau)
-    return Body(
-        x - half_length * math.cos(heading),
-        y - half_length * math.sin(heading),
-        heading,
-        vehicle.getSpeed(name),
-        length,
-        width,
-    )
+    x, y = x - half_length * math.cos(heading), y - half_length * math.sin(heading)
+    return x, y, heading, vehicle.getSpeed(name)
 
 
 def _front(body: Body) -> tuple[float, float]:

@@ -293,11 +293,11 @@ class Actor:
 
     def acceleration(self, time: float) -> float:
         """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
-        if self.brake is None and not self.lane_changes:
-            return 0.0
-        along, across = self.speed(time), self.lateral_speed(time)
         braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
-        if across == 0.0 or self.slides:
+        if self.slides or not self.lane_changes:
+            return braking
+        along, across = self.speed(time), self.lateral_speed(time)
+        if across == 0.0:
             return braking
         sideways = sum(move.lateral_acceleration(time) for move in self.lane_changes)
         return (along * braking + across * sideways) / math.hypot(along, across)
