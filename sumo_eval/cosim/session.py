@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
@@ -189,6 +190,20 @@ def _arguments(
     if road is not None and road.network is None:  # a generator for each lane; SUMO's 64 take longer to seed
         options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
+
+
+_CALLS = (
+    "getAngle", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveToXY", "setLaneChangeMode",
+    "setSpeed", "setSpeedMode",
+)  # fmt: skip
+_DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
+
+
+def vehicles(traci: Any) -> Any:
+    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
+    ones that it wraps them in cost as much again.
+    """
+    return _DIRECT if traci is libsumo else traci.vehicle
 
 
 def check_start(traci: Any, concrete: ConcreteScenario, settings: SimulationSettings) -> None:

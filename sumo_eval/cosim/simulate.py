@@ -26,7 +26,7 @@ from sumo_eval.cosim.controller import (
 )
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.observation import Senses
-from sumo_eval.cosim.session import session
+from sumo_eval.cosim.session import session, vehicles
 from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError, seen_as_traci
 from sumo_eval.cosim.traci_program import TraciProgram, served
@@ -188,6 +188,7 @@ class _Run:
         self.state: EgoState | None = None  # while the harness's vehicle model moves the ego
         self.placed_at = (0.0, 0.0)  # m, where SUMO was told to put the front bumper's centre
         self.handed_over = False  # from the vehicle model back to SUMO, in this step
+        self.vehicles: Any = None  # calls of the simulation that drives
         self.plant: FmuPlant | None = None  # in place of the single-track model
         self.actuation = Actuation(settings.conditions, self.clip)
         self.senses: Senses | None = None  # of an ADS that is shown Observations
@@ -213,16 +214,17 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
+        self.vehicles = vehicles(traci)
         GUARD.begin(self.actors, step, self.settings.conditions.interference)
         try:
-            self._take_charge(traci)
+            self._take_charge()
             self._reset(traci)
             while self.end_reason is None:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
                 coming = self.time + step
                 if coming < self.scripted_until:
-                    self._move_actors(traci, coming)
+                    self._move_actors(coming)
                 traci.simulationStep()
                 self.steps += 1
                 self._observe(traci, self.steps * step)
@@ -254,14 +256,14 @@ class _Run:
             else:  # nobody undoes a collision by breaking down afterwards
                 self.error = sentence if self.error is None else f"{self.error} {sentence}"
 
-    def _take_charge(self, traci: Any) -> None:
-        traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
-        traci.vehicle.setLaneChangeMode(EGO, 0)
-        traci.vehicle.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
+    def _take_charge(self) -> None:
+        self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
+        self.vehicles.setLaneChangeMode(EGO, 0)
+        self.vehicles.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
         for actor in self.concrete.actors:
-            traci.vehicle.setSpeedMode(actor.name, EXACT_SPEED_MODE)
-            traci.vehicle.setLaneChangeMode(actor.name, 0)
-            traci.vehicle.setSpeed(actor.name, actor.start.speed)
+            self.vehicles.setSpeedMode(actor.name, EXACT_SPEED_MODE)
+            self.vehicles.setLaneChangeMode(actor.name, 0)
+            self.vehicles.setSpeed(actor.name, actor.start.speed)
 
     # -- the ADS -------------------------------------------------------------------------------------------------------
 
@@ -354,31 +356,31 @@ class _Run:
         """Hand the ego's next motion to SUMO; where SUMO no longer has the ego, the ADS has just taken it away."""
         try:
             if command is None:
-                self._leave_to_sumo(traci)
+                self._leave_to_sumo()
             else:
-                self._move_by_model(traci, command, step)
+                self._move_by_model(command, step)
         except traci.TraCIException as error:
             raise ControllerError(
                 f"After the ADS's step at {self.time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
 
-    def _leave_to_sumo(self, traci: Any) -> None:
+    def _leave_to_sumo(self) -> None:
         if self.plant is not None:
             self.clip("vehicle_model_not_used", 1.0, 0.0)
         if self.state is not None:
-            traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
+            self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
             self.state = None
             self.handed_over = True
         elif not isinstance(self.ads, NativeModel):
-            mode = traci.vehicle.getSpeedMode(EGO)
+            mode = self.vehicles.getSpeedMode(EGO)
             if mode != EGO_SPEED_MODE:
                 self.clip("speed_mode", mode, EGO_SPEED_MODE)
-                traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
+                self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
 
-    def _move_by_model(self, traci: Any, command: Command, step: float) -> None:
+    def _move_by_model(self, command: Command, step: float) -> None:
         before = self.state
         if before is None:
-            traci.vehicle.setSpeedMode(EGO, EXACT_SPEED_MODE)
+            self.vehicles.setSpeedMode(EGO, EXACT_SPEED_MODE)
             if self.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
                 self.tracks[EGO].samples[6] = 0.0
             ego = self.ego
@@ -390,19 +392,19 @@ class _Run:
         for what, requested, applied in clips:
             self.clip(what, requested, applied)
         x, y, heading, speed, _, _ = state
-        traci.vehicle.setSpeed(EGO, speed)
-        self.placed_at = _place(traci, EGO, x, y, heading, self.half_length)
+        self.vehicles.setSpeed(EGO, speed)
+        self.placed_at = _place(self.vehicles, EGO, x, y, heading, self.half_length)
         self.state = state
 
-    def _move_actors(self, traci: Any, time: float) -> None:
+    def _move_actors(self, time: float) -> None:
         """Scripted motion of those that have any to do at a time."""
         for script in self.scripts.values():
             for begin, end in script.spans:
                 if begin < time < end:
-                    self._move_actor(traci, script.actor, time)
+                    self._move_actor(script.actor, time)
                     break
 
-    def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
+    def _move_actor(self, actor: Actor, time: float) -> None:
         """Scripted motion at a time within one of the actor's spans."""
         if actor.name not in self.actors:
             return
@@ -410,15 +412,15 @@ class _Run:
         if not actor.slides:
             across = actor.lateral_speed(time)
             speed, heading = math.hypot(speed, across), math.atan2(across, speed)
-        traci.vehicle.setSpeed(actor.name, speed)
-        _place(traci, actor.name, actor.x(time), actor.y(time), heading, 0.5 * actor.length)
+        self.vehicles.setSpeed(actor.name, speed)
+        _place(self.vehicles, actor.name, actor.x(time), actor.y(time), heading, 0.5 * actor.length)
 
     # -- observation ---------------------------------------------------------------------------------------------------
 
     def _observe(self, traci: Any, now: float) -> None:
         """Read every vehicle at the end of the step, and see whether anything touched the ego or ended the case."""
         was, before = self.ego, self.actors
-        body = self._read_placed_ego(traci) if self.state is not None else self._read_driven_ego(traci, now)
+        body = self._read_placed_ego() if self.state is not None else self._read_driven_ego(now)
         was_x, was_y = was.x, was.y
         moved_x, moved_y = body.x - was_x, body.y - was_y
         actors: dict[str, Body] = {}
@@ -426,7 +428,7 @@ class _Run:
         for name, last in before.items():
             script = self.scripts[name]
             try:
-                x, y, heading, speed = _read(traci.vehicle, name, script.half_length)
+                x, y, heading, speed = _read(self.vehicles, name, script.half_length)
             except traci.TraCIException:
                 self.clip("actor_left_the_network", now, now)
                 continue
@@ -479,13 +481,13 @@ class _Run:
             return False
         return all(keeps_apart(ego, other) for other in self.actors.values())
 
-    def _read_placed_ego(self, traci: Any) -> Body:
+    def _read_placed_ego(self) -> Body:
         """The ego as the vehicle model moved it; SUMO must show the same."""
         assert self.state is not None
         x, y, heading, speed, self.acceleration, _ = self.state
         self.lane_speed = speed
         body = _tuple(Body, (x, y, heading, speed, self.limits.length, self.limits.width, 0.0))
-        x, y = traci.vehicle.getPosition(EGO)
+        x, y = self.vehicles.getPosition(EGO)
         front_x, front_y = self.placed_at
         if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
             raise SimulationError(
@@ -493,9 +495,9 @@ class _Run:
             )
         return body
 
-    def _read_driven_ego(self, traci: Any, now: float) -> Body:
+    def _read_driven_ego(self, now: float) -> Body:
         """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
-        body = Body(*_read(traci.vehicle, EGO, self.half_length), self.limits.length, self.limits.width)
+        body = Body(*_read(self.vehicles, EGO, self.half_length), self.limits.length, self.limits.width)
         self._check_native_motion(body, now)
         self.acceleration = (body.speed - self.lane_speed) / self.step
         self.lane_speed = body.speed
@@ -503,7 +505,7 @@ class _Run:
             self.handed_over = False
             if abs(body.heading - self.ego.heading) > 1e-3:
                 self.clip("heading", self.ego.heading, body.heading)
-        across = traci.vehicle.getLateralSpeed(EGO)
+        across = self.vehicles.getLateralSpeed(EGO)
         return body._replace(speed=math.hypot(body.speed, across)) if across else body
 
     def _check_native_motion(self, body: Body, now: float) -> None:
@@ -644,12 +646,12 @@ def _front(body: Body) -> tuple[float, float]:
     return body.x + half * math.cos(body.heading), body.y + half * math.sin(body.heading)
 
 
-def _place(traci: Any, name: str, x: float, y: float, heading: float, half_length: float) -> tuple[float, float]:
+def _place(vehicle: Any, name: str, x: float, y: float, heading: float, half_length: float) -> tuple[float, float]:
     """Put a vehicle's centre somewhere at the end of the coming step; where that has its front bumper's centre, m."""
     if heading == 0.0:
         x, y, angle = x + half_length, y + heading, 90.0
     else:
         x, y = x + half_length * math.cos(heading), y + half_length * math.sin(heading)
         angle = 90.0 - math.degrees(heading)
-    traci.vehicle.moveToXY(name, "", -1, x, y, angle, 2)
+    vehicle.moveToXY(name, "", -1, x, y, angle, 2)
     return x, y
