@@ -1,0 +1,112 @@
+"""Fields of many trajectories at many points of one road, Eq. 9, without summing every sample at every point.
+
+Away from a sample the field is a smooth function of the place. So the road is divided into boxes, halved again and
+again down to about its own width. What lies further than its own length from a box is summed at that box's nodes only,
+and a polynomial through the nodes gives it at every point of the box; what is near is summed at the points themselves.
+
+The result is that of `trajectory_field.trajectory_fields` to `ERROR`. For a box whose far samples begin one length L
+away and a road of half-width h <= L / 2.4 the summand has its singularities on ellipses of Bernstein's number
+3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 5.0 along y, so 16 nodes each way leave 5.0^-16 = 7e-12 of each
+sample's field. Where that does not hold (large constants, vectors) or does not pay, the plain sum is taken.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from sumo_eval.method import trajectory_field
+from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
+from sumo_eval.settings import FieldSettings
+from sumo_eval.trajectory import FloatArray, Trajectory
+
+ERROR = 1e-10  # of the field, relative, at most
+NODES = 16  # in a box, each way
+REACH = 1.0  # lengths of a box from which on a sample is far from it
+SLENDER = 2.4  # a box is at least this much longer than half as wide
+LARGEST_K1 = 2.0  # a field that decays faster is summed plainly
+NARROWEST = 0.5  # m; points in a narrower strip are treated as if it were this half-wide
+LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
+
+
+def shared_fields(
+    x: FloatArray, y: FloatArray, trajectories: Sequence[Trajectory], constants: FieldSettings
+) -> FloatArray:
+    """Eq. 9 for m trajectories at s rows of k points across the road, (m, s, k). x: of the rows, (s,), m. y: (s, k), m.
+
+    Errors as in `trajectory_fields`.
+    """
+    points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
+    samples = [samples_of(trajectory, constants.k2, constants.sample_interval) for trajectory in trajectories]
+    levels = _levels(x, y)
+    smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
+    if levels == 0 or not smooth or constants.superposition != "magnitude" or trajectory_field.KERNEL != "numba":
+        return trajectory_fields(
+            points.reshape(-1, 2),
+            trajectories,
+            k1=constants.k1,
+            k2=constants.k2,
+            sample_interval=constants.sample_interval,
+            superposition=constants.superposition,
+        ).reshape(len(trajectories), *y.shape)
+    return _by_boxes(points, samples, levels, float(constants.k1))
+
+
+def _levels(x: FloatArray, y: FloatArray) -> int:
+    """How often the road is halved so that least is summed; 0 where nothing is gained."""
+    largest = int(np.log2(max((x.max() - x.min()) / (SLENDER * _half_width(y)), 1.0))) if x.size else 0
+    reached = 1.0 + 2.0 * REACH  # what is summed for a box, in its lengths: at its nodes or at its points
+    costs = [y.size, *(reached * (NODES**2 * level + y.size / 2**level) for level in range(1, largest + 1))]
+    return int(np.argmin(costs))
+
+
+def _half_width(y: FloatArray) -> float:
+    """Of the strip in which the points lie, m."""
+    return max(0.5 * float(y.max() - y.min()), NARROWEST)
+
+
+def _by_boxes(points: FloatArray, samples: Sequence[FloatArray], levels: int, k1: float) -> FloatArray:
+    """The fields by 2**levels boxes. points: (s, k, 2)."""
+    from sumo_eval.method.field_loops import far_values, interpolated, near_sums
+
+    order = np.argsort(points[:, 0, 0], kind="stable")
+    ordered = points[order]
+    x, y = ordered[:, 0, 0], ordered[..., 1]
+    bounds = np.array([x[0], x[-1]])
+    length = (x[-1] - x[0]) / 2**levels
+    box = np.minimum(((x - x[0]) / length).astype(np.int64), 2**levels - 1)
+    starts = np.searchsorted(box, np.arange(2**levels + 1))
+    middle, half = 0.5 * float(y.max() + y.min()), _half_width(y)
+
+    nodes, halves, series = _nodes()
+    sums = np.empty((len(samples), *y.shape))
+    values = np.empty((2**levels, len(samples), NODES, NODES))
+    for place, one in enumerate(samples):
+        by_x = one[np.argsort(one[:, 0], kind="stable")]
+        values[:, place], near = far_values(by_x, bounds, middle + half * nodes, nodes, halves, levels, REACH, k1)
+        sums[place] = near_sums(ordered.reshape(-1, 2), starts * y.shape[1], by_x, near, k1).reshape(y.shape)
+    values = values @ series.T
+    along = np.polynomial.chebyshev.chebvander(2.0 * ((x - x[0]) / length - box) - 1.0, NODES - 1) @ series
+    across = (y - middle) / half
+    for number, (first, last) in enumerate(itertools.pairwise(starts)):
+        if last > first:
+            sums[:, first:last] += interpolated(values[number], along[first:last], across[first:last])
+    fields = np.empty_like(sums)
+    fields[:, order] = sums
+    return fields
+
+
+@functools.cache
+def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chebyshev points; values there to values at those of the left and the right half, (2, p, p); and to the
+    coefficients of a Chebyshev series, (p, p).
+    """
+    nodes: FloatArray = np.polynomial.chebyshev.chebpts1(NODES)
+    series = np.array(np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, NODES - 1)), dtype=np.float64)
+    halves: FloatArray = np.array(
+        [np.polynomial.chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series for side in (-1, 1)]
+    )
+    return nodes, halves, series
