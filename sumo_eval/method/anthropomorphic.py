@@ -120,7 +120,10 @@ def anthropomorphic_indexes(
     drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
     comparisons = [_comparison(drives, pairing, settings) for pairing in pairings]
     slices = {one.where: slice_positions(*one.where) for one in comparisons}
-    centres = {where: [lateral_position(drive.judged, x) for drive in drives] for where, x in slices.items()}
+    everywhere = np.concatenate(list(slices.values()))
+    ends = np.cumsum([len(x) for x in slices.values()])[:-1]
+    lateral = [np.split(lateral_position(drive.judged, everywhere), ends) for drive in drives]
+    centres = {where: [parts[number] for parts in lateral] for number, where in enumerate(slices)}
     sets = {
         one.points: slice_points(slices[one.where], centres[one.where][one.pairing.ads], road, settings)
         for one in comparisons

@@ -30,6 +30,7 @@ EXP0, EXP1, EXP2, EXP3, EXP4, EXP5, EXP6, EXP7, EXP8 = (
     .convert(kind=np.polynomial.Polynomial)
     .coef.tolist()
 )
+NODES = 16  # in a box, each way, at most
 QUICK_DISTANCE = 1e15  # m; its square is far within single precision
 QUARTER = np.float32(0.25)
 ROOT_OF_TWO = math.sqrt(2.0)
@@ -159,30 +160,34 @@ def _add_terms(px: FloatArray, py: FloatArray, sample: FloatArray, k1: float, to
 def far_values(
     samples: FloatArray,
     bounds: FloatArray,
-    across: FloatArray,
     nodes: FloatArray,
     halves: FloatArray,
-    levels: int,
+    counts: np.ndarray,
+    across: FloatArray,
+    finer: FloatArray,
     reach: float,
     k1: float,
 ) -> tuple[FloatArray, np.ndarray]:
-    """The field of far samples at the nodes of the smallest boxes along x, (2**levels, p, q), and the first and last
-    (exclusive) of the samples that are near each box, (2**levels, 2).
+    """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along x, as Chebyshev
+    series of q terms across. And the first and last (exclusive) of the samples that are near each box, (2**levels, 2).
 
-    samples: as in `magnitude_sum`, by x. bounds: of all boxes together, x. across: y of the q nodes. nodes: p Chebyshev
-    points on -1..1, the x of a box. halves: (2, p, p), values at the nodes of a box to values at those of its halves.
+    samples: as in `magnitude_sum`, by x. bounds: of all boxes together, x. nodes: p Chebyshev points on -1..1, the x of
+    a box. halves: (2, p, p), values at the nodes of a box to values at those of its halves. counts: how many nodes each
+    level has across, (levels + 1,), at most q. across: their y, (levels + 1, q). finer: (levels + 2, q, q), values at
+    the nodes across of one level to those of the next; last, to the series.
     A sample is far from a box when it is more than `reach` widths of the box away from it. Each box takes over what
     its parent knows of the samples that are far from the parent, and adds those that are far from itself alone.
     """
-    p, q = nodes.shape[0], across.shape[0]
+    levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
     near = np.zeros((1, 2), dtype=np.int64)
     near[0, 1] = samples.shape[0]
     for level in range(levels + 1):
-        boxes = 2**level
+        boxes, n = 2**level, counts[level]
         width = (bounds[1] - bounds[0]) / boxes
-        inherited, values = values, np.zeros((boxes, p, q))
+        inherited = _across(values, counts[max(level - 1, 0)], finer[level], n)
+        values = np.zeros((boxes, p, q))
         before, near = near, np.empty((boxes, 2), dtype=np.int64)
         for box in range(boxes):
             parent = box // 2
@@ -190,61 +195,85 @@ def far_values(
                 for a in range(p):
                     for b in range(p):
                         share = halves[box % 2, a, b]
-                        for c in range(q):
+                        for c in range(n):
                             values[box, a, c] += share * inherited[parent, b, c]
             west = bounds[0] + box * width
             left = np.searchsorted(samples[:, 0], west - reach * width, side="left")
             right = np.searchsorted(samples[:, 0], west + width + reach * width, side="right")
             for a in range(p):
-                places[a * q : (a + 1) * q, 0] = west + 0.5 * width * (1.0 + nodes[a])
-                places[a * q : (a + 1) * q, 1] = across
+                places[a * n : (a + 1) * n, 0] = west + 0.5 * width * (1.0 + nodes[a])
+                places[a * n : (a + 1) * n, 1] = across[level, :n]
             for first, last in ((before[parent, 0], left), (right, before[parent, 1])):
                 if last > first:
-                    added = magnitude_sum(places, samples[first:last], k1)
+                    added = magnitude_sum(places[: p * n], samples[first:last], k1)
                     for a in range(p):
-                        for c in range(q):
-                            values[box, a, c] += added[a * q + c]
+                        for c in range(n):
+                            values[box, a, c] += added[a * n + c]
             near[box, 0], near[box, 1] = left, right
-    return values, near
+    return _across(values, counts[levels], finer[levels + 1], q), near
 
 
 @compiled
-def near_sums(points: FloatArray, starts: np.ndarray, samples: FloatArray, near: np.ndarray, k1: float) -> FloatArray:
-    """The field of the samples that are near each box, at its points, (n,). points: box after box, (n, 2). starts: the
-    first point of each box, and n. near: as from `far_values`.
+def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatArray:
+    """Values at `count` nodes across to those at n others. values: (boxes, p, q)."""
+    found = np.zeros(values.shape)
+    for box in range(values.shape[0]):
+        for a in range(values.shape[1]):
+            for b in range(count):
+                for c in range(n):
+                    found[box, a, c] += finer[b, c] * values[box, a, b]
+    return found
+
+
+@compiled
+def put_near_sums(
+    points: FloatArray,
+    starts: np.ndarray,
+    samples: FloatArray,
+    near: np.ndarray,
+    k1: float,
+    order: np.ndarray,
+    field: FloatArray,
+) -> None:
+    """Put the field of the samples that are near each box, at its points, into `field`, (s, k).
+
+    points: rows, box after box, (s, k, 2). starts: the first row of each box, and s. near: as from `far_values`. order:
+    which row of `field` each row is.
     """
-    field = np.zeros(points.shape[0])
+    across = points.shape[1]
     for box in range(near.shape[0]):
         first, last = starts[box], starts[box + 1]
-        if last > first and near[box, 1] > near[box, 0]:
-            field[first:last] = magnitude_sum(points[first:last], samples[near[box, 0] : near[box, 1]], k1)
-    return field
+        if last > first:
+            places = points[first:last].reshape(((last - first) * across, 2))
+            sums = magnitude_sum(places, samples[near[box, 0] : near[box, 1]], k1).reshape((last - first, across))
+            for row in range(first, last):
+                field[order[row]] = sums[row - first]
 
 
 @compiled
-def interpolated(values: FloatArray, along: FloatArray, across: FloatArray) -> FloatArray:
-    """What m interpolants of a box are at rows of points, (m, s, k). values: (m, p, q), at the p nodes along x, as
-    Chebyshev series of q terms across. along: the share of each node in each row, (s, p). across: (s, k), -1..1.
+def add_interpolated(
+    values: FloatArray, along: FloatArray, across: FloatArray, order: np.ndarray, fields: FloatArray
+) -> None:
+    """Add m interpolants of a box at rows of points to `fields`, (m, rows, k). values: (m, p, NODES), as `far_values`
+    has them. along: the share of each node in each row, (s, p). across: (s, k), -1..1. order: as in `put_near_sums`.
     """
-    m, p, q = values.shape
-    rows, points = across.shape
-    found = np.empty((m, rows, points))
-    profile, terms = np.empty(q), np.empty((points, q))
+    series, rows, points = values.shape[0], along.shape[0], across.shape[1]
+    profile, terms = np.empty(NODES), np.empty((points, NODES))
     for row in range(rows):
         for point in range(points):
             y = across[row, point]
             before, now = y, 1.0
-            for n in range(q):
+            for n in range(NODES):
                 terms[point, n] = now
                 before, now = now, 2.0 * y * now - before
-        for series in range(m):
-            profile[:] = 0.0
-            for a in range(p):
-                for b in range(q):
-                    profile[b] += along[row, a] * values[series, a, b]
+        for one in range(series):
+            for b in range(NODES):
+                profile[b] = 0.0
+            for a in range(along.shape[1]):
+                for b in range(NODES):
+                    profile[b] += along[row, a] * values[one, a, b]
             for point in range(points):
                 total = 0.0
-                for b in range(q):
+                for b in range(NODES):
                     total += terms[point, b] * profile[b]
-                found[series, row, point] = total
-    return found
+                fields[one, order[row], point] += total

@@ -68,7 +68,10 @@ def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
     return HumanBand(tuple(index.value for index in indexes), tuple(index.similarity for index in indexes))
 
 
-def pairings_without(ads: int, drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
-    """An ADS against all drivers but one, for each of them: what the choice of drivers does to its D_i."""
+def left_out_pairings(ads: int, drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
+    """An ADS against all drivers, and, if that leaves two, against all but one, for each: what the choice of drivers
+    does to its D_i.
+    """
     spacing = coarse_spacing(settings)
-    return [Pairing(ads, tuple(place for place in drivers if place != one), spacing) for one in drivers]
+    fewer = [tuple(place for place in drivers if place != one) for one in drivers] if len(drivers) > 2 else []
+    return [Pairing(ads, others, spacing) for others in (tuple(drivers), *fewer)]

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.method import trajectory_field
 from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
@@ -24,7 +26,7 @@ from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 ERROR = 1e-10  # of the field, relative, at most
-NODES = 16  # in a box, each way
+NODES = 16  # in a box, each way, at most; as in `field_loops`
 REACH = 1.0  # lengths of a box from which on a sample is far from it
 SLENDER = 2.4  # a box is at least this much longer than half as wide
 LARGEST_K1 = 2.0  # a field that decays faster is summed plainly
@@ -57,9 +59,15 @@ def shared_fields(
 
 def _levels(x: FloatArray, y: FloatArray) -> int:
     """How often the road is halved so that least is summed; 0 where nothing is gained."""
-    largest = int(np.log2(max((x.max() - x.min()) / (SLENDER * _half_width(y)), 1.0))) if x.size else 0
+    if x.size == 0:
+        return 0
+    slender = float(x.max() - x.min()) / _half_width(y)
+    largest = int(np.log2(max(slender / SLENDER, 1.0)))
     reached = 1.0 + 2.0 * REACH  # what is summed for a box, in its lengths: at its nodes or at its points
-    costs = [y.size, *(reached * (NODES**2 * level + y.size / 2**level) for level in range(1, largest + 1))]
+    costs = [float(y.size)]
+    for levels in range(1, largest + 1):
+        nodes = NODES * _counts([slender / 2**level for level in range(levels + 1)]).sum()
+        costs.append(reached * (nodes + y.size / 2**levels))
     return int(np.argmin(costs))
 
 
@@ -70,7 +78,7 @@ def _half_width(y: FloatArray) -> float:
 
 def _by_boxes(points: FloatArray, samples: Sequence[FloatArray], levels: int, k1: float) -> FloatArray:
     """The fields by 2**levels boxes. points: (s, k, 2)."""
-    from sumo_eval.method.field_loops import far_values, interpolated, near_sums
+    from sumo_eval.method.field_loops import add_interpolated, far_values, put_near_sums
 
     order = np.argsort(points[:, 0, 0], kind="stable")
     ordered = points[order]
@@ -82,20 +90,20 @@ def _by_boxes(points: FloatArray, samples: Sequence[FloatArray], levels: int, k1
     middle, half = 0.5 * float(y.max() + y.min()), _half_width(y)
 
     nodes, halves, series = _nodes()
-    sums = np.empty((len(samples), *y.shape))
+    counts, places, finer = _across([length * 2**coarser / half for coarser in range(levels, -1, -1)])
+    fields = np.empty((len(samples), *y.shape))
     values = np.empty((2**levels, len(samples), NODES, NODES))
     for place, one in enumerate(samples):
         by_x = one[np.argsort(one[:, 0], kind="stable")]
-        values[:, place], near = far_values(by_x, bounds, middle + half * nodes, nodes, halves, levels, REACH, k1)
-        sums[place] = near_sums(ordered.reshape(-1, 2), starts * y.shape[1], by_x, near, k1).reshape(y.shape)
-    values = values @ series.T
+        values[:, place], near = far_values(
+            by_x, bounds, nodes, halves, counts, middle + half * places, finer, REACH, k1
+        )
+        put_near_sums(ordered, starts, by_x, near, k1, order, fields[place])
     along = np.polynomial.chebyshev.chebvander(2.0 * ((x - x[0]) / length - box) - 1.0, NODES - 1) @ series
     across = (y - middle) / half
     for number, (first, last) in enumerate(itertools.pairwise(starts)):
         if last > first:
-            sums[:, first:last] += interpolated(values[number], along[first:last], across[first:last])
-    fields = np.empty_like(sums)
-    fields[:, order] = sums
+            add_interpolated(values[number], along[first:last], across[first:last], order[first:last], fields)
     return fields
 
 
@@ -110,3 +118,32 @@ def _nodes() -> tuple[FloatArray, FloatArray, FloatArray]:
         [np.polynomial.chebyshev.chebvander(0.5 * (nodes + side), NODES - 1) @ series for side in (-1, 1)]
     )
     return nodes, halves, series
+
+
+def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Nodes across for each level of boxes: how many, where on -1..1, and what makes values there values at the nodes
+    of the next level, or last a Chebyshev series; as `far_values` takes them. slender: length over half-width of the
+    boxes of each level.
+    """
+    counts = _counts(slender)
+    places, finer = np.zeros((len(counts), NODES)), np.zeros((len(counts) + 1, NODES, NODES))
+    for level, count in enumerate(counts):
+        places[level, :count] = np.polynomial.chebyshev.chebpts1(count)
+        if level > 0:
+            before = counts[level - 1]
+            series = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[level - 1, :before], before - 1))
+            finer[level, :before, :count] = (
+                np.polynomial.chebyshev.chebvander(places[level, :count], before - 1) @ series
+            ).T
+    last = counts[-1]
+    finer[-1, :last, :last] = np.linalg.inv(np.polynomial.chebyshev.chebvander(places[-1, :last], last - 1)).T
+    return counts, places, finer
+
+
+def _counts(slender: Sequence[float]) -> NDArray[np.int64]:
+    """How many nodes across the boxes of each level need; the longer a box, the fewer leave what `NODES` leave of the
+    shortest.
+    """
+    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in (SLENDER, *slender)]
+    least = NODES * math.log(bernstein[0])
+    return np.array([min(NODES, math.ceil(least / math.log(number))) for number in bernstein[1:]])
