@@ -135,7 +135,8 @@ def anthropomorphic_indexes(
             drives,
             slices[one.where],
             np.array([centres[one.where][place] for place in (one.pairing.ads, *one.pairing.drivers)]),
-            np.array([fields[place, one.points] for place in (one.pairing.ads, *one.pairing.drivers)]),
+            fields[one.points].own,
+            fields[one.points].of(one.pairing.drivers),
             road,
             settings,
         )
@@ -148,11 +149,14 @@ def _index(
     drives: Sequence[_Drive],
     slices: FloatArray,
     centres: FloatArray,
-    fields: FloatArray,
+    own: FloatArray,
+    humans: FloatArray,
     road: Road,
     settings: AnthropomorphicSettings,
 ) -> AnthropomorphicIndex:
-    """D_i of one pairing. centres: y at the slices, (1 + k, m), fields: at their points, (1 + k, m, 7); ADS first."""
+    """D_i of one pairing. centres: y at the slices, the ADS's first, (1 + k, m). own, humans: the ADS's field at their
+    points, (m, 7), and the drivers', (k, m, 7).
+    """
     ads, drivers = drives[one.pairing.ads], [drives[place] for place in one.pairing.drivers]
     choice = one.choice
     operation_factor = _capped_ratio(
@@ -160,7 +164,7 @@ def _index(
     )
     ends = np.array([driver.whole.x[0] + driver.length for driver in drivers])
     centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, choice)
-    field_term, field_notes = _field_term(fields, settings, choice)
+    field_term, field_notes = _field_term(own, humans, settings, choice)
     usual = 1.0 if choice is None else choice.usual
     terms = centre_term[:, None] * field_term
     similarity = usual * float(terms.mean())
@@ -328,26 +332,44 @@ def _comparison(drives: Sequence[_Drive], pairing: Pairing, settings: Anthropomo
     return _Comparison(pairing, choice, compared, _capped_ratio(ads.length, mean_length), where)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fields:
+    """Eq. 9 at a set of m points a slice. drivers: of everyone who is a driver in some pairing, in the order of their
+    places, (k, m, 7). own: of the set's owner, (m, 7).
+    """
+
+    places: tuple[int, ...]
+    drivers: FloatArray
+    own: FloatArray
+
+    def of(self, places: tuple[int, ...]) -> FloatArray:
+        """Those of some of the drivers."""
+        return self.drivers if places == self.places else self.drivers[[self.places.index(place) for place in places]]
+
+
 def _fields(
     drives: Sequence[_Drive],
     comparisons: Sequence[_Comparison],
     sets: Mapping[_Points, FloatArray],
     settings: AnthropomorphicSettings,
-) -> dict[tuple[int, _Points], FloatArray]:
-    """Eq. 9 of every driver at all sets of points, and of an ADS at its own; (m, 7) by trajectory and set."""
-    drivers = sorted({place for one in comparisons for place in one.pairing.drivers})
-    others = {one.pairing.ads for one in comparisons}.difference(drivers)
-    wanted = [(drivers, list(sets)), *(([ads], [points for points in sets if points[0] == ads]) for ads in others)]
-    found = {}
-    for places, names in wanted:
+) -> dict[_Points, _Fields]:
+    """The fields by set of points: of the drivers at all sets together, of an ADS at its own."""
+
+    def at(names: Sequence[_Points], places: Sequence[int]) -> list[FloatArray]:
         points = np.concatenate([sets[name] for name in names])
-        ends = np.cumsum([len(sets[name]) for name in names])
         everyone = [drives[place].judged for place in places]
         fields = shared_fields(points[:, 0, 0], points[..., 1], everyone, settings.field)
-        for place, field in zip(places, fields, strict=True):
-            for name, part in zip(names, np.split(field, ends[:-1]), strict=True):
-                found[place, name] = part
-    return found
+        return np.split(fields, np.cumsum([len(sets[name]) for name in names])[:-1], axis=1)
+
+    places = tuple(sorted({place for one in comparisons for place in one.pairing.drivers}))
+    own: dict[_Points, FloatArray] = {}
+    for ads in {name[0] for name in sets}.difference(places):
+        names = [name for name in sets if name[0] == ads]
+        own |= {name: field[0] for name, field in zip(names, at(names, [ads]), strict=True)}
+    return {
+        name: _Fields(places, drivers, own[name] if name in own else drivers[places.index(name[0])])
+        for name, drivers in zip(sets, at(list(sets), places), strict=True)
+    }
 
 
 # --- slices -----------------------------------------------------------------------------------------------------------
@@ -442,19 +464,19 @@ def _centre_term(
 
 
 def _field_term(
-    fields: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
+    own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
 ) -> tuple[FloatArray, list[str]]:
-    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. fields: of the ADS and of the k drivers,
-    (1 + k, m, 7).
+    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. own: the ADS's field there, (m, 7). humans: the
+    k drivers', (k, m, 7).
     """
     if choice is None:
-        mean, deviation = fields[1:].mean(axis=0), fields[1:].std(axis=0, ddof=1)
+        mean, deviation = humans.mean(axis=0), humans.std(axis=0, ddof=1)
     else:
         mean, deviation = pooled_deviation(
-            fields[1:], np.ones(fields[1:].shape, dtype=np.bool_), choice, settings.pooled_drivers
+            humans, np.ones(humans.shape, dtype=np.bool_), choice, settings.pooled_drivers
         )
     floor = settings.field_deviation_floor * mean
-    term = gaussian_similarity(fields[0], mean, np.maximum(deviation, floor))
+    term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
 
 

@@ -226,54 +226,63 @@ def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatA
 
 
 @compiled
-def put_near_sums(
-    points: FloatArray,
+def put_field(
+    x: FloatArray,
+    y: FloatArray,
+    order: np.ndarray,
     starts: np.ndarray,
     samples: FloatArray,
     near: np.ndarray,
+    far: FloatArray,
+    bounds: FloatArray,
+    middle: float,
+    half: float,
+    series: FloatArray,
     k1: float,
-    order: np.ndarray,
     field: FloatArray,
 ) -> None:
-    """Put the field of the samples that are near each box, at its points, into `field`, (s, k).
+    """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones interpolated.
 
-    points: rows, box after box, (s, k, 2). starts: the first row of each box, and s. near: as from `far_values`. order:
-    which row of `field` each row is.
+    x: (s,), y: (s, k), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
+    and s. samples: by x. far, near: from `far_values`; bounds: as there. middle, half: of the strip across. series: p
+    values at the nodes of a box to a Chebyshev series, (p, p).
     """
-    across = points.shape[1]
-    for box in range(near.shape[0]):
+    boxes, across = near.shape[0], y.shape[1]
+    width = (bounds[1] - bounds[0]) / boxes
+    terms, shares, profile = np.empty(NODES), np.empty(NODES), np.empty(NODES)
+    for box in range(boxes):
         first, last = starts[box], starts[box + 1]
-        if last > first:
-            places = points[first:last].reshape(((last - first) * across, 2))
-            sums = magnitude_sum(places, samples[near[box, 0] : near[box, 1]], k1).reshape((last - first, across))
-            for row in range(first, last):
-                field[order[row]] = sums[row - first]
+        if last == first:
+            continue
+        places = np.empty(((last - first) * across, 2))
+        for row in range(first, last):
+            for point in range(across):
+                places[(row - first) * across + point, 0] = x[row]
+                places[(row - first) * across + point, 1] = y[row, point]
+        sums = magnitude_sum(places, samples[near[box, 0] : near[box, 1]], k1)
+        for row in range(first, last):
+            _polynomials(2.0 * ((x[row] - bounds[0]) / width - box) - 1.0, terms)
+            for a in range(NODES):
+                shares[a] = 0.0
+                profile[a] = 0.0
+            for n in range(NODES):
+                for a in range(NODES):
+                    shares[a] += terms[n] * series[n, a]
+            for a in range(NODES):
+                for b in range(NODES):
+                    profile[b] += shares[a] * far[box, a, b]
+            for point in range(across):
+                _polynomials((y[row, point] - middle) / half, terms)
+                total = sums[(row - first) * across + point]
+                for b in range(NODES):
+                    total += terms[b] * profile[b]
+                field[order[row], point] = total
 
 
 @compiled
-def add_interpolated(
-    values: FloatArray, along: FloatArray, across: FloatArray, order: np.ndarray, fields: FloatArray
-) -> None:
-    """Add m interpolants of a box at rows of points to `fields`, (m, rows, k). values: (m, p, NODES), as `far_values`
-    has them. along: the share of each node in each row, (s, p). across: (s, k), -1..1. order: as in `put_near_sums`.
-    """
-    series, rows, points = values.shape[0], along.shape[0], across.shape[1]
-    profile, terms = np.empty(NODES), np.empty((points, NODES))
-    for row in range(rows):
-        for point in range(points):
-            y = across[row, point]
-            before, now = y, 1.0
-            for n in range(NODES):
-                terms[point, n] = now
-                before, now = now, 2.0 * y * now - before
-        for one in range(series):
-            for b in range(NODES):
-                profile[b] = 0.0
-            for a in range(along.shape[1]):
-                for b in range(NODES):
-                    profile[b] += along[row, a] * values[one, a, b]
-            for point in range(points):
-                total = 0.0
-                for b in range(NODES):
-                    total += terms[point, b] * profile[b]
-                fields[one, order[row], point] += total
+def _polynomials(at: float, values: FloatArray) -> None:
+    """T_0, T_1, ... of a place on -1..1 into `values`."""
+    before, now = at, 1.0
+    for n in range(NODES):
+        values[n] = now
+        before, now = now, 2.0 * at * now - before

@@ -1,19 +1,20 @@
 """Fields of many trajectories at many points of one road, Eq. 9, without summing every sample at every point.
 
 Away from a sample the field is a smooth function of the place. So the road is divided into boxes, halved again and
-again down to about its own width. What lies further than its own length from a box is summed at that box's nodes only,
-and a polynomial through the nodes gives it at every point of the box; what is near is summed at the points themselves.
+again. What lies further than its own length from a box is summed at that box's nodes only, and a polynomial through
+the nodes gives it at every point of the box; what is near is summed at the points themselves.
 
-The result is that of `trajectory_field.trajectory_fields` to `ERROR`. For a box whose far samples begin one length L
-away and a road of half-width h <= L / 2.4 the summand has its singularities on ellipses of Bernstein's number
-3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 5.0 along y, so 16 nodes each way leave 5.0^-16 = 7e-12 of each
-sample's field. Where that does not hold (large constants, vectors) or does not pay, the plain sum is taken.
+The result is that of `trajectory_field.trajectory_fields` to `ERROR`. The summand's singularities are the sample itself
+(along x) and the places above and below it in the complex plane of y. From a box of length L whose far samples begin
+one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 5.0 across a
+strip of half-width h <= L/2.4: 16 nodes each way leave a small multiple of 5.0^-16 = 7e-12 of each sample's field, and
+found is 1e-12 (k1 = 0.5) to 5e-12. Where that does not hold (large constants, vectors), does not pay, or numba is
+missing, the plain sum is taken.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -25,13 +26,13 @@ from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
 from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import FloatArray, Trajectory
 
-ERROR = 1e-10  # of the field, relative, at most
+ERROR = 1e-11  # of the field, relative, at most
 NODES = 16  # in a box, each way, at most; as in `field_loops`
 REACH = 1.0  # lengths of a box from which on a sample is far from it
 SLENDER = 2.4  # a box is at least this much longer than half as wide
-LARGEST_K1 = 2.0  # a field that decays faster is summed plainly
-NARROWEST = 0.5  # m; points in a narrower strip are treated as if it were this half-wide
+LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
+NARROWEST = 0.5  # m; points in a narrower strip are treated as if it were this half-wide
 
 
 def shared_fields(
@@ -41,11 +42,11 @@ def shared_fields(
 
     Errors as in `trajectory_fields`.
     """
-    points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
     samples = [samples_of(trajectory, constants.k2, constants.sample_interval) for trajectory in trajectories]
     levels = _levels(x, y)
     smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
     if levels == 0 or not smooth or constants.superposition != "magnitude" or trajectory_field.KERNEL != "numba":
+        points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
         return trajectory_fields(
             points.reshape(-1, 2),
             trajectories,
@@ -54,7 +55,7 @@ def shared_fields(
             sample_interval=constants.sample_interval,
             superposition=constants.superposition,
         ).reshape(len(trajectories), *y.shape)
-    return _by_boxes(points, samples, levels, float(constants.k1))
+    return _by_boxes(x, y, samples, levels, float(constants.k1))
 
 
 def _levels(x: FloatArray, y: FloatArray) -> int:
@@ -76,34 +77,24 @@ def _half_width(y: FloatArray) -> float:
     return max(0.5 * float(y.max() - y.min()), NARROWEST)
 
 
-def _by_boxes(points: FloatArray, samples: Sequence[FloatArray], levels: int, k1: float) -> FloatArray:
-    """The fields by 2**levels boxes. points: (s, k, 2)."""
-    from sumo_eval.method.field_loops import add_interpolated, far_values, put_near_sums
+def _by_boxes(x: FloatArray, y: FloatArray, samples: Sequence[FloatArray], levels: int, k1: float) -> FloatArray:
+    """The fields by 2**levels boxes."""
+    from sumo_eval.method.field_loops import far_values, put_field
 
-    order = np.argsort(points[:, 0, 0], kind="stable")
-    ordered = points[order]
-    x, y = ordered[:, 0, 0], ordered[..., 1]
-    bounds = np.array([x[0], x[-1]])
-    length = (x[-1] - x[0]) / 2**levels
+    fields = np.empty((len(samples), *y.shape))
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    bounds, length = np.array([x[0], x[-1]]), (x[-1] - x[0]) / 2**levels
     box = np.minimum(((x - x[0]) / length).astype(np.int64), 2**levels - 1)
     starts = np.searchsorted(box, np.arange(2**levels + 1))
     middle, half = 0.5 * float(y.max() + y.min()), _half_width(y)
 
     nodes, halves, series = _nodes()
     counts, places, finer = _across([length * 2**coarser / half for coarser in range(levels, -1, -1)])
-    fields = np.empty((len(samples), *y.shape))
-    values = np.empty((2**levels, len(samples), NODES, NODES))
-    for place, one in enumerate(samples):
+    for one, field in zip(samples, fields, strict=True):
         by_x = one[np.argsort(one[:, 0], kind="stable")]
-        values[:, place], near = far_values(
-            by_x, bounds, nodes, halves, counts, middle + half * places, finer, REACH, k1
-        )
-        put_near_sums(ordered, starts, by_x, near, k1, order, fields[place])
-    along = np.polynomial.chebyshev.chebvander(2.0 * ((x - x[0]) / length - box) - 1.0, NODES - 1) @ series
-    across = (y - middle) / half
-    for number, (first, last) in enumerate(itertools.pairwise(starts)):
-        if last > first:
-            add_interpolated(values[number], along[first:last], across[first:last], order[first:last], fields)
+        far, near = far_values(by_x, bounds, nodes, halves, counts, middle + half * places, finer, REACH, k1)
+        put_field(x, y, order, starts, by_x, near, far, bounds, middle, half, series, k1, field)
     return fields
 
 
