@@ -62,11 +62,11 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
     for first in range(0, points.shape[0], POINTS_AT_ONCE):
         n = min(POINTS_AT_ONCE, points.shape[0] - first)
         filled = (n + LANES - 1) // LANES * LANES
+        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
         for i in range(filled):
-            px[i] = points[first + min(i, n - 1), 0]
-            py[i] = points[first + min(i, n - 1), 1]
-            total[i] = 0.0
-        west, east, south, north = px[:n].min(), px[:n].max(), py[:n].min(), py[:n].max()
+            x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
+            west, east, south, north = min(west, x), max(east, x), min(south, y), max(north, y)
+            px[i], py[i], total[i] = x, y, 0.0
         wide = east - west + north - south > QUICK_DISTANCE
         count = 0
         for j in range(samples.shape[0]):
@@ -76,7 +76,7 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 quick[count] = j
                 count += 1
             else:
-                _add_terms(px, py, samples[j], k1, total, filled)
+                _add_terms(px, py, samples, j, k1, total, filled)
         if count:
             x, y = samples[quick[0], 0], samples[quick[0], 1]
             for i in range(filled):
@@ -85,10 +85,9 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                 square[i] = dx * dx + dy * dy
                 guess[i] = math.sqrt(math.sqrt(QUARTER / np.float32(square[i])))
             for j in range(count):
-                x, y, along_x, along_y, _, weight = samples[quick[j]]
-                along_x *= 2.0
-                along_y *= 2.0
-                weight *= ROOT_OF_TWO
+                now = quick[j]
+                x, y, weight = samples[now, 0], samples[now, 1], samples[now, 5] * ROOT_OF_TWO
+                along_x, along_y = 2.0 * samples[now, 2], 2.0 * samples[now, 3]
                 e0, e1, e2, e3 = weight * EXP0, weight * EXP1, weight * EXP2, weight * EXP3
                 e4, e5, e6, e7, e8 = weight * EXP4, weight * EXP5, weight * EXP6, weight * EXP7, weight * EXP8
                 following = quick[min(j + 1, count - 1)]
@@ -106,19 +105,23 @@ def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatAr
                     total[i] += u * (e0 + f * (e1 + f * (e2 + f * (e3 + f * e))))
                     square[i] = next_square
                     guess[i] = next_guess
-        field[first : first + n] = total[:n]
+        for i in range(n):
+            field[first + i] = total[i]
     return field
 
 
 @compiled
-def _add_terms(px: FloatArray, py: FloatArray, sample: FloatArray, k1: float, total: FloatArray, filled: int) -> None:
+def _add_terms(
+    px: FloatArray, py: FloatArray, samples: FloatArray, j: int, k1: float, total: FloatArray, filled: int
+) -> None:
     """Add one sample's field at the points of a block.
 
     exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often enough, squared as
     often; at k2 = 0.005 s/m that is never up to 70 m/s.
     """
     growth, nearness = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
-    x, y, along_x, along_y, ahead, weight = sample
+    x, y, along_x, along_y = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
+    ahead, weight = samples[j, 4], samples[j, 5]
     halvings = 0
     while abs(ahead) > 0.35:
         ahead *= 0.5
@@ -165,52 +168,50 @@ def far_values(
     counts: np.ndarray,
     across: FloatArray,
     finer: FloatArray,
-    reach: float,
+    near: np.ndarray,
     k1: float,
-) -> tuple[FloatArray, np.ndarray]:
+) -> FloatArray:
     """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along x, as Chebyshev
-    series of q terms across. And the first and last (exclusive) of the samples that are near each box, (2**levels, 2).
+    series of q terms across.
 
     samples: as in `magnitude_sum`, by x. bounds: of all boxes together, x. nodes: p Chebyshev points on -1..1, the x of
     a box. halves: (2, p, p), values at the nodes of a box to values at those of its halves. counts: how many nodes each
     level has across, (levels + 1,), at most q. across: their y, (levels + 1, q). finer: (levels + 2, q, q), values at
-    the nodes across of one level to those of the next; last, to the series.
-    A sample is far from a box when it is more than `reach` widths of the box away from it. Each box takes over what
-    its parent knows of the samples that are far from the parent, and adds those that are far from itself alone.
+    the nodes across of one level to those of the next; last, to the series. near: the first and last (exclusive) of the
+    samples that are near each box, level after level, (2**(levels + 1) - 1, 2); all others are far from it.
+    Each box takes over what its parent knows of the samples that are far from the parent, and adds those that are far
+    from itself alone.
     """
     levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
     places = np.empty((p * q, 2))
     values = np.zeros((1, p, q))
-    near = np.zeros((1, 2), dtype=np.int64)
-    near[0, 1] = samples.shape[0]
     for level in range(levels + 1):
         boxes, n = 2**level, counts[level]
         width = (bounds[1] - bounds[0]) / boxes
         inherited = _across(values, counts[max(level - 1, 0)], finer[level], n)
         values = np.zeros((boxes, p, q))
-        before, near = near, np.empty((boxes, 2), dtype=np.int64)
         for box in range(boxes):
-            parent = box // 2
+            parent, place = box // 2, boxes - 1 + box
+            left, right, first, last = near[place, 0], near[place, 1], 0, samples.shape[0]
             if level > 0:
+                first, last = near[boxes // 2 - 1 + parent, 0], near[boxes // 2 - 1 + parent, 1]
                 for a in range(p):
                     for b in range(p):
                         share = halves[box % 2, a, b]
                         for c in range(n):
                             values[box, a, c] += share * inherited[parent, b, c]
             west = bounds[0] + box * width
-            left = np.searchsorted(samples[:, 0], west - reach * width, side="left")
-            right = np.searchsorted(samples[:, 0], west + width + reach * width, side="right")
             for a in range(p):
-                places[a * n : (a + 1) * n, 0] = west + 0.5 * width * (1.0 + nodes[a])
-                places[a * n : (a + 1) * n, 1] = across[level, :n]
-            for first, last in ((before[parent, 0], left), (right, before[parent, 1])):
-                if last > first:
-                    added = magnitude_sum(places[: p * n], samples[first:last], k1)
+                for c in range(n):
+                    places[a * n + c, 0] = west + 0.5 * width * (1.0 + nodes[a])
+                    places[a * n + c, 1] = across[level, c]
+            for begin, end in ((first, left), (right, last)):
+                if end > begin:
+                    added = magnitude_sum(places[: p * n], samples[begin:end], k1)
                     for a in range(p):
                         for c in range(n):
                             values[box, a, c] += added[a * n + c]
-            near[box, 0], near[box, 1] = left, right
-    return _across(values, counts[levels], finer[levels + 1], q), near
+    return _across(values, counts[levels], finer[levels + 1], q)
 
 
 @compiled
@@ -244,8 +245,8 @@ def put_field(
     """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones interpolated.
 
     x: (s,), y: (s, k), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
-    and s. samples: by x. far, near: from `far_values`; bounds: as there. middle, half: of the strip across. series: p
-    values at the nodes of a box to a Chebyshev series, (p, p).
+    and s. far: from `far_values`. samples, bounds: as there; near: of the smallest boxes. middle, half: of the strip
+    across. series: p values at the nodes of a box to a Chebyshev series, (p, p).
     """
     boxes, across = near.shape[0], y.shape[1]
     width = (bounds[1] - bounds[0]) / boxes

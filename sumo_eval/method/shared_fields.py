@@ -90,12 +90,25 @@ def _by_boxes(x: FloatArray, y: FloatArray, samples: Sequence[FloatArray], level
     middle, half = 0.5 * float(y.max() + y.min()), _half_width(y)
 
     nodes, halves, series = _nodes()
+    west, east = _near(bounds, levels)
     counts, places, finer = _across([length * 2**coarser / half for coarser in range(levels, -1, -1)])
     for one, field in zip(samples, fields, strict=True):
         by_x = one[np.argsort(one[:, 0], kind="stable")]
-        far, near = far_values(by_x, bounds, nodes, halves, counts, middle + half * places, finer, REACH, k1)
-        put_field(x, y, order, starts, by_x, near, far, bounds, middle, half, series, k1, field)
+        near = np.column_stack((np.searchsorted(by_x[:, 0], west), np.searchsorted(by_x[:, 0], east, side="right")))
+        far = far_values(by_x, bounds, nodes, halves, counts, middle + half * places, finer, near, k1)
+        put_field(x, y, order, starts, by_x, near[-(2**levels) :], far, bounds, middle, half, series, k1, field)
     return fields
+
+
+def _near(bounds: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
+    """Between which x a sample is near each box, level after level."""
+    west, east = [], []
+    for level in range(levels + 1):
+        length = (bounds[1] - bounds[0]) / 2**level
+        begins = bounds[0] + length * np.arange(2**level)
+        west.append(begins - REACH * length)
+        east.append(begins + (1.0 + REACH) * length)
+    return np.concatenate(west), np.concatenate(east)
 
 
 @functools.cache
