@@ -1,7 +1,7 @@
 """What the drivers of each concrete scenario tell: D_i of the ADSs, the drivers' own band, D_i with a driver left out.
 
-All three need the fields of the same drives at nearly the same places, so a point is one piece of work. Points are read
-from the store and spread over processes.
+All three need the fields of the same drives, so a point is one piece of work. Points are read from the store and spread
+over processes.
 
 The band and the indexes with a driver left out depend on the recorded drives and the settings alone, so a run's folder
 keeps what has been computed in `bands.json`: scoring, explaining or comparing a run again reads it there. It may be
@@ -178,14 +178,16 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     judged = [Pairing(place[case], tuple(drivers), settings.slice_spacing) for case in job.ads]
     among = band_pairings(drivers, settings) if job.band else []
     without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
-    pairings = [*judged, *among, *(pairing for found in without.values() for pairing in found)]
     trajectories = [store.trajectory(case) for case in cases]
-    indexes = iter(anthropomorphic_indexes(trajectories, pairings, job.road, settings))
+    # Apart from the rest, so that a D_i is the same to the last bit whether or not the rest is already kept.
+    found = anthropomorphic_indexes(trajectories, judged, job.road, settings)
+    rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
+    indexes = iter(anthropomorphic_indexes(trajectories, rest, job.road, settings))
     return PointResult(
-        indexes={case: next(indexes) for case in job.ads},
+        indexes=dict(zip(job.ads, found, strict=True)),
         band=band_of(list(islice(indexes, len(among)))) if job.band else None,
         left_out={
-            case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(found) - 1)))
-            for case, found in without.items()
+            case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(pairings) - 1)))
+            for case, pairings in without.items()
         },
     )

@@ -117,6 +117,8 @@ def anthropomorphic_indexes(
         start = float(trajectories[pairing.ads].x[0])
         if start >= road.length:
             raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
+    if not pairings:
+        return []
     drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
     comparisons = [_comparison(drives, pairing, settings) for pairing in pairings]
     slices = {one.where: slice_positions(*one.where) for one in comparisons}

@@ -125,6 +125,10 @@ def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: 
     assert index.slice_similarity.mean() == pytest.approx(index.similarity, rel=1e-12)
 
 
+def test_no_pairings_are_an_empty_answer() -> None:
+    assert module.anthropomorphic_indexes(humans(1), [], ROAD) == []
+
+
 @pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])
 def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     ads, drivers = drive(24.0, 0.2), humans(1)
