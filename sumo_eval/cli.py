@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
+import os
 import sys
 from importlib import import_module
 from typing import Any, Final, NoReturn
@@ -57,6 +60,8 @@ class _Group(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
+        _one_thread()
+        atexit.register(gc.freeze)  # else Python looks through all that was imported before it lets go of it, for 0.2 s
         try:
             return super().invoke(ctx)
         except StoppedError as stop:
@@ -67,6 +72,14 @@ class _Group(click.Group):
         except KeyboardInterrupt:
             click.echo("Stopped by Ctrl-C.", err=True)
             sys.exit(INTERRUPTED)
+
+
+def _one_thread() -> None:
+    """Of linear algebra, before it is loaded: the matrices here are small, threads would only wait for each other, and
+    their number would change sums by a bit. What the user has set stays.
+    """
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def _refuse(sentence: str) -> NoReturn:

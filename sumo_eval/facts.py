@@ -112,7 +112,8 @@ def record_facts(
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
-    spaces = _spaces(evaluation, source, shard)
+    progress("controllers", len(plan.identities), len(plan.identities))
+    spaces = _spaces(evaluation, source, shard, progress)
     with run_folder.only_writer(folder, resume=resume):
         run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
@@ -273,7 +274,9 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
     return chosen
 
 
-def _spaces(settings: EvaluationSettings, source: Path, shard: tuple[int, int]) -> list[Space]:
+def _spaces(
+    settings: EvaluationSettings, source: Path, shard: tuple[int, int], progress: Progress = quiet
+) -> list[Space]:
     """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
     spaces = []
     for offset, entry in enumerate(settings.scenario):
@@ -286,6 +289,7 @@ def _spaces(settings: EvaluationSettings, source: Path, shard: tuple[int, int]) 
         index, count = shard
         numbers = range((index - 1 - offset) % count, len(points.points), count)
         spaces.append(Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)))
+        progress("zones", len(spaces), len(settings.scenario))
     return spaces
 
 

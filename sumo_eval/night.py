@@ -83,7 +83,7 @@ def run_night(
             gates = judge(done, comparison, gate)
             write_tables(done)
             write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
-            report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)))
+            report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
         except (OSError, sqlite3.Error) as error:
             shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
             raise InputError(

@@ -24,6 +24,13 @@ def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
     assert "x bare libsumo" in result.output
 
 
+def test_one_part_can_be_measured_alone(tmp_path):
+    result = CliRunner().invoke(main, ["bench", "--small", "--only", "zones"])
+    assert result.exit_code == 0, result.output
+    assert "training points" in result.output
+    assert "co-simulation" not in result.output
+
+
 def test_the_measured_controllers_react():
     for ads in (TenLines, set_speed):
         assert simulate(CUT_IN, ads, SETTINGS).ego.speed.min() < 29.0

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
 
 EVALUATION = """
 name = "cli"
@@ -51,6 +55,24 @@ def test_help_imports_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "partition" in done.stdout
+
+
+def test_running_and_scoring_import_no_more_than_synthetic_drivers_on_a_grid_need() -> None:
+    code = (
+        "import sys, sumo_eval.evaluation, sumo_eval.report.assessed, sumo_eval.report.tables\n"
+        "heavy = {'pandas', 'sklearn', 'scipy.stats', 'numba', 'plotly.graph_objects', 'fmpy', 'distributed'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    assert CliRunner().invoke(main, ["scenarios"]).exit_code == 0
+    assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("3", "1")
 
 
 def test_a_run_ends_with_a_table_a_report_and_status_0(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.forkserver
+import multiprocessing.resource_tracker
 import os
 import signal
 import sys
@@ -62,6 +63,16 @@ def child_context() -> BaseContext:
     return cast("BaseContext", context)
 
 
+def warm_up() -> None:
+    """Let the process that makes the children begin to load the simulator, while this one loads what it needs itself.
+
+    Nothing waits for it, and where children are spawned there is no such process.
+    """
+    child_context()
+    with _script_out_of_sight(), _children_environment():
+        pass  # to begin there is part of entering
+
+
 def tie_to_owner(lifeline: Connection) -> None:
     """Called in a child: end with the owner. `lifeline`: reading end of a pipe whose writing end the owner holds."""
     if sys.platform == "win32":
@@ -98,6 +109,16 @@ def _script_out_of_sight() -> Iterator[None]:
         sys.modules["__main__"] = script
 
 
+def _begin_forkserver() -> None:
+    """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here meanwhile is not lost."""
+    multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        multiprocessing.forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @contextmanager
 def _children_environment() -> Iterator[None]:
     """The environment in which the process that makes the children starts; what the user has set stays, but for one."""
@@ -107,7 +128,7 @@ def _children_environment() -> Iterator[None]:
             os.environ[name] = value
     try:
         if _KIND == "forkserver":
-            multiprocessing.forkserver.ensure_running()
+            _begin_forkserver()
         yield
     finally:
         for name, old in before.items():

@@ -14,7 +14,6 @@ from sumo_eval.batch.engines import Stopping, identify, never, run_cases
 from sumo_eval.batch.identity import harness_identity, people_identity, with_fingerprint
 from sumo_eval.batch.store import Store
 from sumo_eval.cosim.fmu import FmuPlant
-from sumo_eval.drivers.reference import open_people, reference
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.locators import load_object
 from sumo_eval.results import EVALUATED
@@ -173,6 +172,8 @@ def record(space: Space, plan: Planner, store: Store, progress: Progress, stoppi
 
 def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
     """Recorded drives at every safe point, and synthetic drivers where they are too few and shall be filled up."""
+    from sumo_eval.drivers.reference import open_people, reference  # pandas, which synthetic drivers do not need
+
     name, settings = space.logical.name, plan.settings.drivers
     people = open_people(settings, plan.source)
     known: set[str] = set()

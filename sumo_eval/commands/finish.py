@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from sumo_eval.commands.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
+from sumo_eval.commands.progress import Progress
 
 if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
@@ -22,7 +23,8 @@ def finish(evaluation: Evaluation) -> NoReturn:
 
     write_tables(evaluation)
     write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
-    write_assessed_report(evaluation)
+    with Progress() as progress:
+        write_assessed_report(evaluation, progress=progress)
     if sys.stdout.isatty():
         from rich.console import Console
 

@@ -25,6 +25,9 @@ def nightly(evaluation: Path, history: Path, gate: Path | None, keep: int, worke
     Exit status: 0 a good night, 1 a gate failed, 2 the input is wrong or a night is running already, 3 some cases could
     not be evaluated.
     """
+    from sumo_eval.batch.children import warm_up
+
+    warm_up()  # before the imports below, which take a second
     from sumo_eval.night import run_night
     from sumo_eval.report.gate_settings import read_gate
     from sumo_eval.report.terminal import closing_lines, comparison_lines, gate_lines, plain_table

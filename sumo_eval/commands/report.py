@@ -18,4 +18,5 @@ def report(run: Path) -> None:
 
     with Progress() as progress:
         evaluation = score_run(run, progress=progress)
-    click.echo(str(write_assessed_report(evaluation)))
+        path = write_assessed_report(evaluation, progress=progress)
+    click.echo(str(path))

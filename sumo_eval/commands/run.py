@@ -39,6 +39,9 @@ def run(
     dry_run: bool,
 ) -> None:
     """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
+    from sumo_eval.batch.children import warm_up
+
+    warm_up()  # before the imports below, which take a second
     from sumo_eval.evaluation import score
     from sumo_eval.facts import WHOLE, estimate, parse_shard, record_facts, resolve
 

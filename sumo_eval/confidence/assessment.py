@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sumo_eval.batch.indexes import IndexJob, compute_indexes
+from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.confidence.coverage import SpaceCoverage, space_coverage
@@ -51,17 +52,17 @@ class Confidence:
         return next(item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario))
 
 
-def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> Confidence:
+def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet) -> Confidence:
     """How far each score of an evaluation can be trusted. partitions: the zones, by scenario name."""
-    coverage = {}
+    coverage, assessments = {}, []
     with open_store(evaluation.folder / FACTS) as store:
-        assessments = tuple(
-            _assess(score, evaluation, partitions[score.scenario], store) for score in evaluation.scores
-        )
+        for score in evaluation.scores:
+            assessments.append(_assess(score, evaluation, partitions[score.scenario], store))
+            progress("confidence", len(assessments), len(evaluation.scores))
     for name, zones in partitions.items():
         rows = {tuple(zones.logical.row(case.values)) for case in evaluation.cases if case.scenario == name}
         coverage[name] = space_coverage(zones, np.array(sorted(rows)))
-    return Confidence(assessments, coverage)
+    return Confidence(tuple(assessments), coverage)
 
 
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition, store: Store) -> Assessment:

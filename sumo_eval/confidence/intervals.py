@@ -16,7 +16,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, stdtrit
 
 from sumo_eval.errors import must_be
 from sumo_eval.settings import ScoreSettings
@@ -146,9 +146,9 @@ def _total(c: FloatArray, d: FloatArray, score: ScoreSettings) -> FloatArray:
 
 
 def _limits(value: float, replicates: FloatArray, n: int, level: float) -> Interval:
-    """Percentiles, widened for n cases."""
+    """Percentiles, widened for n cases: by the quantile of t in place of the normal one."""
     tail = (1.0 - level) / 2.0
-    tail = float(stats.norm.cdf(math.sqrt(n / (n - 1)) * stats.t.ppf(tail, n - 1)))
+    tail = float(ndtr(math.sqrt(n / (n - 1)) * stdtrit(n - 1, tail)))
     low, high = np.quantile(replicates, [tail, 1.0 - tail])
     return Interval(value, float(low), float(high), level)
 

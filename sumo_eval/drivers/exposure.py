@@ -1,4 +1,7 @@
-"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as declared."""
+"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as declared.
+
+scipy.stats and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 from scipy.spatial import cKDTree
 
-from sumo_eval.drivers.matching import match_of, matching_events
-from sumo_eval.drivers.reference import open_people
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
@@ -41,7 +41,7 @@ class RecordedExposure:
     def density(self, values: Values) -> FloatArray:
         """p at values by name (arrays that broadcast)."""
         places = _columns(values, self.names)
-        found: FloatArray = stats.gaussian_kde(self.points.T, bw_method=self.factor)(places.reshape(len(places), -1))
+        found: FloatArray = _stats().gaussian_kde(self.points.T, bw_method=self.factor)(places.reshape(len(places), -1))
         return found.reshape(places.shape[1:])
 
     def supported(self, points: FloatArray) -> BoolArray:
@@ -95,6 +95,9 @@ def exposure_of(
             f"The exposure of scenario `{logical.name}` must name recordings, in `scenario.exposure.recordings` or "
             "`drivers.recordings`, got none."
         )
+    from sumo_eval.drivers.matching import match_of, matching_events
+    from sumo_eval.drivers.reference import open_people
+
     match_of(logical.name)
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
@@ -140,7 +143,7 @@ def fit_exposure(points: FloatArray, names: Sequence[str], *, bandwidth: str = "
 
 def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> float:
     """Share of the possible points of a space that lie outside the data's support."""
-    unit = stats.qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
+    unit = _stats().qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
     points = logical.from_unit(unit)
     return float(np.mean(~model.supported(points[logical.feasible(points)])))
 
@@ -153,12 +156,12 @@ def _held_out(events: FloatArray, fit: Any) -> float:
 
 
 def _kde(train: FloatArray, factor: float) -> Any:
-    kernel = stats.gaussian_kde(train.T, bw_method=factor)
+    kernel = _stats().gaussian_kde(train.T, bw_method=factor)
     return lambda points: kernel.logpdf(points.T)
 
 
 def _gaussian(train: FloatArray) -> Any:
-    normal = stats.multivariate_normal(train.mean(axis=0), np.cov(train.T))
+    normal = _stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
     return lambda points: np.atleast_1d(normal.logpdf(points))
 
 
@@ -186,8 +189,15 @@ def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribut
 
 
 def _frozen(item: DeclaredDistribution) -> Any:
+    stats = _stats()
     if item.distribution == "normal":
         return stats.norm(item.first, item.second)
     if item.distribution == "lognormal":
         return stats.lognorm(item.second, scale=np.exp(item.first))
     return stats.uniform(item.first, item.second - item.first)
+
+
+def _stats() -> Any:
+    from scipy import stats
+
+    return stats

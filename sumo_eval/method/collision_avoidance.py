@@ -17,6 +17,7 @@ SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L
 LEAST_LOSS = 0.1  # Eq. 14: L otherwise
 MARCH = 1.0 / 250.0  # unit-box lengths between the samples of a ray
+AT_ONCE = 32  # steps of the march that are judged in one go
 BISECTIONS = 40  # halvings of a step of the march: to the last digits
 SAME_POINT = 1e-12  # unit-box lengths
 
@@ -117,12 +118,15 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     high: FloatArray = to_box.copy()
     marching = np.arange(len(start))
     steps = math.ceil(float(np.max(to_box * np.linalg.norm(direction, axis=1))) / MARCH)
-    for step in range(1, steps + 1):
-        t = to_box[marching] * (step / steps)
-        stays = inside(marching, t)
-        high[marching[~stays]] = t[~stays]
-        marching = marching[stays]
-        low[marching] = t[stays]
+    for first in range(1, steps + 1, AT_ONCE):
+        shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
+        t = np.column_stack([low[marching], to_box[marching, None] * shares])
+        stays = inside(np.repeat(marching, len(shares)), t[:, 1:].ravel()).reshape(-1, len(shares))
+        stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)  # steps before the first out
+        rows, leaves = np.arange(len(t)), stayed < len(shares)
+        low[marching] = t[rows, stayed]
+        high[marching[leaves]] = t[rows[leaves], stayed[leaves] + 1]
+        marching = marching[~leaves]
         if marching.size == 0:
             break
     every = np.arange(len(start))

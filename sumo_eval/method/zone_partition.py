@@ -16,26 +16,21 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import cho_solve, cholesky
 from scipy.ndimage import generate_binary_structure, label
-from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, searched_criticality
+from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
 from sumo_eval.settings import ZoneSettings
@@ -513,56 +508,37 @@ def _fit(
 
     spacing = np.array([np.diff(np.unique([0.0, *column, 1.0])).max() for column in unit.T])
     spacing = np.maximum(spacing, n ** (-1.0 / k))
-    scale_bounds = [(0.5 * step, LONGEST_SCALE) for step in spacing]
-    prior = ConstantKernel(1.0, SIGNAL_BOUNDS) * RBF(np.maximum(0.5, 2.0 * spacing), scale_bounds)
-    prior += WhiteKernel(1e-3, NOISE_BOUNDS)
-    failures: list[str] = []
-
-    def search(objective: object, start: FloatArray, bounds: FloatArray) -> tuple[FloatArray, float]:
-        result = minimize(objective, start, method="L-BFGS-B", jac=True, bounds=bounds)  # type: ignore[call-overload]
-        if not result.success:
-            failures.append(str(result.message))
-        return result.x, float(result.fun)
-
+    bounds = np.log([SIGNAL_BOUNDS, *((0.5 * step, LONGEST_SCALE) for step in spacing), NOISE_BOUNDS])
+    start = Hyperparameters(1.0, tuple(np.maximum(0.5, 2.0 * spacing).tolist()), 1e-3)
     tolerance = (TARGET_TOLERANCE * target) ** 2
     sample = np.random.default_rng(SEED).permutation(n)[:SEARCH_POINTS]
     # One thread: matrices this small gain nothing from more, and several waited 20 s for each other on a busy machine.
-    with warnings.catch_warnings(), threadpool_limits(1):
-        # scikit-learn warns of hyperparameters at their bounds; `_bound_notes` says the same in our words.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        searched = GaussianProcessRegressor(
-            prior,
-            alpha=tolerance[sample],
-            optimizer=search,
-            n_restarts_optimizer=settings.restarts,
-            random_state=SEED,
-        ).fit(unit[sample], target[sample])
+    with threadpool_limits(1):
+        likelihood = MarginalLikelihood(unit[sample], target[sample], tolerance[sample])
+        theta, failures = most_likely(likelihood, start, bounds, restarts=settings.restarts, seed=SEED)
+        # Three digits are more than the likelihood can tell apart; zones stay free of the last digits of the search.
+        rounded = Hyperparameters.of_logarithms(np.log([float(f"{value:.3g}") for value in np.exp(theta)]))
+        k_training = covariance(unit, rounded)
+        k_training[np.diag_indices_from(k_training)] += tolerance
+        factor = cholesky(k_training, lower=True, check_finite=False)
+        weights = cho_solve((factor, True), target, check_finite=False)
     if failures:
         notes.append(
             f"{len(failures)} of {settings.restarts + 1} searches for the GP's hyperparameters stopped early: "
             f"{failures[0]}."
         )
-    kernel = searched.kernel_
-    notes.extend(_bound_notes(logical, kernel))
-    # Three digits are more than the likelihood can tell apart, and keep zones free of the last digits of the search.
-    rounded = kernel.clone_with_theta(np.log([float(f"{value:.3g}") for value in np.exp(kernel.theta)]))
-    # What `GaussianProcessRegressor.fit` does, without the likelihood, which would cost as much again.
-    covariance = rounded(unit)
-    covariance[np.diag_indices_from(covariance)] += tolerance
-    factor = cholesky(covariance, lower=True, check_finite=False)
-    weights = cho_solve((factor, True), target, check_finite=False)
-    signal, noise = rounded.k1, rounded.k2
+    notes.extend(_bound_notes(logical, theta, bounds))
     return Surface(
         points=unit,
         weights=weights,
-        length_scales=np.broadcast_to(signal.k2.length_scale, k).astype(np.float64),
-        signal_deviation=math.sqrt(signal.k1.constant_value),
-        noise_deviation=math.sqrt(noise.noise_level),
+        length_scales=np.array(rounded.length_scales),
+        signal_deviation=math.sqrt(rounded.signal),
+        noise_deviation=math.sqrt(rounded.noise),
         coordinates=coordinates,
     )
 
 
-def _bound_notes(logical: LogicalScenario, kernel: Any) -> list[str]:
+def _bound_notes(logical: LogicalScenario, theta: FloatArray, bounds: FloatArray) -> list[str]:
     """One sentence for each hyperparameter that the search left at a bound."""
     seen = logical.names if logical.zone_coordinates is None else logical.zone_coordinates.names
     names = ["signal deviation", *(f"length scale of `{name}`" for name in seen), "noise deviation"]
@@ -575,7 +551,7 @@ def _bound_notes(logical: LogicalScenario, kernel: Any) -> list[str]:
         ("signal", "upper"): "the surface may swing far between the training points; add points",
     }
     notes = []
-    for name, value, (low, high) in zip(names, kernel.theta, kernel.bounds, strict=True):
+    for name, value, (low, high) in zip(names, theta, bounds, strict=True):
         reached = "lower" if value <= low + 1e-6 else "upper" if value >= high - 1e-6 else None
         if reached:
             notes.append(f"The GP's {name} reached its {reached} bound: {meaning[name.split()[0], reached]}.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.confidence.assessment import assess
 from sumo_eval.evaluation import zone_partitions
 from sumo_eval.report.confidence_section import write_confidence
@@ -13,9 +14,13 @@ from sumo_eval.report.sections import Beside
 from sumo_eval.results import Evaluation
 
 
-def write_assessed_report(evaluation: Evaluation, beside: Beside = NOTHING_BESIDE) -> Path:
+def write_assessed_report(
+    evaluation: Evaluation, beside: Beside = NOTHING_BESIDE, *, progress: Progress = quiet
+) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path."""
     partitions = zone_partitions(evaluation)
-    confidence = assess(evaluation, partitions)
+    confidence = assess(evaluation, partitions, progress)
     write_confidence(confidence, evaluation.folder)
-    return write_report(evaluation, partitions, replace(beside, confidence=confidence))
+    path = write_report(evaluation, partitions, replace(beside, confidence=confidence))
+    progress("report", 1, 1)
+    return path

@@ -17,7 +17,7 @@ import numpy as np
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import EGO, Fact, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
-from sumo_eval.report.packing import packed_bytes
+from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
@@ -410,15 +410,14 @@ def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
     for name, step in CHANNEL_STEPS.items():
-        channels = [np.nan_to_num(getattr(trajectory, name)) for trajectory in trajectories]
-        whole = np.round(np.concatenate([[0.0], *channels]) / step).astype(np.int64)
-        change = np.diff(whole)
-        folded = np.where(change < 0, -2 * change - 1, 2 * change).astype("<u4")  # small numbers of either sign
+        channel = np.nan_to_num(np.concatenate([[0.0], *(getattr(one, name) for one in trajectories)]))
+        change = np.diff(np.round(channel / step).astype("<i4"))
+        folded = change << 1 ^ change >> 31  # 2 c, and -2 c - 1 below 0: small numbers of either sign
         planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())
     return {
         "counts": counts,
         "lengths": [trajectory.length for trajectory in trajectories],
         "widths": [trajectory.width for trajectory in trajectories],
         "noSteering": [k for k, one in enumerate(trajectories) if not np.isfinite(one.steering_wheel_angle).all()],
-        "data": packed_bytes(zlib.compress(b"".join(planes), 9)),
+        "data": packed_bytes(zlib.compress(b"".join(planes), LEVEL)),
     }

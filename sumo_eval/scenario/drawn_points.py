@@ -7,9 +7,9 @@ that the last digit of a machine's arithmetic decides nothing.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.random_streams import random_stream
@@ -27,7 +27,7 @@ def latin_hypercube(logical: LogicalScenario, request: Request) -> Drawn:
     """One point in each of `count` layers of every axis."""
     count = request.wanted(_owner(logical))
     stream = random_stream(request.seed, "sampling", logical.name, "latin_hypercube")
-    return Drawn(from_shares(logical, qmc.LatinHypercube(len(logical.names), rng=stream).random(count)))
+    return Drawn(from_shares(logical, _qmc().LatinHypercube(len(logical.names), rng=stream).random(count)))
 
 
 def sobol(logical: LogicalScenario, request: Request) -> Drawn:
@@ -44,7 +44,7 @@ def halton(logical: LogicalScenario, request: Request) -> Drawn:
     """The first `count` points of a scrambled Halton sequence."""
     count = request.wanted(_owner(logical))
     stream = random_stream(request.seed, "sampling", logical.name, "halton")
-    return Drawn(from_shares(logical, qmc.Halton(len(logical.names), rng=stream).random(count)))
+    return Drawn(from_shares(logical, _qmc().Halton(len(logical.names), rng=stream).random(count)))
 
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
@@ -118,7 +118,7 @@ def _fewer(found: int, request: Request) -> tuple[str, ...]:
 
 def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
     """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2, where it is even."""
-    return np.asarray(qmc.Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count])
+    return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count])
 
 
 def _values(item: Parameter, shares: FloatArray) -> FloatArray:
@@ -132,6 +132,13 @@ def _rounded(item: Parameter, values: FloatArray) -> FloatArray:
     digits = DIGITS - math.floor(math.log10(item.high - item.low))
     found: FloatArray = np.clip(np.round(values, digits), item.low, item.high)
     return found
+
+
+def _qmc() -> Any:
+    """scipy.stats takes 0.6 s to import, and most evaluations drive a grid."""
+    from scipy.stats import qmc
+
+    return qmc
 
 
 def _owner(logical: LogicalScenario) -> str:

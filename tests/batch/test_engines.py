@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time as clock
 from pathlib import Path
 
 import pytest
@@ -189,6 +191,40 @@ def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
 
     cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
     assert len(list(run_cases(cases, setup, stopping))) == 5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_from_it():
+    code = (
+        "from multiprocessing import forkserver\n"
+        "from sumo_eval.batch.children import child_context, warm_up\n"
+        "if __name__ == '__main__':\n"
+        "    warm_up()\n"
+        "    begun = forkserver._forkserver._forkserver_pid\n"
+        "    child = child_context().Process(target=print, args=('a child',))\n"
+        "    child.start()\n"
+        "    child.join()\n"
+        "    assert begun is not None and begun == forkserver._forkserver._forkserver_pid\n"
+        "    assert child.exitcode == 0\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_ctrl_c_while_the_simulator_is_being_loaded_shows_no_traceback(tmp_path):
+    command = [sys.executable, "-m", "sumo_eval", "run", "--out", str(tmp_path / "run")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+        family = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        while len(family.read_text().split()) < 2:  # the process that makes the children, and the one that watches it
+            clock.sleep(0.01)
+        clock.sleep(0.1)  # it has begun to import
+        os.killpg(running.pid, signal.SIGINT)
+        _, said = running.communicate(timeout=60)
+    # Python ends itself by the signal where it came amid the making of a dataclass; a shell says 130 of that, too.
+    assert running.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in said
+    assert "Stopped" in said
 
 
 def test_a_child_imports_no_more_than_it_needs():
