@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
-from sumo_eval.batch.bands import BandJob, compute_bands
+import numpy as np
+
+from sumo_eval.batch.human_reference import PointJob, compute_points
 from sumo_eval.batch.recording import RECORDED, Progress
 from sumo_eval.batch.store import Fact, Store
 from sumo_eval.method.anthropomorphic import BIMODAL, AnthropomorphicIndex
 from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
-from sumo_eval.results import CaseResult
+from sumo_eval.results import EVALUATED, CaseResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import DriverSettings, EvaluationSettings
 
 FEWEST_DRIVERS = 2  # a deviation needs two
 FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
+JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
+
+Judged = TypeVar("Judged")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,38 +57,72 @@ def references(logical: LogicalScenario, store: Store, settings: DriverSettings)
     return found
 
 
-def human_bands(
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What comes of putting people beside cases. indexes: D_i by case. bands: what the drivers of a point score among
+    themselves, each left out once, by point.
+    """
+
+    indexes: Mapping[str, AnthropomorphicIndex]
+    bands: Mapping[int, HumanBand]
+
+
+def compare_with_people(
     logical: LogicalScenario,
     compared: Mapping[int, PointReference],
-    points: Sequence[int],
+    judged: Sequence[Sequence[Fact]],
     store: Store,
     settings: EvaluationSettings,
     progress: Progress,
-) -> dict[int, HumanBand]:
-    """What the drivers of each of the points score among themselves, each left out once, by point."""
-    wanted = [
-        point
-        for point in sorted(set(points))
-        if point in compared and compared[point].usable and len(compared[point].cases) >= FEWEST_FOR_A_BAND
+) -> Comparison:
+    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. judged: the cases of
+    each ADS that are to have a D_i.
+    """
+    usable = {point: reference for point, reference in compared.items() if reference.usable}
+    cases: dict[int, list[str]] = {point: [] for point in usable}
+    left_out: dict[int, list[str]] = {point: [] for point in usable}
+    for facts in judged:
+        counted = [fact for fact in facts if fact.status in EVALUATED and fact.point in usable]
+        for fact in counted:
+            cases[fact.point].append(fact.case)
+        for fact in jackknifed(counted):
+            left_out[fact.point].append(fact.case)
+    points = [point for point in sorted(usable) if cases[point] or len(usable[point].cases) >= FEWEST_FOR_A_BAND]
+    jobs = [
+        PointJob(
+            usable[point].cases,
+            logical.road,
+            tuple(cases[point]),
+            tuple(left_out[point]),
+            len(usable[point].cases) >= FEWEST_FOR_A_BAND,
+        )
+        for point in points
     ]
-    jobs = [BandJob(compared[point].cases, logical.road) for point in wanted]
-    stage = f"{logical.name}: drivers against each other"
-    bands = compute_bands(
+    stage = f"{logical.name}: ADSs and drivers against the drivers"
+    results = compute_points(
         store.path,
         jobs,
         settings.method.anthropomorphic,
         settings.run.workers,
         lambda done: progress(stage, done, len(jobs)),
     )
-    return dict(zip(wanted, bands, strict=True))
+    return Comparison(
+        {case: index for result in results for case, index in result.indexes.items()},
+        {point: result.band for point, result in zip(points, results, strict=True) if result.band is not None},
+    )
+
+
+def jackknifed(cases: Sequence[Judged]) -> list[Judged]:
+    """The cases, evenly chosen, on which drivers are left out one by one."""
+    chosen = {round(place) for place in np.linspace(0, len(cases) - 1, min(JACKKNIFED, len(cases)))}
+    return [cases[place] for place in sorted(chosen)]
 
 
 def with_people(
     rows: Sequence[CaseResult],
     facts: Sequence[Fact],
-    indexes: Mapping[str, AnthropomorphicIndex],
+    people: Comparison,
     compared: Mapping[int, PointReference],
-    bands: Mapping[int, HumanBand],
     exposure: Mapping[str, Any],
     settings: DriverSettings,
 ) -> list[CaseResult]:
@@ -97,7 +136,8 @@ def with_people(
         if row.zone == "hazardous":
             full.append(replace(row, exposure_note=note))
             continue
-        reference, band, index = compared.get(fact.point), bands.get(fact.point), indexes.get(fact.case)
+        reference, band = compared.get(fact.point), people.bands.get(fact.point)
+        index = people.indexes.get(fact.case)
         thin = reference.note if reference else ""
         if reference is None and settings.source == RECORDED:
             thin = f"Reference too thin: 0 of at least {settings.least} recorded drivers; left out."

@@ -15,8 +15,8 @@ import numpy as np
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.engines import Stopping, never
 from sumo_eval.batch.recording import Progress, quiet
-from sumo_eval.batch.store import open_store
-from sumo_eval.comparison import human_bands, reference_sentences, references, with_people
+from sumo_eval.batch.store import Fact, open_store
+from sumo_eval.comparison import compare_with_people, reference_sentences, references, with_people
 from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
 from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
@@ -29,13 +29,13 @@ from sumo_eval.scoring import (
     criticality_measures,
     describe_zones,
     drivers_left_out,
-    human_likeness,
     ideal_outcomes,
     missing_weights,
     simulated_alone,
     tabulate,
 )
 from sumo_eval.spaces import choose_points, zones_of
+from sumo_eval.trajectory import BoolArray
 
 
 def evaluate(
@@ -85,25 +85,30 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
             compared = references(logical, store, settings.drivers)
-            bands = human_bands(logical, compared, list(compared), store, settings, progress)
             exposure = exposures.get(logical.name, {})
+            drives: dict[str, list[Fact]] = {}
+            hazardous: dict[str, BoolArray] = {}
+            judged: list[list[Fact]] = []
             for ads in settings.ads:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
                 if not facts:
                     raise InputError(f"Run {folder} holds no case of ADS `{ads.name}` in scenario `{logical.name}`.")
-                hazardous = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
-                safe = [fact for fact, dangerous in zip(facts, hazardous, strict=True) if not dangerous]
-                indexes, notes = {}, drivers_left_out(logical, store) + simulated_alone(logical, ads.name, store)
+                inside = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
+                safe = [fact for fact, dangerous in zip(facts, inside, strict=True) if not dangerous]
+                drives[ads.name], hazardous[ads.name] = facts, inside
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
-                    indexes = human_likeness(logical, safe, compared, store, settings, progress)  # step 4: D_i
+                    judged.append(safe)
+            people = compare_with_people(logical, compared, judged, store, settings, progress)  # step 4: D_i
+            ideal_hits, left_out = ideal_outcomes(logical, store), drivers_left_out(logical, store)
+            for name, facts in drives.items():
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
                 measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
-                rows = tabulate(facts, hazardous, indexes, collisions, ideal_outcomes(logical, store), measured)
+                rows = tabulate(facts, hazardous[name], people.indexes, collisions, ideal_hits, measured)
                 unknown = missing_weights(logical, zones, facts)
-                rows = with_people(rows, facts, indexes, compared, bands, exposure, settings.drivers)
-                notes += reference_sentences(rows)
+                rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
+                notes = (*left_out, *simulated_alone(logical, name, store), *reference_sentences(rows))
                 cases += rows
-                scores.append(combine(ads.name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
+                scores.append(combine(name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
     return Evaluation(
         settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
     )

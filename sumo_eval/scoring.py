@@ -9,10 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sumo_eval.batch.indexes import IndexJob, compute_indexes
-from sumo_eval.batch.recording import Progress
 from sumo_eval.batch.store import EGO, Fact, Store
-from sumo_eval.comparison import PointReference
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -26,7 +23,7 @@ from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample
-from sumo_eval.settings import EvaluationSettings, MethodSettings
+from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray
 
 
@@ -38,31 +35,6 @@ class CollisionTerms:
     loss: float
     ideal_severity: float | None
     weight: float
-
-
-def human_likeness(
-    logical: LogicalScenario,
-    safe: Sequence[Fact],
-    compared: Mapping[int, PointReference],
-    store: Store,
-    settings: EvaluationSettings,
-    progress: Progress,
-) -> dict[str, AnthropomorphicIndex]:
-    """D_i of every evaluated safe-zone case that has enough drivers to compare with, by case."""
-    jobs = [
-        IndexJob(fact.case, compared[fact.point].cases, logical.road)
-        for fact in safe
-        if fact.status in EVALUATED and fact.point in compared and compared[fact.point].usable
-    ]
-    stage = f"{logical.name}: human-likeness of {safe[0].driver}" if safe else ""
-    indexes = compute_indexes(
-        store.path,
-        jobs,
-        settings.method.anthropomorphic,
-        settings.run.workers,
-        lambda done: progress(stage, done, len(jobs)),
-    )
-    return {job.case: index for job, index in zip(jobs, indexes, strict=True)}
 
 
 def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:

@@ -9,9 +9,11 @@ from __future__ import annotations
 import functools
 import json
 import math
+import operator
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
 from urllib.parse import urlencode
 
 from annotated_types import Ge, Gt, Le, Lt, MinLen
@@ -50,7 +52,12 @@ def about(cls: type, name: str) -> About:
 _KINDS: dict[object, tuple[type, str]] = {
     float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"), str: (str, "a text"),
 }  # fmt: skip
-_CHECKS = ((Gt, "gt", "greater than"), (Ge, "ge", "at least"), (Lt, "lt", "less than"), (Le, "le", "at most"))
+_CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
+    (Gt, "gt", operator.gt, "greater than"),
+    (Ge, "ge", operator.ge, "at least"),
+    (Lt, "lt", operator.lt, "less than"),
+    (Le, "le", operator.le, "at most"),
+)
 
 
 class Checked:
@@ -61,29 +68,52 @@ class Checked:
 
     def __post_init__(self) -> None:
         cls: type = type(self)
-        for item in fields(self):  # type: ignore[arg-type]
-            hint = _hints(cls)[item.name]
-            value = getattr(self, item.name)
-            if value is None and type(None) in get_args(get_args(hint)[0] if get_origin(hint) is Annotated else hint):
+        owner = f"`{cls.__name__}`"
+        for rule in _rules(cls):
+            value = getattr(self, rule.name)
+            if value is None and rule.optional:
                 continue
-            owner = f"`{cls.__name__}`"
-            base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
-            if get_origin(base) is Literal and value not in get_args(base):
-                raise must_be(f"`{item.name}`", owner, "one of " + ", ".join(map(repr, get_args(base))), value)
-            kind, words = _KINDS.get(base, (object, ""))
+            if rule.choices and value not in rule.choices:
+                raise must_be(f"`{rule.name}`", owner, "one of " + ", ".join(map(repr, rule.choices)), value)
+            kind = rule.kind
             if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
-                raise must_be(f"`{item.name}`", owner, words, value)
+                raise must_be(f"`{rule.name}`", owner, rule.words, value)
             if isinstance(value, float) and not math.isfinite(value):
-                raise must_be(f"`{item.name}`", owner, "a finite number" if math.isinf(value) else "a number", value)
-            if value is None:  # its type allows that, and no bound applies to it
-                continue
-            for extra in getattr(hint, "__metadata__", ()):
-                for kind, attribute, words in _CHECKS:
-                    if isinstance(extra, kind):
-                        bound = getattr(extra, attribute)
-                        holds = {"gt": value > bound, "ge": value >= bound, "lt": value < bound, "le": value <= bound}
-                        if not holds[attribute]:
-                            raise must_be(f"`{item.name}`", owner, f"{words} {bound:g}", value)
+                words = "a finite number" if math.isinf(value) else "a number"
+                raise must_be(f"`{rule.name}`", owner, words, value)
+            for holds, bound, words in rule.bounds if value is not None else ():
+                if not holds(value, bound):
+                    raise must_be(f"`{rule.name}`", owner, f"{words} {bound:g}", value)
+
+
+class _Rule(NamedTuple):
+    """What the annotation of a setting demands of its value."""
+
+    name: str
+    optional: bool
+    choices: tuple[Any, ...]
+    kind: type
+    words: str
+    bounds: tuple[tuple[Callable[[Any, Any], bool], Any, str], ...]
+
+
+@functools.lru_cache(maxsize=64)
+def _rules(cls: Any) -> tuple[_Rule, ...]:
+    """Worked out once for a class: settings are made for every case."""
+    found = []
+    for item in fields(cls):
+        hint = _hints(cls)[item.name]
+        base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+        choices = get_args(base) if get_origin(base) is Literal else ()
+        kind, words = _KINDS.get(base, (object, ""))
+        bounds = tuple(
+            (holds, getattr(extra, attribute), words)
+            for extra in getattr(hint, "__metadata__", ())
+            for bound, attribute, holds, words in _CHECKS
+            if isinstance(extra, bound)
+        )
+        found.append(_Rule(item.name, type(None) in get_args(base), choices, kind, words, bounds))
+    return tuple(found)
 
 
 # --- the method -------------------------------------------------------------------------------------------------------

@@ -68,7 +68,7 @@ class Trajectory:
         times = np.asarray(time, dtype=np.float64)
         if times.ndim != 1 or times.size == 0:
             raise InputError(f"`time` of a Trajectory must be a non-empty (n,) array, got shape {times.shape}.")
-        if not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+        if not np.isfinite(times).all() or (times[1:] <= times[:-1]).any():
             raise InputError("`time` of a Trajectory must be finite and strictly increasing.")
         n = times.size
         xs, ys = _channel("x", x, n), _channel("y", y, n)
@@ -129,7 +129,7 @@ def _channel(name: str, values: ArrayLike, n: int, *, nan_allowed: bool = False)
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (n,):
         raise InputError(f"`{name}` of a Trajectory must have the shape of `time` ({n},), got {array.shape}.")
-    if not nan_allowed and not np.all(np.isfinite(array)):
+    if not nan_allowed and not np.isfinite(array).all():
         bad = int(np.argmin(np.isfinite(array)))
         raise InputError(f"`{name}` of a Trajectory must be finite, got {array[bad]} at sample {bad}.")
     return array

@@ -147,3 +147,35 @@ def test_the_relative_speed_is_that_of_vectors():
 def test_a_recordings_simulated_time_is_its_last_sample():
     recording = Recording(Trajectory(TIME, TIME, TIME), {}, None, "time_limit")
     assert recording.simulated_time == pytest.approx(3.0)
+
+
+def block(n: int) -> np.ndarray:
+    values = np.random.default_rng(1).normal(size=(len(CHANNELS), n))
+    values[0] = np.arange(n)
+    values[-1] = np.nan
+    return values
+
+
+def test_a_trajectory_of_one_block_is_the_one_of_its_channels():
+    made = Trajectory.of_block(block(5), length=4.0, width=1.9)
+    given = Trajectory(*block(5), length=4.0, width=1.9)
+    assert all(getattr(made, name).tobytes() == getattr(given, name).tobytes() for name in CHANNELS)
+    assert (made.length, made.width) == (4.0, 1.9)
+    with pytest.raises(ValueError, match="read-only"):
+        made.x[0] = 1.0
+
+
+@pytest.mark.parametrize(("channel", "value"), [(0, 7.0), (0, np.nan), (1, np.inf), (5, np.nan)])
+def test_a_block_is_refused_as_its_channels_are(channel, value):
+    spoiled = block(5)
+    spoiled[channel, 2] = value
+    with pytest.raises(InputError) as of_channels:
+        Trajectory(*spoiled)
+    with pytest.raises(InputError) as of_block:
+        Trajectory.of_block(spoiled, length=4.5, width=1.8)
+    assert str(of_block.value) == str(of_channels.value)
+
+
+def test_an_empty_block_is_refused():
+    with pytest.raises(InputError, match="non-empty"):
+        Trajectory.of_block(np.empty((len(CHANNELS), 0)), length=4.5, width=1.8)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import signal
 import threading
+
+# signal.getsignal looks the handler up in an Enum first, which costs more than a system call
+from _signal import getsignal  # type: ignore[import-not-found]
 from types import FrameType
 from typing import Any, cast
 
@@ -14,6 +17,8 @@ from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
+
+_ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
 class _OverdueError(BaseException):
@@ -35,21 +40,22 @@ class WatchedController:
     Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case ends the process.
     """
 
+    is_adapter = True
+
     def __init__(self, controller: Controller, step_timeout: float, memory_limit: float) -> None:
         self._controller = controller
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
         self._stepping = False
-        ads: Any = getattr(controller, "target", getattr(controller, "function", None))
-        if hasattr(ads, "settled"):
-            self.settled = ads.settled  # what an ADS says of itself, for cases that end when they are decided
+        self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
+        self._handler = self._interrupt
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
         self._controller.reset(scenario, traci, ego)
         if self._armed:  # after the ADS's own reset, which may have set handlers
-            signal.signal(signal.SIGALRM, self._interrupt)
+            signal.signal(signal.SIGALRM, self._handler)
 
     def step(self, traci: Any, ego: str, time: float) -> Command | None:
         """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
@@ -61,7 +67,8 @@ class WatchedController:
                 return self._controller.step(traci, ego, time)
             finally:
                 self._stepping = False
-                if self._armed:
+                # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
+                if self._armed and getsignal(_ALARM) is not self._handler:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
             raise ControllerTimeoutError(
@@ -73,7 +80,9 @@ class WatchedController:
             raise RuntimeError(f"it raised {type(error).__name__}") from error
 
     def close(self) -> None:
-        """Pass on."""
+        """Pass on, with no alarm set."""
+        if self._armed:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         self._controller.close()
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:

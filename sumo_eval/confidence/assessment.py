@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.batch.indexes import IndexJob, compute_indexes
+from sumo_eval.batch.human_reference import PointJob, compute_points
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import Store, open_store
+from sumo_eval.comparison import jackknifed
 from sumo_eval.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.confidence.further_cases import FurtherCases, further_cases
 from sumo_eval.confidence.intervals import CaseTerms, ScoreIntervals, jackknife_error, score_intervals
@@ -25,7 +26,6 @@ from sumo_eval.settings import EvaluationSettings, MethodSettings
 from sumo_eval.trajectory import FloatArray
 
 FURTHER = 20  # cases that are proposed
-JACKKNIFED = 16  # safe cases, evenly chosen, on which drivers are left out one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ def driver_error(
     safe = [case for case in cases if case.zone == "safe" and case.index is not None]
     if score.d is None or not safe:
         return 0.0, 0
-    chosen = [safe[i] for i in sorted({round(x) for x in np.linspace(0, len(safe) - 1, min(JACKKNIFED, len(safe)))})]
+    chosen = jackknifed(safe)
     names = {fact.case: fact.point for fact in store.facts("ads", score.scenario, score.ads)}
     drives: dict[int, dict[str, str]] = {}
     for fact in store.facts("human", score.scenario):
@@ -154,19 +154,18 @@ def driver_error(
     drivers = sorted({driver for case in chosen for driver in drives[names[case.case]]})
     if len(drivers) < 3:  # a deviation needs two that stay
         return 0.0, len(drivers)
-    jobs, owners = [], []
-    for driver in drivers:
-        for case in chosen:
-            others = tuple(found for name, found in drives[names[case.case]].items() if name != driver)
-            if len(others) >= 2:
-                jobs.append(IndexJob(case.case, others, zones.logical.road))
-                owners.append((driver, case.exposure))
-    fine = settings.method.anthropomorphic
-    coarse = replace(fine, slice_spacing=max(fine.slice_spacing, fine.band_slice_spacing))
-    indexes = compute_indexes(store.path, jobs, coarse, settings.run.workers, lambda done: None)
+    jobs = [
+        PointJob(tuple(drives[names[case.case]].values()), zones.logical.road, left_out=(case.case,)) for case in chosen
+    ]
+    found = compute_points(store.path, jobs, settings.method.anthropomorphic, settings.run.workers, lambda done: None)
     without: dict[str, list[tuple[float, float]]] = {}
-    for (driver, exposure), index in zip(owners, indexes, strict=True):
-        without.setdefault(driver, []).append((index.value, exposure))
+    for case, result in zip(chosen, found, strict=True):
+        left_out, there = result.left_out[case.case], list(drives[names[case.case]])
+        for driver in drivers:
+            if driver not in there:
+                without.setdefault(driver, []).append((left_out.everyone, case.exposure))
+            elif left_out.without:
+                without.setdefault(driver, []).append((left_out.without[there.index(driver)], case.exposure))
     weighted = [
         exposure_weighted_index(*np.array(pairs).T) for pairs in without.values() if np.array(pairs)[:, 1].any()
     ]

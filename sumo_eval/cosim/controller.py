@@ -86,7 +86,8 @@ class ObjectController:
 
     def step(self, traci: Any, ego: str, time: float) -> Command | None:
         """Ask the object."""
-        return cast("Command | None", self.target.step(traci, ego, time))
+        command: Command | None = self.target.step(traci, ego, time)
+        return command
 
     def close(self) -> None:
         """Pass on, when the object has one."""

@@ -153,6 +153,9 @@ class Senses:
     def __init__(self, road: Road, conditions: ConditionSettings, stream: str) -> None:
         self._road = road
         self._conditions = conditions
+        self._sees_all = not (
+            conditions.dropout or conditions.position_noise or conditions.speed_noise or conditions.occlusion
+        ) and (conditions.sensor_range, conditions.field_of_view_deg) == (None, None)
         self._numbers: dict[str, int] = {}
         self._random = {name: random.Random(f"{stream}/{name}") for name in ("dropout", "position", "speed")}  # noqa: S311
         self._memory: deque[tuple[float, Look]] = deque()
@@ -175,6 +178,8 @@ class Senses:
         return Observation(time, self._road, ego, acceleration, self._memory[0][1])
 
     def _perceived(self, ego: Body, others: Mapping[str, Body]) -> list[tuple[int, Body]]:
+        if self._sees_all:
+            return [(self._numbers[name], other) for name, other in others.items()]
         to, seen = self._conditions, []
         for name, other in others.items():
             missed = to.dropout > 0.0 and self._random["dropout"].random() < to.dropout

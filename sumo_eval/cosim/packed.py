@@ -35,7 +35,7 @@ _T = TypeVar("_T")
 _LOG = logging.getLogger(__name__)
 
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
-PACK = 256  # cases in one simulation: enough that a step's fixed cost is shared, few enough that stragglers are
+PACK = 512  # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's caches
 
 NO_PACKED_FORM = "The ADS has no packed form."
 NOT_FOR_PACKS = "The case or its settings allow no pack (its road's network, its conditions, its vehicle model)."

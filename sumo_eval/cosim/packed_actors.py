@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.packed_files import edge_name, vehicle_name
 from sumo_eval.cosim.packed_senses import STRAIGHT, Seen, as_seen, read_headings
+from sumo_eval.cosim.session import vehicles
 from sumo_eval.cosim.simulate import scripted_spans
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, ConstantLateral
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -176,7 +177,7 @@ class PackedActors:
         after: the time of the next step. closely: SUMO is told of everybody. Else it hears of one that slides only when
         it takes over: it shows to the last bit what it is told, which every close look checks.
         """
-        set_speed, move = traci.vehicle.setSpeed, traci.vehicle.moveToXY
+        set_speed, move = vehicles(traci).setSpeed, vehicles(traci).moveToXY
         names, edges = self.names, self._edges
         moved: list[tuple[int, int]] = []
         over = False
@@ -212,7 +213,7 @@ class PackedActors:
         for one in np.flatnonzero(told).tolist():
             case, index = int(slides.case[who[one]]), int(slides.index[who[one]])
             place = float(front[one]), float(y[one])
-            traci.vehicle.moveToXY(
+            vehicles(traci).moveToXY(
                 self.names[case][index], self._edges[case], 0, *place, STRAIGHT, KEEPS_ROUTE_OFF_ROAD
             )
 
@@ -224,7 +225,7 @@ class PackedActors:
     def look(self, traci: Any, now: float, *, closely: bool) -> None:
         """Read off SUMO where they are; closely: angles and speeds of all, too, not of those alone that change them."""
         self.before = self.x, self.y, self.heading, self.speed, self.across
-        angle, vehicle = self.angle, traci.vehicle
+        angle, vehicle = self.angle, vehicles(traci)
         self._read_fronts(traci)
         self._follow_slides(now)
         if closely:
@@ -251,7 +252,7 @@ class PackedActors:
         self.front_x, self.front_y, self.angle, self.speed = start
 
     def _read_fronts(self, traci: Any) -> None:
-        places = chain.from_iterable(map(traci.vehicle.getPosition, self._shown))
+        places = chain.from_iterable(map(vehicles(traci).getPosition, self._shown))
         read = np.fromiter(places, np.float64, 2 * len(self._shown)).reshape(len(self._live), -1, 2)
         if read.min() < _NOWHERE:  # beside every lane SUMO does not move a vehicle, and loses its place
             self.surprised = self.surprised.copy()
@@ -265,8 +266,8 @@ class PackedActors:
     def _read_motion(self, traci: Any) -> None:
         shape = len(self._live), self.x.shape[1]
         self.speed, self.angle = self.speed.copy(), self.angle.copy()
-        self.speed[self._live] = np.array(list(map(traci.vehicle.getSpeed, self._shown))).reshape(shape)
-        self.angle[self._live] = np.array(list(map(traci.vehicle.getAngle, self._shown))).reshape(shape)
+        self.speed[self._live] = np.array(list(map(vehicles(traci).getSpeed, self._shown))).reshape(shape)
+        self.angle[self._live] = np.array(list(map(vehicles(traci).getAngle, self._shown))).reshape(shape)
 
     def _follow_slides(self, now: float) -> None:
         """Those that slide are where they were moved to, and have a speed across."""

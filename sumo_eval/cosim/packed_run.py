@@ -17,6 +17,7 @@ from sumo_eval.cosim.packed_files import edge_name, vehicle_name
 from sumo_eval.cosim.packed_samples import End, PackedSamples
 from sumo_eval.cosim.packed_senses import STRAIGHT, Seen, as_seen, egos_as_seen, fronts
 from sumo_eval.cosim.packed_vehicle_model import PackedEgos, advance_all
+from sumo_eval.cosim.session import vehicles
 from sumo_eval.cosim.simulate import EXACT_SPEED_MODE
 from sumo_eval.cosim.vehicle_model import Command, advance
 from sumo_eval.errors import ControllerTimeoutError
@@ -111,7 +112,7 @@ class PackedRun:
 
     def _take_charge(self, traci: Any) -> Seen:
         """Make SUMO obey, and see which cases it has placed as they are meant; what a sensor shows of the egos."""
-        vehicle = traci.vehicle
+        vehicle = vehicles(traci)
         for case, concrete in enumerate(self.cases):
             starts = [(self.names[case], concrete.ego, self.settings.vehicle.length)]
             starts += [
@@ -156,7 +157,7 @@ class PackedRun:
     def _tell_egos(self, traci: Any) -> None:
         """Put those that have not gone straight on at the speed that SUMO knows where the vehicle model has them."""
         egos = self.egos
-        set_speed, move = traci.vehicle.setSpeed, traci.vehicle.moveToXY
+        set_speed, move = vehicles(traci).setSpeed, vehicles(traci).moveToXY
         front_x, front_y = fronts(egos, self.half_length)
         for row in np.flatnonzero(self.stale & self.live).tolist():
             case = int(self.others.case[row])
@@ -169,7 +170,7 @@ class PackedRun:
         """A case in which SUMO does not show what it was told leaves the pack."""
         rows = np.flatnonzero(self.live)
         names = [self.names[case] for case in self.others.case[rows].tolist()]
-        vehicle = traci.vehicle
+        vehicle = vehicles(traci)
         x, y = np.array(list(map(vehicle.getPosition, names)), dtype=np.float64).reshape(-1, 2).T
         front_x, front_y = fronts(self.egos, self.half_length)
         off = np.zeros(len(self.live), dtype=bool)

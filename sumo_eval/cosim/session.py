@@ -6,14 +6,17 @@ refuses to nest, checks that the initial state is the requested one, and quotes 
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import os
 import re
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 
@@ -21,10 +24,12 @@ import libsumo as libsumo  # for those who must not import it before the line ab
 
 from sumo_eval.cosim.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.errors import SimulationError, said
-from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
+_XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
+"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
 
@@ -42,16 +47,18 @@ def session(
     if libsumo.simulation.isLoaded():
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
     settings = concrete.simulation(settings)
-    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
-        log, console = Path(folder) / "sumo.log", Path(folder) / "stderr.txt"
+    with _files(network_xml(concrete.road), _told_routes(concrete, settings, ego_type)) as files:
+        network, routes, log, console = files
+        _keep_xml_parser()
         try:
             with _stderr_into(console):
-                libsumo.start(command_line(concrete, settings, Path(folder), log, ego_type))
+                libsumo.start(_arguments(network, routes, log, settings, concrete.road))
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
             check_start(libsumo, concrete, settings)
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             _close()
-            raise SimulationError(f"SUMO could not start the case: {quoted(error, log, console)}.") from error
+            sentence = _by_name(f"SUMO could not start the case: {quoted(error, log, console)}.", files)
+            raise SimulationError(sentence) from error
         except BaseException:
             _close()
             raise
@@ -69,19 +76,18 @@ def packed_session(network: str, routes: str, settings: SimulationSettings) -> I
     """
     if libsumo.simulation.isLoaded():
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
-    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
-        here = Path(folder)
-        (here / "net.xml").write_text(network, encoding="utf-8")
-        (here / "rou.xml").write_text(routes, encoding="utf-8")
+    with _files(network, routes) as files:
+        network_path, routes_path, log, console = files
+        _keep_xml_parser()
         try:
-            with _stderr_into(here / "stderr.txt"):
-                arguments = _arguments(here / "net.xml", here / "rou.xml", here / "sumo.log", settings)
+            with _stderr_into(console):
+                arguments = _arguments(network_path, routes_path, log, settings)
                 arguments[arguments.index("--collision.action") + 1] = "none"  # SUMO's are nobody's business in a pack
                 libsumo.start(arguments)
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
             yield libsumo
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise SimulationError(f"SUMO could not run the pack: {said(error)}.") from error
+            raise SimulationError(_by_name(f"SUMO could not run the pack: {said(error)}.", files)) from error
         finally:
             _close()
 
@@ -96,13 +102,77 @@ def command_line(
     """SUMO's command line for a case, its files written into `folder`. They do not tell an ADS the future."""
     network, routes = folder / "net.xml", folder / "rou.xml"
     network.write_text(network_xml(concrete.road), encoding="utf-8")
+    routes.write_text(_told_routes(concrete, settings, ego_type), encoding="utf-8")
+    return _arguments(network, routes, log, settings, concrete.road)
+
+
+def _told_routes(concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None) -> str:
+    """The vehicles of a case as a route file, without the comments that say which case it is, unless that is told."""
     text = routes_xml(concrete, settings.vehicle, ego_type)
-    told = settings.conditions.reveal_scenario
-    routes.write_text(text if told else _COMMENT.sub("", text), encoding="utf-8")
-    return _arguments(network, routes, log, settings)
+    return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
 
 
-def _arguments(network: Path, routes: Path, log: Path, settings: SimulationSettings) -> list[str]:
+class _Files(NamedTuple):
+    """What a simulation reads and writes."""
+
+    network: Path
+    routes: Path
+    log: Path
+    console: Path
+
+
+_NAMES = _Files(Path("net.xml"), Path("rou.xml"), Path("sumo.log"), Path("stderr.txt"))
+
+
+@contextmanager
+def _files(network: str, routes: str) -> Iterator[_Files]:
+    """Files with these texts, and two empty ones, for as long as it lasts.
+
+    In memory where the system has that: a folder costs ten times as much.
+    """
+    if not hasattr(os, "memfd_create"):
+        with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
+            files = _Files(*(Path(folder) / name for name in _NAMES))
+            files.network.write_text(network, encoding="utf-8")
+            files.routes.write_text(routes, encoding="utf-8")
+            yield files
+        return
+    with ExitStack() as stack:
+        numbers = []
+        for name, text in zip(_NAMES, (network, routes, "", ""), strict=True):
+            file = stack.enter_context(os.fdopen(os.memfd_create(str(name)), "w", encoding="utf-8"))
+            file.write(text)
+            file.flush()
+            numbers.append(file.fileno())
+        yield _Files(*(Path(f"/proc/self/fd/{number}") for number in numbers))
+
+
+def _by_name(sentence: str, files: _Files) -> str:
+    """The sentence with the files' names in place of their paths, which are gone when it is read."""
+    for path, name in zip(files, _NAMES, strict=True):
+        sentence = sentence.replace(f"'{path}'", f"'{name}'")
+    return sentence
+
+
+@functools.cache
+def _keep_xml_parser() -> bool:
+    """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
+
+    SUMO sets it up in every start and takes it down in every close, and that is half of what both cost. Xerces counts:
+    who sets it up once more than he takes it down keeps its tables (character classes, codings), which nothing writes
+    to. Where the library has another name or place, SUMO goes on doing it by itself.
+    """
+    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob("libxerces-c-3*.so*"):
+        set_up = getattr(ctypes.CDLL(str(library)), _XERCES_SET_UP, None)
+        if set_up is not None:
+            set_up(b"en_US", None, None, None)
+            return True
+    return False
+
+
+def _arguments(
+    network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None = None
+) -> list[str]:
     options = {
         "net-file": str(network),
         "route-files": str(routes),
@@ -119,7 +189,23 @@ def _arguments(network: Path, routes: Path, log: Path, settings: SimulationSetti
         "seed": "0",
         **SIMULATION_OPTIONS,
     }
+    if road is not None and road.network is None:  # a generator for each lane; SUMO's 64 take longer to seed
+        options["thread-rngs"] = str(road.lanes)
     return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
+
+
+_CALLS = (
+    "getAngle", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveToXY", "setLaneChangeMode",
+    "setSpeed", "setSpeedMode",
+)  # fmt: skip
+_DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
+
+
+def vehicles(traci: Any) -> Any:
+    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
+    ones that it wraps them in cost as much again.
+    """
+    return _DIRECT if traci is libsumo else traci.vehicle
 
 
 def check_start(traci: Any, concrete: ConcreteScenario, settings: SimulationSettings) -> None:
@@ -173,5 +259,11 @@ def _stderr_into(path: Path) -> Iterator[None]:
 
 
 def _close() -> None:
-    if libsumo.simulation.isLoaded():
-        libsumo.close()
+    """End the simulation. A moveToXY that no step has carried out would outlive it and break the next one's start: SUMO
+    keeps a pointer to the vehicle. So whatever an ADS has left pending is carried out first.
+    """
+    if not libsumo.simulation.isLoaded():
+        return
+    with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):  # the case is over, and has said why
+        libsumo._libsumo_step(0.0)  # not `simulationStep`, which calls listeners
+    libsumo.close()

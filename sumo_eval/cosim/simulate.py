@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.clips import count_clip
 from sumo_eval.cosim.contact import Body, between, describe, first_touch, keeps_apart
@@ -24,14 +26,14 @@ from sumo_eval.cosim.controller import (
 )
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.observation import Senses
-from sumo_eval.cosim.session import session
+from sumo_eval.cosim.session import session, vehicles
 from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError, seen_as_traci
 from sumo_eval.cosim.traci_program import TraciProgram, served
 from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -42,6 +44,8 @@ _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
+_NEAR = 0.02  # m, along and across, as near to it as nobody need look closer
+_tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long, and a step makes several
 _SEEN_AS_IT_IS: dict[str, Any] = {
     "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
     "field_of_view_deg": None, "occlusion": False,
@@ -109,15 +113,41 @@ def check_intervals(settings: SimulationSettings) -> None:
 
 @dataclass(slots=True)
 class _Track:
-    """Samples of one vehicle while it drives: time, x, y, heading, speed, acceleration, and of the ego steering."""
+    """Samples of one vehicle while it drives, one after the other in one list, which costs a step least: time, x, y,
+    heading, speed, acceleration, and of the ego steering.
+    """
 
     length: float
     width: float
-    rows: list[tuple[float, ...]] = field(default_factory=list)
+    channels: int
+    samples: list[float] = field(default_factory=list)
 
     def trajectory(self) -> Trajectory:
-        columns = list(zip(*self.rows, strict=True))
+        columns = np.array(self.samples, dtype=np.float64).reshape(-1, self.channels).T
         return Trajectory(*columns, length=self.length, width=self.width)
+
+
+class _Script:
+    """What another vehicle's script says, and when it says no more than: straight on, at one speed."""
+
+    __slots__ = (
+        "actor", "after", "before", "begin", "end", "half_length", "length", "reach", "slides", "spans", "width",
+    )  # fmt: skip
+
+    def __init__(self, actor: Actor, step: float, ego: VehicleSettings) -> None:
+        self.actor = actor
+        self.length, self.width, self.slides = actor.length, actor.width, actor.slides
+        self.half_length = 0.5 * actor.length
+        self.reach = 0.5 * (ego.length + ego.width + actor.length + actor.width)  # m, of `first_touch`
+        self.spans = scripted_spans(actor, step)
+        self.begin = min((begin for begin, _ in self.spans), default=math.inf)
+        self.end = max((end for _, end in self.spans), default=-math.inf)
+        start = actor.start
+        # x = offset + speed * time, and y, before and after everything that the script has the vehicle do
+        self.before = self.after = (start.x, start.speed, start.y)
+        if self.spans:
+            x, speed = (start.x, start.speed) if actor.brake is None else (actor.x(self.end), 0.0)
+            self.after = (x, speed, actor.y(self.end))
 
 
 class _Run:
@@ -145,27 +175,37 @@ class _Run:
         self.answers = 0
         self.steps = 0
         self.stood = 0.0
-        vehicle = settings.vehicle
+        vehicle, road = settings.vehicle, concrete.road
         start = concrete.ego
+        self.step = settings.step
+        self.limits = vehicle
+        self.half_length = 0.5 * vehicle.length
+        self.edges = road.right_edge, road.left_edge
         self.time = 0.0  # s, what `ego` and `actors` stand for
         self.ego = Body(start.x, start.y, 0.0, start.speed, vehicle.length, vehicle.width)
         self.lane_speed = start.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         self.acceleration = 0.0
         self.state: EgoState | None = None  # while the harness's vehicle model moves the ego
+        self.placed_at = (0.0, 0.0)  # m, where SUMO was told to put the front bumper's centre
         self.handed_over = False  # from the vehicle model back to SUMO, in this step
+        self.vehicles: Any = None  # calls of the simulation that drives
         self.plant: FmuPlant | None = None  # in place of the single-track model
         self.actuation = Actuation(settings.conditions, self.clip)
         self.senses: Senses | None = None  # of an ADS that is shown Observations
         if isinstance(ads, ObservingController):
             stream = f"{seed}/{concrete.scenario}/{concrete.label}"
-            self.senses = ads.senses = Senses(concrete.road, settings.conditions, stream)
+            self.senses = ads.senses = Senses(road, settings.conditions, stream)
+        self.waits = hasattr(ads, "took")  # for a program that drives in its own time
+        self.driver = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
         self.actors = {
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors
         }
-        self.sliding = {actor.name: actor for actor in concrete.actors if actor.slides}
-        self.tracks = {EGO: _Track(vehicle.length, vehicle.width)}
-        self.tracks |= {actor.name: _Track(actor.length, actor.width) for actor in concrete.actors}
+        self.scripts = {actor.name: _Script(actor, settings.step, vehicle) for actor in concrete.actors}
+        self.scripted_until = max((script.end for script in self.scripts.values()), default=-math.inf)
+        self.tracks = {EGO: _Track(vehicle.length, vehicle.width, 7)}
+        self.tracks |= {actor.name: _Track(actor.length, actor.width, 6) for actor in concrete.actors}
+        self.sampled = -math.inf  # s, when last
         self.sample(0.0)
 
     # -- the loop ------------------------------------------------------------------------------------------------------
@@ -174,19 +214,17 @@ class _Run:
         """Step until something ends the case."""
         step = self.settings.step
         samples_every = round(self.settings.record_interval / step)
-        scripted = [(actor, scripted_spans(actor, step)) for actor in self.concrete.actors]
+        self.vehicles = vehicles(traci)
         GUARD.begin(self.actors, step, self.settings.conditions.interference)
         try:
-            self._take_charge(traci)
+            self._take_charge()
             self._reset(traci)
             while self.end_reason is None:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
-                for actor, spans in scripted:
-                    for begin, end in spans:
-                        if begin < self.time + step < end:
-                            self._move_actor(traci, actor, self.time + step)
-                            break
+                coming = self.time + step
+                if coming < self.scripted_until:
+                    self._move_actors(coming)
                 traci.simulationStep()
                 self.steps += 1
                 self._observe(traci, self.steps * step)
@@ -218,21 +256,21 @@ class _Run:
             else:  # nobody undoes a collision by breaking down afterwards
                 self.error = sentence if self.error is None else f"{self.error} {sentence}"
 
-    def _take_charge(self, traci: Any) -> None:
-        traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
-        traci.vehicle.setLaneChangeMode(EGO, 0)
-        traci.vehicle.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
+    def _take_charge(self) -> None:
+        self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
+        self.vehicles.setLaneChangeMode(EGO, 0)
+        self.vehicles.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
         for actor in self.concrete.actors:
-            traci.vehicle.setSpeedMode(actor.name, EXACT_SPEED_MODE)
-            traci.vehicle.setLaneChangeMode(actor.name, 0)
-            traci.vehicle.setSpeed(actor.name, actor.start.speed)
+            self.vehicles.setSpeedMode(actor.name, EXACT_SPEED_MODE)
+            self.vehicles.setLaneChangeMode(actor.name, 0)
+            self.vehicles.setSpeed(actor.name, actor.start.speed)
 
     # -- the ADS -------------------------------------------------------------------------------------------------------
 
     def _reset(self, traci: Any) -> None:
         conditions, road = self.settings.conditions, self.concrete.road
         told = conditions.reveal_scenario
-        if self.senses is None and conditions != replace(conditions, **_SEEN_AS_IT_IS):
+        if self.senses is None and any(getattr(conditions, what) != usual for what, usual in _SEEN_AS_IT_IS.items()):
             self.clip("perception_not_limited", 1.0, 0.0)  # TraCI shows everything
         briefing = Briefing(
             self.concrete.scenario if told else "",
@@ -274,17 +312,22 @@ class _Run:
             self._keep_traceback(error)
             self._check_refusal(time)
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
-        took = clock.perf_counter() - asked + getattr(self.ads, "took", 0.0)
+        took = clock.perf_counter() - asked
+        if self.waits:
+            took += self.ads.took  # type: ignore[attr-defined]
         self.answers += 1
         self.latency_sum += took
-        self.latency_max = max(self.latency_max, took)
+        if took > self.latency_max:
+            self.latency_max = took
         if took > self.step_timeout:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
             )
-        self._check_refusal(time)
+        if GUARD.refusal is not None:
+            self._check_refusal(time)
         self._check_clock(traci, time)
-        return self.actuation.pass_on(None if answer is None else _checked(answer, time), time, took)
+        command = None if answer is None else _checked(answer, time)
+        return command if self.actuation.is_direct else self.actuation.pass_on(command, time, took)
 
     def _check_refusal(self, time: float) -> None:
         """An ADS that swallows the exception of a refused call has made it all the same."""
@@ -298,7 +341,7 @@ class _Run:
             now = traci.simulation.getTime()
         except (traci.TraCIException, traci.FatalTraCIError) as error:
             raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
-        ahead = now - time - self.settings.step  # SUMO has made one step more, the one that inserted the vehicles
+        ahead = now - time - self.step  # SUMO has made one step more, the one that inserted the vehicles
         if abs(ahead) > _CLOCK_TOLERANCE:
             raise ControllerError(
                 f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
@@ -313,72 +356,90 @@ class _Run:
         """Hand the ego's next motion to SUMO; where SUMO no longer has the ego, the ADS has just taken it away."""
         try:
             if command is None:
-                self._leave_to_sumo(traci)
+                self._leave_to_sumo()
             else:
-                self._move_by_model(traci, command, step)
+                self._move_by_model(command, step)
         except traci.TraCIException as error:
             raise ControllerError(
                 f"After the ADS's step at {self.time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
 
-    def _leave_to_sumo(self, traci: Any) -> None:
+    def _leave_to_sumo(self) -> None:
         if self.plant is not None:
             self.clip("vehicle_model_not_used", 1.0, 0.0)
         if self.state is not None:
-            traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
+            self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
             self.state = None
             self.handed_over = True
         elif not isinstance(self.ads, NativeModel):
-            mode = traci.vehicle.getSpeedMode(EGO)
+            mode = self.vehicles.getSpeedMode(EGO)
             if mode != EGO_SPEED_MODE:
                 self.clip("speed_mode", mode, EGO_SPEED_MODE)
-                traci.vehicle.setSpeedMode(EGO, EGO_SPEED_MODE)
+                self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
 
-    def _move_by_model(self, traci: Any, command: Command, step: float) -> None:
+    def _move_by_model(self, command: Command, step: float) -> None:
         before = self.state
         if before is None:
-            traci.vehicle.setSpeedMode(EGO, EXACT_SPEED_MODE)
+            self.vehicles.setSpeedMode(EGO, EXACT_SPEED_MODE)
             if self.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
-                first = self.tracks[EGO].rows
-                first[0] = (*first[0][:-1], 0.0)
+                self.tracks[EGO].samples[6] = 0.0
             ego = self.ego
             before = EgoState(ego.x, ego.y, ego.heading, ego.speed, self.acceleration)
         if self.plant is None:
-            state, clips = advance(before, command, self.settings.vehicle, step)
+            state, clips = advance(before, command, self.limits, step)
         else:
             state, clips = self.plant.advance(before, command, step)
         for what, requested, applied in clips:
             self.clip(what, requested, applied)
-        traci.vehicle.setSpeed(EGO, state.speed)
-        _place(traci, EGO, state.x, state.y, state.heading, self.ego.length)
+        x, y, heading, speed, _, _ = state
+        self.vehicles.setSpeed(EGO, speed)
+        self.placed_at = _place(self.vehicles, EGO, x, y, heading, self.half_length)
         self.state = state
 
-    def _move_actor(self, traci: Any, actor: Actor, time: float) -> None:
+    def _move_actors(self, time: float) -> None:
+        """Scripted motion of those that have any to do at a time."""
+        for script in self.scripts.values():
+            for begin, end in script.spans:
+                if begin < time < end:
+                    self._move_actor(script.actor, time)
+                    break
+
+    def _move_actor(self, actor: Actor, time: float) -> None:
         """Scripted motion at a time within one of the actor's spans."""
         if actor.name not in self.actors:
             return
-        along, across = actor.speed(time), actor.lateral_speed(time)
-        heading = 0.0 if actor.slides else math.atan2(across, along)
-        traci.vehicle.setSpeed(actor.name, along if actor.slides else math.hypot(along, across))
-        _place(traci, actor.name, actor.x(time), actor.y(time), heading, actor.length)
+        speed, heading = actor.speed(time), 0.0
+        if not actor.slides:
+            across = actor.lateral_speed(time)
+            speed, heading = math.hypot(speed, across), math.atan2(across, speed)
+        self.vehicles.setSpeed(actor.name, speed)
+        _place(self.vehicles, actor.name, actor.x(time), actor.y(time), heading, 0.5 * actor.length)
 
     # -- observation ---------------------------------------------------------------------------------------------------
 
     def _observe(self, traci: Any, now: float) -> None:
         """Read every vehicle at the end of the step, and see whether anything touched the ego or ended the case."""
         was, before = self.ego, self.actors
-        body = self._read_placed_ego(traci) if self.state is not None else self._read_driven_ego(traci, now)
+        body = self._read_placed_ego() if self.state is not None else self._read_driven_ego(now)
+        was_x, was_y = was.x, was.y
+        moved_x, moved_y = body.x - was_x, body.y - was_y
         actors: dict[str, Body] = {}
         touched: tuple[float, str] | None = None
         for name, last in before.items():
+            script = self.scripts[name]
             try:
-                other = _read(traci, name, last.length, last.width)
+                x, y, heading, speed = _read(self.vehicles, name, script.half_length)
             except traci.TraCIException:
                 self.clip("actor_left_the_network", now, now)
                 continue
-            if name in self.sliding:
-                other = other._replace(across=self.sliding[name].lateral_speed(now))
+            across = script.actor.lateral_speed(now) if script.slides and script.begin <= now <= script.end else 0.0
+            other = _tuple(Body, (x, y, heading, speed, script.length, script.width, across))
             actors[name] = other
+            last_x, last_y = last.x, last.y
+            shift_x, shift_y = (x - last_x) - moved_x, (y - last_y) - moved_y
+            reach = script.reach + abs(shift_x) + abs(shift_y)
+            if abs(last_x - was_x) > reach or abs(last_y - was_y) > reach:
+                continue  # as `first_touch` would say, at less cost
             share = first_touch(was, body, last, other)
             if share is not None and (touched is None or share < touched[0]):
                 touched = share, name
@@ -387,24 +448,25 @@ class _Run:
             self._check_end()
             return
         share, name = touched
-        self.time += share * self.settings.step
+        self.time += share * self.step
         self.ego = between(was, body, share)
         self.actors = {other: between(before[other], after, share) for other, after in actors.items()}
         self.collision = describe(self.time, name, self.ego, self.actors[name])
         self.end("contact")
 
     def _check_end(self) -> None:
-        ego, road = self.ego, self.concrete.road
-        self.stood = self.stood + self.settings.step if ego.speed < self.settings.standstill_speed else 0.0
-        if not road.right_edge <= ego.y <= road.left_edge:
+        ego, settings = self.ego, self.settings
+        self.stood = self.stood + self.step if ego.speed < settings.standstill_speed else 0.0
+        right_edge, left_edge = self.edges
+        if not right_edge <= ego.y <= left_edge:
             self.end("off_road")
-        elif ego.x >= road.length:
+        elif ego.x >= self.concrete.road.length:
             self.end("road_end")
-        elif self.stood >= self.settings.standstill_time - 1e-9:
+        elif self.stood >= settings.standstill_time - 1e-9:
             self.end("standstill")
-        elif self.time >= self.settings.time_limit - 1e-9:
+        elif self.time >= settings.time_limit - 1e-9:
             self.end("time_limit")
-        elif self.settings.end_when_decided and self._is_decided():
+        elif settings.end_when_decided and self._is_decided():
             self.end("decided")
 
     def _is_decided(self) -> bool:
@@ -412,46 +474,45 @@ class _Run:
         present speeds nothing comes nearer.
         """
         ego = self.ego
-        settled = getattr(getattr(self.ads, "target", getattr(self.ads, "function", None)), "settled", None)
-        if settled is None or self.acceleration != 0.0 or ego.heading != 0.0 or not settled():
+        if self.acceleration != 0.0 or ego.heading != 0.0 or self.time < self.scripted_until:
             return False
-        for actor in self.concrete.actors:
-            if any(self.time < end for _, end in scripted_spans(actor, self.settings.step)):
-                return False
+        settled = getattr(self.driver, "settled", None)
+        if settled is None or not settled():
+            return False
         return all(keeps_apart(ego, other) for other in self.actors.values())
 
-    def _read_placed_ego(self, traci: Any) -> Body:
+    def _read_placed_ego(self) -> Body:
         """The ego as the vehicle model moved it; SUMO must show the same."""
-        state = self.state
-        assert state is not None
-        self.acceleration, self.lane_speed = state.acceleration, state.speed
-        body = Body(state.x, state.y, state.heading, state.speed, self.ego.length, self.ego.width)
-        x, y = traci.vehicle.getPosition(EGO)
-        front_x, front_y = _front(body)
+        assert self.state is not None
+        x, y, heading, speed, self.acceleration, _ = self.state
+        self.lane_speed = speed
+        body = _tuple(Body, (x, y, heading, speed, self.limits.length, self.limits.width, 0.0))
+        x, y = self.vehicles.getPosition(EGO)
+        front_x, front_y = self.placed_at
         if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
             raise SimulationError(
                 f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
             )
         return body
 
-    def _read_driven_ego(self, traci: Any, now: float) -> Body:
+    def _read_driven_ego(self, now: float) -> Body:
         """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
-        body = _read(traci, EGO, self.ego.length, self.ego.width)
+        body = Body(*_read(self.vehicles, EGO, self.half_length), self.limits.length, self.limits.width)
         self._check_native_motion(body, now)
-        self.acceleration = (body.speed - self.lane_speed) / self.settings.step
+        self.acceleration = (body.speed - self.lane_speed) / self.step
         self.lane_speed = body.speed
         if self.handed_over:
             self.handed_over = False
             if abs(body.heading - self.ego.heading) > 1e-3:
                 self.clip("heading", self.ego.heading, body.heading)
-        across = traci.vehicle.getLateralSpeed(EGO)
+        across = self.vehicles.getLateralSpeed(EGO)
         return body._replace(speed=math.hypot(body.speed, across)) if across else body
 
     def _check_native_motion(self, body: Body, now: float) -> None:
         """TraCI calls can move the ego in ways no vehicle can. `body` has the speed along the lane."""
-        vehicle, step = self.settings.vehicle, self.settings.step
-        gained = (body.speed - self.lane_speed) / step
-        lowest, highest = -vehicle.max_deceleration, vehicle.max_acceleration
+        step, speed, lane_speed = self.step, body.speed, self.lane_speed
+        gained = (speed - lane_speed) / step
+        lowest, highest = -self.limits.max_deceleration, self.limits.max_acceleration
         if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
@@ -462,10 +523,12 @@ class _Run:
             self.clip("vtype_limit", gained, gained)
         (x, y), (last_x, last_y) = _front(body), _front(self.ego)
         ahead, across = x - last_x, y - last_y
-        least = min(body.speed, self.lane_speed) * step - _JUMP_TOLERANCE
-        most = max(body.speed, self.lane_speed) * step + _JUMP_TOLERANCE
+        slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
+        least, most = slower * step - _JUMP_TOLERANCE, faster * step + _JUMP_TOLERANCE
+        if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
+            return
         moved = math.hypot(ahead, across)
-        if not (least <= moved <= most or (least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step)):
+        if not least <= moved <= most:
             self._unphysical(
                 "jump", moved, min(max(moved, least), most),
                 f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
@@ -482,27 +545,36 @@ class _Run:
 
     def clip(self, what: str, requested: float, applied: float) -> None:
         """Count a clip and keep its worst instance."""
-        count_clip(self.clips, what, self.steps * self.settings.step, requested, applied)
+        count_clip(self.clips, what, self.steps * self.step, requested, applied)
 
     def sample(self, time: float) -> None:
         """Record every vehicle as it is now."""
-        ego, rows = self.ego, self.tracks[EGO].rows
-        if rows and time - rows[-1][0] < 1e-9:
+        if time - self.sampled < 1e-9:
             return
+        self.sampled = time
         steering = math.nan if self.state is None else self.state.steering_wheel_angle
-        rows.append((time, ego.x, ego.y, ego.heading, ego.speed, self.acceleration, steering))
-        for actor in self.concrete.actors:
-            if actor.name in self.actors:
-                body = self.actors[actor.name]
-                self._check_actor(actor, body, time)
-                motion = (body.x, body.y, body.heading, body.speed, actor.acceleration(time))
-                self.tracks[actor.name].rows.append((time, *motion))
+        x, y, heading, speed, _, _, _ = self.ego
+        self.tracks[EGO].samples.extend((time, x, y, heading, speed, self.acceleration, steering))
+        for name, body in self.actors.items():
+            x, y, heading, speed, _, _, _ = body
+            script = self.scripts[name]
+            if script.begin <= time <= script.end:
+                acceleration = script.actor.acceleration(time)
+                self._check_actor(script.actor, body, time)
+            else:
+                acceleration = 0.0
+                offset, pace, across = script.before if time < script.begin else script.after
+                if abs(x - offset - pace * time) > _NEAR or abs(y - across) > _NEAR:
+                    self._check_actor(script.actor, body, time)
+            self.tracks[name].samples.extend((time, x, y, heading, speed, acceleration))
 
     def _check_actor(self, actor: Actor, body: Body, time: float) -> None:
         """Whatever way an ADS found to another vehicle, the vehicle then is not where its script has it."""
-        off = math.hypot(body.x - actor.x(time), body.y - actor.y(time))
-        if off > _SCRIPT_TOLERANCE:
-            self.clip("actor_off_its_script", 0.0, off)
+        ahead, left = body.x - actor.x(time), body.y - actor.y(time)
+        if abs(ahead) > _NEAR or abs(left) > _NEAR:
+            off = math.hypot(ahead, left)
+            if off > _SCRIPT_TOLERANCE:
+                self.clip("actor_off_its_script", 0.0, off)
 
     def end(self, reason: EndReason) -> None:
         """The case is over."""
@@ -553,16 +625,17 @@ def _checked(answer: object, time: float) -> Command:
     return Command(float(acceleration), float(steering))
 
 
-def _read(traci: Any, name: str, length: float, width: float) -> Body:
-    """A vehicle's body from SUMO, whose x, y is the front bumper's centre and whose angle runs clockwise from north."""
-    x, y = traci.vehicle.getPosition(name)
-    angle = traci.vehicle.getAngle(name)
-    speed = traci.vehicle.getSpeed(name)
-    half = 0.5 * length
+def _read(vehicle: Any, name: str, half_length: float) -> tuple[float, float, float, float]:
+    """A vehicle's centre, heading and speed from SUMO, which reports the front bumper's centre and an angle clockwise
+    from north.
+    """
+    x, y = vehicle.getPosition(name)
+    angle = vehicle.getAngle(name)
     if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
-        return Body(x - half, y, 0.0, speed, length, width)
+        return x - half_length, y, 0.0, vehicle.getSpeed(name)
     heading = math.remainder(math.radians(90.0 - angle), math.tau)
-    return Body(x - half * math.cos(heading), y - half * math.sin(heading), heading, speed, length, width)
+    x, y = x - half_length * math.cos(heading), y - half_length * math.sin(heading)
+    return x, y, heading, vehicle.getSpeed(name)
 
 
 def _front(body: Body) -> tuple[float, float]:
@@ -573,9 +646,12 @@ def _front(body: Body) -> tuple[float, float]:
     return body.x + half * math.cos(body.heading), body.y + half * math.sin(body.heading)
 
 
-def _place(traci: Any, name: str, x: float, y: float, heading: float, length: float) -> None:
-    """Put a vehicle's centre somewhere at the end of the coming step."""
-    half = 0.5 * length
-    traci.vehicle.moveToXY(
-        name, "", -1, x + half * math.cos(heading), y + half * math.sin(heading), 90.0 - math.degrees(heading), 2
-    )
+def _place(vehicle: Any, name: str, x: float, y: float, heading: float, half_length: float) -> tuple[float, float]:
+    """Put a vehicle's centre somewhere at the end of the coming step; where that has its front bumper's centre, m."""
+    if heading == 0.0:
+        x, y, angle = x + half_length, y + heading, 90.0
+    else:
+        x, y = x + half_length * math.cos(heading), y + half_length * math.sin(heading)
+        angle = 90.0 - math.degrees(heading)
+    vehicle.moveToXY(name, "", -1, x, y, angle, 2)
+    return x, y

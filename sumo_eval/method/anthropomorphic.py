@@ -17,15 +17,16 @@ Readings of the paper (docs/METHOD.md) that this file is built on:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
-from sumo_eval.method.manoeuvres import Choice, Manoeuvre, choose, pooled_deviation, words
-from sumo_eval.method.trajectory_field import SAME_TIME, trajectory_fields
+from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
+from sumo_eval.method.shared_fields import shared_fields
+from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
@@ -72,6 +73,15 @@ class AnthropomorphicIndex:
     usual: float = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart, m."""
+
+    ads: int
+    drivers: tuple[int, ...]
+    spacing: float
+
+
 def anthropomorphic_index(
     ads: Trajectory,
     drivers: Sequence[Trajectory],
@@ -85,49 +95,100 @@ def anthropomorphic_index(
     scenario. road: its end ends the slices, its edges narrow them. Raises InputError for fewer drivers and for an ADS
     that starts past the road's end.
     """
-    if len(drivers) < 2:
-        raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", len(drivers))
-    start = float(ads.x[0])
-    if start >= road.length:
-        raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
+    pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing)
+    (index,) = anthropomorphic_indexes([ads, *drivers], [pairing], road, settings)
+    return index
 
-    choice = choose(ads, drivers, road, settings) if settings.mode == "mixture" else None
-    everyone = [_up_to_the_end(trajectory, road) for trajectory in (ads, *drivers)]
-    ads_length, *driver_lengths = (driven_length(trajectory, road, settings) for trajectory in everyone)
-    ads_operations, *driver_operations = (count_operations(trajectory, settings) for trajectory in everyone)
-    compared = np.ones(len(drivers), dtype=np.bool_) if choice is None else choice.members
-    mean_length = float(np.mean(np.array(driver_lengths)[compared]))
-    length_factor = _capped_ratio(ads_length, mean_length)
-    operation_factor = _capped_ratio(np.mean(np.array(driver_operations)[compared]), ads_operations)
 
-    slices = slice_positions(start, min(ads_length, mean_length), settings.slice_spacing)
-    centres = np.array([lateral_position(trajectory, slices) for trajectory in everyone])
-    ends = np.array([driver.x[0] for driver in drivers]) + driver_lengths
+def anthropomorphic_indexes(
+    trajectories: Sequence[Trajectory],
+    pairings: Sequence[Pairing],
+    road: Road,
+    settings: AnthropomorphicSettings = DEFAULTS,
+) -> list[AnthropomorphicIndex]:
+    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario.
+
+    What pairings have in common is computed once: what is known of a trajectory, its lateral positions at slices, and
+    the drivers' fields, at the points of all pairings together.
+    """
+    for pairing in pairings:
+        if len(pairing.drivers) < 2:
+            raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", len(pairing.drivers))
+        start = float(trajectories[pairing.ads].x[0])
+        if start >= road.length:
+            raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
+    if not pairings:
+        return []
+    drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
+    comparisons = [_comparison(drives, pairing, settings) for pairing in pairings]
+    slices = {one.where: slice_positions(*one.where) for one in comparisons}
+    everywhere = np.concatenate(list(slices.values()))
+    ends = np.cumsum([len(x) for x in slices.values()])[:-1]
+    lateral = [np.split(lateral_position(drive.judged, everywhere), ends) for drive in drives]
+    centres = {where: [parts[number] for parts in lateral] for number, where in enumerate(slices)}
+    sets = {
+        one.points: slice_points(slices[one.where], centres[one.where][one.pairing.ads], road, settings)
+        for one in comparisons
+    }
+    fields = _fields(drives, comparisons, sets, settings)
+    return [
+        _index(
+            one,
+            drives,
+            slices[one.where],
+            np.array([centres[one.where][place] for place in (one.pairing.ads, *one.pairing.drivers)]),
+            fields[one.points].own,
+            fields[one.points].of(one.pairing.drivers),
+            road,
+            settings,
+        )
+        for one in comparisons
+    ]
+
+
+def _index(
+    one: _Comparison,
+    drives: Sequence[_Drive],
+    slices: FloatArray,
+    centres: FloatArray,
+    own: FloatArray,
+    humans: FloatArray,
+    road: Road,
+    settings: AnthropomorphicSettings,
+) -> AnthropomorphicIndex:
+    """D_i of one pairing. centres: y at the slices, the ADS's first, (1 + k, m). own, humans: the ADS's field at their
+    points, (m, 7), and the drivers', (k, m, 7).
+    """
+    ads, drivers = drives[one.pairing.ads], [drives[place] for place in one.pairing.drivers]
+    choice = one.choice
+    operation_factor = _capped_ratio(
+        np.mean(np.array([driver.operations for driver in drivers])[one.compared]), ads.operations
+    )
+    ends = np.array([driver.whole.x[0] + driver.length for driver in drivers])
     centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, choice)
-    points = slice_points(slices, centres[0], road, settings)
-    field_term, field_notes = _field_term(points, everyone, settings, choice)
+    field_term, field_notes = _field_term(own, humans, settings, choice)
     usual = 1.0 if choice is None else choice.usual
     terms = centre_term[:, None] * field_term
     similarity = usual * float(terms.mean())
 
     return AnthropomorphicIndex(
-        value=length_factor * operation_factor * similarity,
-        length_factor=length_factor,
+        value=one.length_factor * operation_factor * similarity,
+        length_factor=one.length_factor,
         operation_factor=operation_factor,
         similarity=similarity,
         centre_similarity=float(centre_term.mean()),
         field_similarity=float(field_term.mean()),
         slices=slices,
         slice_similarity=terms.mean(axis=1),
-        ads_length=ads_length,
-        driver_lengths=tuple(driver_lengths),
-        ads_operations=ads_operations,
-        driver_operations=tuple(driver_operations),
+        ads_length=ads.length,
+        driver_lengths=tuple(driver.length for driver in drivers),
+        ads_operations=ads.operations,
+        driver_operations=tuple(driver.operations for driver in drivers),
         notes=(
             *_choice_notes(choice),
             *centre_notes,
             *field_notes,
-            *_trajectory_notes(ads, drivers, road, settings),
+            *_trajectory_notes(ads, drivers, settings),
             *_note(
                 operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
             ),
@@ -214,6 +275,103 @@ def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSetting
         for side in (-1.0, 1.0)
         for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
     )
+
+
+# --- what is computed once --------------------------------------------------------------------------------------------
+
+
+_Points = tuple[int, tuple[float, float, float]]  # whose slices; where they begin, how far they go, how close they lie
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drive:
+    """What is known of one trajectory: as a whole, and as far as it is judged."""
+
+    whole: Trajectory
+    judged: Trajectory
+    length: float
+    operations: int
+    manoeuvre: Manoeuvre
+    steering_known: bool
+    cut_short: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """A pairing and what follows from lengths and manoeuvres. compared: which of its drivers count, (k,)."""
+
+    pairing: Pairing
+    choice: Choice | None
+    compared: BoolArray
+    length_factor: float
+    where: tuple[float, float, float]
+
+    @property
+    def points(self) -> _Points:
+        """The name of its set of points."""
+        return self.pairing.ads, self.where
+
+
+def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Drive:
+    judged = _up_to_the_end(trajectory, road)
+    return _Drive(
+        whole=trajectory,
+        judged=judged,
+        length=driven_length(judged, road, settings),
+        operations=count_operations(judged, settings),
+        manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time) if settings.mode == "mixture" else (),
+        steering_known=_steering_is_known(trajectory),
+        cut_short=not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings),
+    )
+
+
+def _comparison(drives: Sequence[_Drive], pairing: Pairing, settings: AnthropomorphicSettings) -> _Comparison:
+    ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
+    choice = chosen(ads.manoeuvre, [one.manoeuvre for one in drivers]) if settings.mode == "mixture" else None
+    compared = np.ones(len(drivers), dtype=np.bool_) if choice is None else choice.members
+    mean_length = float(np.mean(np.array([driver.length for driver in drivers])[compared]))
+    where = (float(ads.whole.x[0]), min(ads.length, mean_length), pairing.spacing)
+    return _Comparison(pairing, choice, compared, _capped_ratio(ads.length, mean_length), where)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fields:
+    """Eq. 9 at a set of m points a slice. drivers: of everyone who is a driver in some pairing, in the order of their
+    places, (k, m, 7). own: of the set's owner, (m, 7).
+    """
+
+    places: tuple[int, ...]
+    drivers: FloatArray
+    own: FloatArray
+
+    def of(self, places: tuple[int, ...]) -> FloatArray:
+        """Those of some of the drivers."""
+        return self.drivers if places == self.places else self.drivers[[self.places.index(place) for place in places]]
+
+
+def _fields(
+    drives: Sequence[_Drive],
+    comparisons: Sequence[_Comparison],
+    sets: Mapping[_Points, FloatArray],
+    settings: AnthropomorphicSettings,
+) -> dict[_Points, _Fields]:
+    """The fields by set of points: of the drivers at all sets together, of an ADS at its own."""
+
+    def at(names: Sequence[_Points], places: Sequence[int]) -> list[FloatArray]:
+        points = np.concatenate([sets[name] for name in names])
+        everyone = [drives[place].judged for place in places]
+        fields = shared_fields(points[:, 0, 0], points[..., 1], everyone, settings.field)
+        return np.split(fields, np.cumsum([len(sets[name]) for name in names])[:-1], axis=1)
+
+    places = tuple(sorted({place for one in comparisons for place in one.pairing.drivers}))
+    own: dict[_Points, FloatArray] = {}
+    for ads in {name[0] for name in sets}.difference(places):
+        names = [name for name in sets if name[0] == ads]
+        own |= {name: field[0] for name, field in zip(names, at(names, [ads]), strict=True)}
+    return {
+        name: _Fields(places, drivers, own[name] if name in own else drivers[places.index(name[0])])
+        for name, drivers in zip(sets, at(list(sets), places), strict=True)
+    }
 
 
 # --- slices -----------------------------------------------------------------------------------------------------------
@@ -308,26 +466,19 @@ def _centre_term(
 
 
 def _field_term(
-    points: FloatArray, everyone: Sequence[Trajectory], settings: AnthropomorphicSettings, choice: Choice | None
+    own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
 ) -> tuple[FloatArray, list[str]]:
-    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. points: (m, 7, 2), m. everyone: ADS first."""
-    constants = settings.field
-    fields = trajectory_fields(
-        points.reshape(-1, 2),
-        everyone,
-        k1=constants.k1,
-        k2=constants.k2,
-        sample_interval=constants.sample_interval,
-        superposition=constants.superposition,
-    ).reshape(len(everyone), *points.shape[:-1])
+    """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. own: the ADS's field there, (m, 7). humans: the
+    k drivers', (k, m, 7).
+    """
     if choice is None:
-        mean, deviation = fields[1:].mean(axis=0), fields[1:].std(axis=0, ddof=1)
+        mean, deviation = humans.mean(axis=0), humans.std(axis=0, ddof=1)
     else:
         mean, deviation = pooled_deviation(
-            fields[1:], np.ones(fields[1:].shape, dtype=np.bool_), choice, settings.pooled_drivers
+            humans, np.ones(humans.shape, dtype=np.bool_), choice, settings.pooled_drivers
         )
     floor = settings.field_deviation_floor * mean
-    term = gaussian_similarity(fields[0], mean, np.maximum(deviation, floor))
+    term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
     return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
 
 
@@ -368,25 +519,19 @@ def _steering_is_known(trajectory: Trajectory) -> bool:
     return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
 
 
-def _trajectory_notes(
-    ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings
-) -> list[str]:
+def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[str]:
     """Where a reading had to step in for a trajectory as a whole."""
-
-    def shortened(trajectory: Trajectory) -> bool:
-        return not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings)
-
-    late = [driver.x[0] > ads.x[0] + settings.slice_spacing for driver in drivers]
-    beyond = [_up_to_the_end(trajectory, road) is not trajectory for trajectory in (ads, *drivers)]
-    short = [shortened(driver) for driver in drivers]
-    unknown = [not _steering_is_known(driver) for driver in drivers]
+    late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
+    beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]
+    short = [driver.cut_short for driver in drivers]
+    unknown = [not driver.steering_known for driver in drivers]
     return [
         *_note(beyond, "{} of {} trajectories go on past the road's end and are read up to it."),
         *_note(late, "{} of {} drivers start beyond the ADS's start and hold their first y up to there."),
         *_note(short, "{} of {} drivers neither stopped nor reached the road's end: their length is what they drove."),
-        *_note(shortened(ads), "The ADS neither stopped nor reached the road's end: its length is what it drove."),
+        *_note(ads.cut_short, "The ADS neither stopped nor reached the road's end: its length is what it drove."),
         *_note(unknown, "{} of {} drivers have no steering signal: one operation per lateral manoeuvre."),
-        *_note(not _steering_is_known(ads), "The ADS has no steering signal: one operation per lateral manoeuvre."),
+        *_note(not ads.steering_known, "The ADS has no steering signal: one operation per lateral manoeuvre."),
     ]
 
 

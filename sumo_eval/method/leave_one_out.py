@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sumo_eval.errors import must_be
-from sumo_eval.method.anthropomorphic import DEFAULTS, anthropomorphic_index
+from sumo_eval.method.anthropomorphic import DEFAULTS, AnthropomorphicIndex, Pairing, anthropomorphic_indexes
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import Trajectory
@@ -49,9 +49,29 @@ def human_band(drivers: Sequence[Trajectory], road: Road, settings: Anthropomorp
     """
     if len(drivers) < 3:
         raise must_be("The number of drivers", "a leave-one-driver-out band", "at least 3", len(drivers))
-    coarse = replace(settings, slice_spacing=max(settings.slice_spacing, settings.band_slice_spacing))
-    indexes = [
-        anthropomorphic_index(driver, [*drivers[:place], *drivers[place + 1 :]], road, coarse)
-        for place, driver in enumerate(drivers)
-    ]
+    return band_of(anthropomorphic_indexes(drivers, band_pairings(range(len(drivers)), settings), road, settings))
+
+
+def coarse_spacing(settings: AnthropomorphicSettings) -> float:
+    """Distance between slices where drivers are scored against each other, or left out, m."""
+    return max(settings.slice_spacing, settings.band_slice_spacing)
+
+
+def band_pairings(drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
+    """Each driver against all the others."""
+    spacing = coarse_spacing(settings)
+    return [Pairing(one, tuple(place for place in drivers if place != one), spacing) for one in drivers]
+
+
+def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
+    """The band of the indexes of `band_pairings`."""
     return HumanBand(tuple(index.value for index in indexes), tuple(index.similarity for index in indexes))
+
+
+def left_out_pairings(ads: int, drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
+    """An ADS against all drivers, and, if that leaves two, against all but one, for each: what the choice of drivers
+    does to its D_i.
+    """
+    spacing = coarse_spacing(settings)
+    fewer = [tuple(place for place in drivers if place != one) for one in drivers] if len(drivers) > 2 else []
+    return [Pairing(ads, others, spacing) for others in (tuple(drivers), *fewer)]

@@ -53,8 +53,12 @@ def manoeuvre_of(trajectory: Trajectory, road: Road, keeping_time: float) -> Man
 
 def choose(ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings: AnthropomorphicSettings) -> Choice:
     """Which drivers an ADS is compared with, and how usual its manoeuvre is among them."""
-    theirs = [manoeuvre_of(driver, road, settings.manoeuvre_time) for driver in drivers]
-    mine = manoeuvre_of(ads, road, settings.manoeuvre_time)
+    mine, *theirs = (manoeuvre_of(drive, road, settings.manoeuvre_time) for drive in (ads, *drivers))
+    return chosen(mine, theirs)
+
+
+def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
+    """The same from the manoeuvres of the ADS and of the drivers."""
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])

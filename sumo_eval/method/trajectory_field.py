@@ -29,10 +29,9 @@ Superposition = Literal["magnitude", "vector"]
 if TYPE_CHECKING:
     KERNEL: Literal["numba", "numpy"]
 
-COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates
+COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates, as in `field_loops`
 SAME_TIME = 1e-6  # s; sample times this close to the wanted ones are the wanted ones
 LARGEST_EXPONENT = 700.0  # exp(710) is beyond float64
-POINTS_AT_ONCE = 256  # a block of points stays in the first-level cache
 
 
 def trajectory_field(
@@ -79,7 +78,7 @@ def trajectory_fields(
         raise must_be("`superposition`", "the trajectory field", "'magnitude' or 'vector'", superposition)
     fields = np.empty((len(trajectories), len(places)))
     for row, trajectory in enumerate(trajectories):
-        fields[row] = field(places, _samples(trajectory, k2, sample_interval), float(k1))
+        fields[row] = field(places, samples_of(trajectory, k2, sample_interval), float(k1))
     return fields
 
 
@@ -103,7 +102,7 @@ def instantaneous_field(
 # --- samples ----------------------------------------------------------------------------------------------------------
 
 
-def _samples(trajectory: Trajectory, k2: float, interval: float) -> FloatArray:
+def samples_of(trajectory: Trajectory, k2: float, interval: float) -> FloatArray:
     """What the kernels sum: rows of x, y, k2 vx, k2 vy, k2 v, weight; a standing vehicle is one row with a weight."""
     motion = _resampled(trajectory, interval)
     begins = np.flatnonzero(np.append(True, np.any(motion[1:] != motion[:-1], axis=1)))
@@ -131,81 +130,16 @@ def _resampled(trajectory: Trajectory, interval: float) -> FloatArray:
 def _kernel() -> tuple[Literal["numba", "numpy"], Kernel]:
     """The fastest kernel this machine has; numba is imported here, at first use, because that takes a while."""
     try:
-        import numba
+        from sumo_eval.method.field_loops import magnitude_sum
     except ImportError:
         return "numpy", _magnitude_sum
-
-    def compiled(*, cache: bool) -> Kernel:
-        # Contraction rounds a * b + c once instead of twice. Nothing that reorders the sum is allowed.
-        return numba.njit(cache=cache, fastmath={"contract"}, error_model="numpy")(_magnitude_loops)
-
-    try:
-        return "numba", compiled(cache=True)
-    except RuntimeError:
-        # Neither the package's folder nor the user's cache can be written: compile anew in each process.
-        return "numba", compiled(cache=False)
+    return "numba", magnitude_sum
 
 
 def __getattr__(name: str) -> str:
     if name == "KERNEL":
         return _kernel()[0]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def _magnitude_loops(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
-    """The sum as loops, for numba: every inner loop is over points and becomes vector instructions.
-
-    exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often enough, squared as
-    often; at k2 = 0.005 s/m that is never up to 70 m/s.
-    """
-    block = POINTS_AT_ONCE
-    field = np.empty(points.shape[0])
-    px, py = np.zeros(block), np.zeros(block)
-    growth, nearness, total = np.empty(block), np.empty(block), np.empty(block)
-    for first in range(0, points.shape[0], block):
-        n = min(block, points.shape[0] - first)
-        px[:n] = points[first : first + n, 0]
-        py[:n] = points[first : first + n, 1]
-        total[:] = 0.0
-        for j in range(samples.shape[0]):
-            x, y, along_x, along_y, ahead, weight = samples[j]
-            halvings = 0
-            while abs(ahead) > 0.35:
-                ahead *= 0.5
-                along_x *= 0.5
-                along_y *= 0.5
-                halvings += 1
-            for i in range(block):
-                dx = px[i] - x
-                dy = py[i] - y
-                square = dx * dx + dy * dy
-                apart = square > COINCIDENT * COINCIDENT
-                inverse = 1.0 / math.sqrt(square if apart else 1.0)
-                f = (along_x * dx + along_y * dy) * inverse if apart else ahead
-                e = 1.0 / 3628800.0 + f * (1.0 / 39916800.0 + f * (1.0 / 479001600.0))
-                e = 1.0 / 40320.0 + f * (1.0 / 362880.0 + f * e)
-                e = 1.0 / 720.0 + f * (1.0 / 5040.0 + f * e)
-                e = 1.0 / 24.0 + f * (1.0 / 120.0 + f * e)
-                e = 1.0 / 2.0 + f * (1.0 / 6.0 + f * e)
-                growth[i] = 1.0 + f * (1.0 + f * e)
-                nearness[i] = inverse if inverse < 1.0 else 1.0
-            for _ in range(halvings):
-                for i in range(block):
-                    growth[i] *= growth[i]
-            if k1 == 0.5:
-                for i in range(block):
-                    total[i] += weight * growth[i] * math.sqrt(nearness[i])
-            elif k1 == 1.0:
-                for i in range(block):
-                    total[i] += weight * growth[i] * nearness[i]
-            elif k1 == 2.0:
-                for i in range(block):
-                    total[i] += weight * growth[i] * nearness[i] * nearness[i]
-            else:
-                for i in range(block):
-                    total[i] += weight * growth[i] * nearness[i] ** k1
-        field[first : first + n] = total[:n]
-    return field
 
 
 def _magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:

@@ -293,11 +293,11 @@ class Actor:
 
     def acceleration(self, time: float) -> float:
         """Acceleration along the heading at a time, m/s2: the rate of the ground speed."""
-        if self.brake is None and not self.lane_changes:
-            return 0.0
-        along, across = self.speed(time), self.lateral_speed(time)
         braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
-        if across == 0.0 or self.slides:
+        if self.slides or not self.lane_changes:
+            return braking
+        along, across = self.speed(time), self.lateral_speed(time)
+        if across == 0.0:
             return braking
         sideways = sum(move.lateral_acceleration(time) for move in self.lane_changes)
         return (along * braking + across * sideways) / math.hypot(along, across)
@@ -340,11 +340,15 @@ class ConcreteScenario:
 
     def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
         """The ego of these settings, with the body that the scenario prescribes."""
-        if self.ego_body is None:
+        if self.ego_body in (None, EgoBody(vehicle.length, vehicle.width)):
             return vehicle
+        assert self.ego_body is not None
         return replace(vehicle, length=self.ego_body.length, width=self.ego_body.width)
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
         """The settings with which this case is simulated: the given ones, with the scenario's ego and time limit."""
         limit = settings.time_limit if self.time_limit is None else min(settings.time_limit, self.time_limit)
-        return replace(settings, vehicle=self.ego_vehicle(settings.vehicle), time_limit=limit)
+        vehicle = self.ego_vehicle(settings.vehicle)
+        if vehicle is settings.vehicle and limit == settings.time_limit:
+            return settings
+        return replace(settings, vehicle=vehicle, time_limit=limit)

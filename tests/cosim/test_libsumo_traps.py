@@ -346,9 +346,79 @@ def test_trap_10_no_fcd_output_is_used(monkeypatch):
     assert set(options) == {
         "--net-file", "--route-files", "--begin", "--step-length", "--lanechange.duration", "--error-log", "--seed",
         "--xml-validation", "--xml-validation.net", "--xml-validation.routes", "--no-step-log", "--no-warnings",
-        "--duration-log.disable", *(f"--{name}" for name in SIMULATION_OPTIONS),
+        "--duration-log.disable", "--thread-rngs", *(f"--{name}" for name in SIMULATION_OPTIONS),
     }  # fmt: skip
     assert not any("fcd" in option or "parquet" in option for option in lines[0])
+
+
+# what outlives a simulation -------------------------------------------------------------------------------------------
+
+
+class MovesInItsLastStep:
+    """Tells SUMO to move its vehicle when no step is to come that would: before it fails, or when it is closed."""
+
+    def __init__(self, fails):
+        self.fails = fails
+
+    def step(self, traci, ego, time):
+        self.vehicle = traci.vehicle
+        if self.fails and time > 0.2:
+            self.move()
+            raise ValueError("out of order")
+        return Command(0.0)
+
+    def close(self):
+        if not self.fails:
+            self.move()
+
+    def move(self):
+        x, y = self.vehicle.getPosition("ego")
+        self.vehicle.moveToXY("ego", "", -1, x + 1.0, y, 90.0, 2)
+
+
+@pytest.mark.parametrize(("fails", "ends"), [(True, "ads_error"), (False, "time_limit")])
+def test_a_move_that_no_step_carries_out_does_not_reach_the_next_case(fails, ends):
+    alone = simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND)
+    assert simulate(case(lead(gap=50.0)), MovesInItsLastStep(fails), HALF_SECOND).end_reason == ends
+    after = simulate(case(lead(gap=50.0)), "no_reaction", HALF_SECOND)
+    assert (after.end_reason, after.error) == (alone.end_reason, None)
+    assert after.ego.x.tobytes() == alone.ego.x.tobytes()
+
+
+# what makes a start quick ---------------------------------------------------------------------------------------------
+
+
+def test_one_generator_a_lane_draws_what_sumos_own_64_draw(monkeypatch):
+    def drive(model):
+        return simulate(case(lead(gap=20.0, speed=15.0)), model, HALF_SECOND)
+
+    few = [drive(model) for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9")]
+    start = libsumo.start
+
+    def as_ever(line):
+        at = line.index("--thread-rngs")
+        assert line[at + 1] == "2"
+        start([*line[:at], *line[at + 2 :]])
+
+    monkeypatch.setattr(libsumo, "start", as_ever)
+    many = [drive(model) for model in ("sumo:EIDM?sigmaerror=0.5", "sumo:Krauss?sigma=0.9")]
+    assert [one.ego.x.tobytes() for one in few] == [one.ego.x.tobytes() for one in many]
+    assert few[0].ego.x.tobytes() != few[1].ego.x.tobytes()
+
+
+def test_files_on_disk_and_in_memory_are_the_same_case(monkeypatch):
+    if not hasattr(os, "memfd_create"):
+        pytest.skip("this system keeps no files in memory")
+    in_memory = simulate(case(lead(gap=20.0, speed=15.0)), "idm", HALF_SECOND)
+    monkeypatch.delattr(os, "memfd_create")
+    on_disk = simulate(case(lead(gap=20.0, speed=15.0)), "idm", HALF_SECOND)
+    assert on_disk.error is None
+    assert in_memory.ego.x.tobytes() == on_disk.ego.x.tobytes()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the library has another name")
+def test_the_library_that_reads_sumos_files_is_found():
+    assert session_module._keep_xml_parser()
 
 
 # values that are no numbers -------------------------------------------------------------------------------------------

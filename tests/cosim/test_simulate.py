@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 
+import sumo_eval.cosim.session as session_module
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body, separation
 from sumo_eval.cosim.controller import NativeModel, load_controller
@@ -113,9 +114,10 @@ def test_it_ends_in_a_sim_error_when_sumo_refuses_the_start():
 
 @pytest.mark.parametrize(("dx", "dy"), [(0.1, 0.0), (0.0, 0.1)])
 def test_it_ends_in_a_sim_error_when_sumo_shows_the_ego_elsewhere(monkeypatch, dx, dy):
-    place = libsumo.vehicle.moveToXY
+    calls = session_module.vehicles(libsumo)
+    place = calls.moveToXY
     askew = lambda name, edge, lane, x, y, angle, keep: place(name, edge, lane, x + dx, y + dy, angle, keep)  # noqa: E731
-    monkeypatch.setattr(libsumo.vehicle, "moveToXY", askew)
+    monkeypatch.setattr(calls, "moveToXY", askew)
     found = simulate(case(), lambda *_: Command(0.0))
     assert found.end_reason == "sim_error"
     assert "SUMO put the ego's front bumper at" in found.error

@@ -125,13 +125,17 @@ def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: 
     assert index.slice_similarity.mean() == pytest.approx(index.similarity, rel=1e-12)
 
 
+def test_no_pairings_are_an_empty_answer() -> None:
+    assert module.anthropomorphic_indexes(humans(1), [], ROAD) == []
+
+
 @pytest.mark.parametrize("factor", [1e-6, 3.7, 1e6])
 def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     ads, drivers = drive(24.0, 0.2), humans(1)
     before = anthropomorphic_index(ads, drivers, ROAD)
     assert 0.05 < before.field_similarity < 0.95
-    fields = module.trajectory_fields
-    monkeypatch.setattr(module, "trajectory_fields", lambda *a, **k: factor * fields(*a, **k))
+    fields = module.shared_fields
+    monkeypatch.setattr(module, "shared_fields", lambda *a: factor * fields(*a))
     assert anthropomorphic_index(ads, drivers, ROAD).value == pytest.approx(before.value, rel=1e-12)
 
 
@@ -269,7 +273,12 @@ def test_centre_with_a_real_deviation() -> None:
 def test_field_with_known_values(
     own: float, others: list[float], expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "trajectory_fields", lambda p, t, **_: np.outer([own, *others], np.ones(len(p))))
+
+    def fields(x: np.ndarray, y: np.ndarray, drives: Sequence[Trajectory], constants: FieldSettings) -> np.ndarray:
+        values = [own] if len(drives) == 1 else others  # the ADS's is asked for apart from the drivers'
+        return np.multiply.outer(values, np.ones(y.shape))
+
+    monkeypatch.setattr(module, "shared_fields", fields)
     index = anthropomorphic_index(drive(), [drive()] * 3, ROAD)
     assert index.field_similarity == pytest.approx(expected, rel=1e-9)
     assert index.similarity == index.field_similarity

@@ -1,0 +1,193 @@
+"""What the drivers of each concrete scenario tell: D_i of the ADSs, the drivers' own band, D_i with a driver left out.
+
+All three need the fields of the same drives, so a point is one piece of work. Points are read from the store and spread
+over processes.
+
+The band and the indexes with a driver left out depend on the recorded drives and the settings alone, so a run's folder
+keeps what has been computed in `bands.json`: scoring, explaining or comparing a run again reads it there. It may be
+deleted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from itertools import islice
+from pathlib import Path
+
+import sumo_eval.method
+from sumo_eval.batch.spread import spread
+from sumo_eval.batch.store import Store, open_store
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, anthropomorphic_indexes
+from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import AnthropomorphicSettings
+
+KEPT = "bands.json"
+_CHUNK = 4
+_WORTH_PROCESSES = 64  # fewer points than this are done sooner than processes start
+
+
+@dataclass(frozen=True, slots=True)
+class PointJob:
+    """What is wanted at one point. drivers: their cases. ads: the cases that get a D_i. left_out: the ADSs' cases that
+    get one with each driver left out. band: whether the drivers are scored against each other.
+    """
+
+    drivers: tuple[str, ...]
+    road: Road
+    ads: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    band: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """D_i of a case on coarse slices against all drivers, and without each of them in their order; `without` is empty
+    where only two drivers are there.
+    """
+
+    everyone: float
+    without: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PointResult:
+    """What was found at one point, by case."""
+
+    indexes: Mapping[str, AnthropomorphicIndex]
+    left_out: Mapping[str, LeftOut]
+    band: HumanBand | None
+
+
+def compute_points(
+    facts: Path,
+    jobs: Sequence[PointJob],
+    settings: AnthropomorphicSettings,
+    workers: int,
+    progress: Callable[[int], None],
+) -> list[PointResult]:
+    """The results of every job, in order. `progress` is told how many are done."""
+    keys = _keys(facts, jobs, settings)
+    bands, left_out = _read(facts.parent / KEPT)
+    todo = [
+        replace(
+            job,
+            left_out=tuple(case for case in job.left_out if known[case] not in left_out),
+            band=job.band and known[""] not in bands,
+        )
+        for job, known in zip(jobs, keys, strict=True)
+    ]
+    work = [place for place, job in enumerate(todo) if job.ads or job.left_out or job.band]
+    found: list[PointResult] = []
+    if work:
+        parts = [
+            (facts, [todo[n] for n in work[first : first + _CHUNK]], settings) for first in range(0, len(work), _CHUNK)
+        ]
+        for part in spread(_compute_part, parts, workers if len(work) >= _WORTH_PROCESSES else 1):
+            found += part
+            progress(len(jobs) - len(work) + len(found))
+    elif jobs:
+        progress(len(jobs))
+    computed = dict(zip(work, found, strict=True))
+    new = False
+    for place, result in computed.items():
+        for case, values in result.left_out.items():
+            left_out[keys[place][case]], new = values, True
+        if result.band is not None:
+            bands[keys[place][""]], new = result.band, True
+    if new:
+        _write(facts.parent / KEPT, bands, left_out)
+    return [
+        PointResult(
+            computed[place].indexes if place in computed else {},
+            {case: left_out[known[case]] for case in job.left_out},
+            bands[known[""]] if job.band else None,
+        )
+        for place, (job, known) in enumerate(zip(jobs, keys, strict=True))
+    ]
+
+
+# --- what is kept -----------------------------------------------------------------------------------------------------
+
+
+def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[dict[str, str]]:
+    """Under what each job's band ("") and each of its left-out cases are kept."""
+    with open_store(facts) as store:
+        digest = cache(store.case_digest)
+
+        def key(job: PointJob, *ads: str) -> str:
+            cases = tuple(digest(case) for case in (*ads, *job.drivers))
+            return hashlib.sha256(repr((job.road, settings, cases, len(ads), _method())).encode()).hexdigest()
+
+        return [({"": key(job)} if job.band else {}) | {case: key(job, case) for case in job.left_out} for job in jobs]
+
+
+@cache
+def _method() -> str:
+    """A hash of the method's own source: what another version computed is not taken over."""
+    files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
+    """What is kept; nothing of a file that is missing or damaged, because everything in it can be computed again."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        bands = {
+            key: HumanBand(tuple(band["values"]), tuple(band["similarities"])) for key, band in content["bands"].items()
+        }
+        left_out = {
+            key: LeftOut(float(one["everyone"]), tuple(one["without"])) for key, one in content["left_out"].items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}, {}
+    return bands, left_out
+
+
+def _write(path: Path, bands: Mapping[str, HumanBand], left_out: Mapping[str, LeftOut]) -> None:
+    """In one step; a folder that cannot be written costs the saving, not the scores."""
+    half = path.with_name(f"{path.name}.{os.getpid()}.half")
+    content = {
+        "bands": {key: asdict(band) for key, band in bands.items()},
+        "left_out": {key: asdict(one) for key, one in left_out.items()},
+    }
+    with suppress(OSError):
+        half.write_text(json.dumps(content), encoding="utf-8")
+        half.replace(path)
+
+
+# --- computing --------------------------------------------------------------------------------------------------------
+
+
+def _compute_part(part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings]) -> list[PointResult]:
+    facts, jobs, settings = part
+    with open_store(facts) as store:
+        return [_compute(job, store, settings) for job in jobs]
+
+
+def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> PointResult:
+    cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
+    place = {case: number for number, case in enumerate(cases)}
+    drivers = [place[case] for case in job.drivers]
+    judged = [Pairing(place[case], tuple(drivers), settings.slice_spacing) for case in job.ads]
+    among = band_pairings(drivers, settings) if job.band else []
+    without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
+    trajectories = [store.trajectory(case) for case in cases]
+    # Apart from the rest, so that a D_i is the same to the last bit whether or not the rest is already kept.
+    found = anthropomorphic_indexes(trajectories, judged, job.road, settings)
+    rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
+    indexes = iter(anthropomorphic_indexes(trajectories, rest, job.road, settings))
+    return PointResult(
+        indexes=dict(zip(job.ads, found, strict=True)),
+        band=band_of(list(islice(indexes, len(among)))) if job.band else None,
+        left_out={
+            case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(pairings) - 1)))
+            for case, pairings in without.items()
+        },
+    )

@@ -1,0 +1,289 @@
+"""The compiled loops of the trajectory field: the direct sum of Eq. 9, and far samples interpolated over boxes.
+
+Importing this file imports numba, which takes a while: `trajectory_field` and `shared_fields` do so at first use.
+Contraction rounds a * b + c once instead of twice; nothing that reorders a sum is allowed, so each run gives the same
+bytes on the same machine.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+
+from sumo_eval.trajectory import FloatArray
+
+Loops = TypeVar("Loops", bound=Callable[..., Any])
+
+COINCIDENT = 1e-9  # m; nearer than this a direction is only the rounding of the coordinates
+POINTS_AT_ONCE = 256  # a block of points stays in the first-level cache
+LANES = 16  # a block is filled up to a multiple of what vector instructions take at once
+
+QUICK_EXPONENT = 0.2  # the quick terms' exponential is good for this much
+# exp(f) where |f| <= QUICK_EXPONENT, from 1 to f^8: the polynomial through its values at the Chebyshev points; 6e-15.
+EXP0, EXP1, EXP2, EXP3, EXP4, EXP5, EXP6, EXP7, EXP8 = (
+    np.polynomial.Chebyshev.interpolate(np.exp, 8, [-QUICK_EXPONENT, QUICK_EXPONENT])
+    .convert(kind=np.polynomial.Polynomial)
+    .coef.tolist()
+)
+NODES = 16  # in a box, each way, at most
+QUICK_DISTANCE = 1e15  # m; its square is far within single precision
+QUARTER = np.float32(0.25)
+ROOT_OF_TWO = math.sqrt(2.0)
+
+
+def compiled(loops: Loops) -> Loops:
+    """The loops as machine code, kept on disk where numba finds a place for it, else compiled in each process."""
+    make: Any = functools.partial(numba.njit, fastmath={"contract"}, error_model="numpy")
+    try:
+        return cast("Loops", make(cache=True)(loops))
+    except RuntimeError:
+        return cast("Loops", make(cache=False)(loops))
+
+
+@compiled
+def magnitude_sum(points: FloatArray, samples: FloatArray, k1: float) -> FloatArray:
+    """Eq. 9 as loops. points: (n, 2). samples: rows of x, y, k2 vx, k2 vy, k2 v, weight, (k, 6). Returns (n,).
+
+    Every inner loop is over points and becomes vector instructions. Points that lie together are quickest, because a
+    sample more than 1 m away from all points of a block needs no decisions: with u = 1/sqrt(r) its field is u exp(f),
+    f = (k2 v r) u^2 for k1 = 0.5. u comes from single precision and one Newton step in double; what is held is u over
+    the root of two, for which the step costs one multiplication less. While one sample's polynomial is summed the next
+    one's roots are found: the processor does both at a time.
+    """
+    field = np.empty(points.shape[0])
+    px, py, total = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
+    square, guess = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE, dtype=np.float32)
+    quick = np.empty(samples.shape[0], dtype=np.int64)
+    for first in range(0, points.shape[0], POINTS_AT_ONCE):
+        n = min(POINTS_AT_ONCE, points.shape[0] - first)
+        filled = (n + LANES - 1) // LANES * LANES
+        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
+        for i in range(filled):
+            x, y = points[first + min(i, n - 1), 0], points[first + min(i, n - 1), 1]
+            west, east, south, north = min(west, x), max(east, x), min(south, y), max(north, y)
+            px[i], py[i], total[i] = x, y, 0.0
+        wide = east - west + north - south > QUICK_DISTANCE
+        count = 0
+        for j in range(samples.shape[0]):
+            x, y, ahead = samples[j, 0], samples[j, 1], samples[j, 4]
+            apart = max(max(west - x, x - east), max(south - y, y - north))
+            if k1 == 0.5 and abs(ahead) <= QUICK_EXPONENT and 1.0 < apart < QUICK_DISTANCE and not wide:
+                quick[count] = j
+                count += 1
+            else:
+                _add_terms(px, py, samples, j, k1, total, filled)
+        if count:
+            x, y = samples[quick[0], 0], samples[quick[0], 1]
+            for i in range(filled):
+                dx = px[i] - x
+                dy = py[i] - y
+                square[i] = dx * dx + dy * dy
+                guess[i] = math.sqrt(math.sqrt(QUARTER / np.float32(square[i])))
+            for j in range(count):
+                now = quick[j]
+                x, y, weight = samples[now, 0], samples[now, 1], samples[now, 5] * ROOT_OF_TWO
+                along_x, along_y = 2.0 * samples[now, 2], 2.0 * samples[now, 3]
+                e0, e1, e2, e3 = weight * EXP0, weight * EXP1, weight * EXP2, weight * EXP3
+                e4, e5, e6, e7, e8 = weight * EXP4, weight * EXP5, weight * EXP6, weight * EXP7, weight * EXP8
+                following = quick[min(j + 1, count - 1)]
+                next_x, next_y = samples[following, 0], samples[following, 1]
+                for i in range(filled):
+                    next_dx = px[i] - next_x
+                    next_dy = py[i] - next_y
+                    next_square = next_dx * next_dx + next_dy * next_dy
+                    next_guess = math.sqrt(math.sqrt(QUARTER / np.float32(next_square)))
+                    u = np.float64(guess[i])
+                    u2 = u * u
+                    u += u * (0.25 - square[i] * (u2 * u2))
+                    f = (along_x * (px[i] - x) + along_y * (py[i] - y)) * (u * u)
+                    e = e4 + f * (e5 + f * (e6 + f * (e7 + f * e8)))
+                    total[i] += u * (e0 + f * (e1 + f * (e2 + f * (e3 + f * e))))
+                    square[i] = next_square
+                    guess[i] = next_guess
+        for i in range(n):
+            field[first + i] = total[i]
+    return field
+
+
+@compiled
+def _add_terms(
+    px: FloatArray, py: FloatArray, samples: FloatArray, j: int, k1: float, total: FloatArray, filled: int
+) -> None:
+    """Add one sample's field at the points of a block.
+
+    exp(f) is its Taylor polynomial to f^12 on |f| <= 0.35 (remainder 2e-16) after halving f often enough, squared as
+    often; at k2 = 0.005 s/m that is never up to 70 m/s.
+    """
+    growth, nearness = np.empty(POINTS_AT_ONCE), np.empty(POINTS_AT_ONCE)
+    x, y, along_x, along_y = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
+    ahead, weight = samples[j, 4], samples[j, 5]
+    halvings = 0
+    while abs(ahead) > 0.35:
+        ahead *= 0.5
+        along_x *= 0.5
+        along_y *= 0.5
+        halvings += 1
+    for i in range(filled):
+        dx = px[i] - x
+        dy = py[i] - y
+        square = dx * dx + dy * dy
+        apart = square > COINCIDENT * COINCIDENT
+        inverse = 1.0 / math.sqrt(square if apart else 1.0)
+        f = (along_x * dx + along_y * dy) * inverse if apart else ahead
+        e = 1.0 / 3628800.0 + f * (1.0 / 39916800.0 + f * (1.0 / 479001600.0))
+        e = 1.0 / 40320.0 + f * (1.0 / 362880.0 + f * e)
+        e = 1.0 / 720.0 + f * (1.0 / 5040.0 + f * e)
+        e = 1.0 / 24.0 + f * (1.0 / 120.0 + f * e)
+        e = 1.0 / 2.0 + f * (1.0 / 6.0 + f * e)
+        growth[i] = 1.0 + f * (1.0 + f * e)
+        nearness[i] = inverse if inverse < 1.0 else 1.0
+    for _ in range(halvings):
+        for i in range(filled):
+            growth[i] *= growth[i]
+    if k1 == 0.5:
+        for i in range(filled):
+            total[i] += weight * growth[i] * math.sqrt(nearness[i])
+    elif k1 == 1.0:
+        for i in range(filled):
+            total[i] += weight * growth[i] * nearness[i]
+    elif k1 == 2.0:
+        for i in range(filled):
+            total[i] += weight * growth[i] * nearness[i] * nearness[i]
+    else:
+        for i in range(filled):
+            total[i] += weight * growth[i] * nearness[i] ** k1
+
+
+@compiled
+def far_values(
+    samples: FloatArray,
+    bounds: FloatArray,
+    nodes: FloatArray,
+    halves: FloatArray,
+    counts: np.ndarray,
+    across: FloatArray,
+    finer: FloatArray,
+    near: np.ndarray,
+    k1: float,
+) -> FloatArray:
+    """The field of far samples in the smallest boxes along x, (2**levels, p, q): at p nodes along x, as Chebyshev
+    series of q terms across.
+
+    samples: as in `magnitude_sum`, by x. bounds: of all boxes together, x. nodes: p Chebyshev points on -1..1, the x of
+    a box. halves: (2, p, p), values at the nodes of a box to values at those of its halves. counts: how many nodes each
+    level has across, (levels + 1,), at most q. across: their y, (levels + 1, q). finer: (levels + 2, q, q), values at
+    the nodes across of one level to those of the next; last, to the series. near: the first and last (exclusive) of the
+    samples that are near each box, level after level, (2**(levels + 1) - 1, 2); all others are far from it.
+    Each box takes over what its parent knows of the samples that are far from the parent, and adds those that are far
+    from itself alone.
+    """
+    levels, p, q = counts.shape[0] - 1, nodes.shape[0], across.shape[1]
+    places = np.empty((p * q, 2))
+    values = np.zeros((1, p, q))
+    for level in range(levels + 1):
+        boxes, n = 2**level, counts[level]
+        width = (bounds[1] - bounds[0]) / boxes
+        inherited = _across(values, counts[max(level - 1, 0)], finer[level], n)
+        values = np.zeros((boxes, p, q))
+        for box in range(boxes):
+            parent, place = box // 2, boxes - 1 + box
+            left, right, first, last = near[place, 0], near[place, 1], 0, samples.shape[0]
+            if level > 0:
+                first, last = near[boxes // 2 - 1 + parent, 0], near[boxes // 2 - 1 + parent, 1]
+                for a in range(p):
+                    for b in range(p):
+                        share = halves[box % 2, a, b]
+                        for c in range(n):
+                            values[box, a, c] += share * inherited[parent, b, c]
+            west = bounds[0] + box * width
+            for a in range(p):
+                for c in range(n):
+                    places[a * n + c, 0] = west + 0.5 * width * (1.0 + nodes[a])
+                    places[a * n + c, 1] = across[level, c]
+            for begin, end in ((first, left), (right, last)):
+                if end > begin:
+                    added = magnitude_sum(places[: p * n], samples[begin:end], k1)
+                    for a in range(p):
+                        for c in range(n):
+                            values[box, a, c] += added[a * n + c]
+    return _across(values, counts[levels], finer[levels + 1], q)
+
+
+@compiled
+def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatArray:
+    """Values at `count` nodes across to those at n others. values: (boxes, p, q)."""
+    found = np.zeros(values.shape)
+    for box in range(values.shape[0]):
+        for a in range(values.shape[1]):
+            for b in range(count):
+                for c in range(n):
+                    found[box, a, c] += finer[b, c] * values[box, a, b]
+    return found
+
+
+@compiled
+def put_field(
+    x: FloatArray,
+    y: FloatArray,
+    order: np.ndarray,
+    starts: np.ndarray,
+    samples: FloatArray,
+    near: np.ndarray,
+    far: FloatArray,
+    bounds: FloatArray,
+    middle: float,
+    half: float,
+    series: FloatArray,
+    k1: float,
+    field: FloatArray,
+) -> None:
+    """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones interpolated.
+
+    x: (s,), y: (s, k), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
+    and s. far: from `far_values`. samples, bounds: as there; near: of the smallest boxes. middle, half: of the strip
+    across. series: p values at the nodes of a box to a Chebyshev series, (p, p).
+    """
+    boxes, across = near.shape[0], y.shape[1]
+    width = (bounds[1] - bounds[0]) / boxes
+    terms, shares, profile = np.empty(NODES), np.empty(NODES), np.empty(NODES)
+    for box in range(boxes):
+        first, last = starts[box], starts[box + 1]
+        if last == first:
+            continue
+        places = np.empty(((last - first) * across, 2))
+        for row in range(first, last):
+            for point in range(across):
+                places[(row - first) * across + point, 0] = x[row]
+                places[(row - first) * across + point, 1] = y[row, point]
+        sums = magnitude_sum(places, samples[near[box, 0] : near[box, 1]], k1)
+        for row in range(first, last):
+            _polynomials(2.0 * ((x[row] - bounds[0]) / width - box) - 1.0, terms)
+            for a in range(NODES):
+                shares[a] = 0.0
+                profile[a] = 0.0
+            for n in range(NODES):
+                for a in range(NODES):
+                    shares[a] += terms[n] * series[n, a]
+            for a in range(NODES):
+                for b in range(NODES):
+                    profile[b] += shares[a] * far[box, a, b]
+            for point in range(across):
+                _polynomials((y[row, point] - middle) / half, terms)
+                total = sums[(row - first) * across + point]
+                for b in range(NODES):
+                    total += terms[b] * profile[b]
+                field[order[row], point] = total
+
+
+@compiled
+def _polynomials(at: float, values: FloatArray) -> None:
+    """T_0, T_1, ... of a place on -1..1 into `values`."""
+    before, now = at, 1.0
+    for n in range(NODES):
+        values[n] = now
+        before, now = now, 2.0 * at * now - before

@@ -1,0 +1,157 @@
+"""Fields by boxes are the plain sum, wherever the samples are; and the plain sum where boxes would not do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.cosim import simulate
+from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.method import shared_fields as module
+from sumo_eval.method import trajectory_field
+from sumo_eval.method.anthropomorphic import lateral_position, slice_points, slice_positions
+from sumo_eval.method.shared_fields import ERROR, shared_fields
+from sumo_eval.method.trajectory_field import trajectory_fields
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import FieldSettings
+from sumo_eval.trajectory import Trajectory
+
+PLAIN = FieldSettings()
+X = np.linspace(50.0, 600.0, 551)
+Y = np.broadcast_to(np.linspace(-1.75, 5.25, 8), (551, 8))
+
+
+def plain(x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings) -> np.ndarray:
+    points = np.column_stack((np.repeat(x, y.shape[1]), y.ravel()))
+    found = trajectory_fields(
+        points,
+        drives,
+        k1=constants.k1,
+        k2=constants.k2,
+        sample_interval=constants.sample_interval,
+        superposition=constants.superposition,
+    )
+    return found.reshape(len(drives), *y.shape)
+
+
+def standing(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Trajectory:
+    return Trajectory([0.0], [x], [y], heading=[heading], speed=[speed])
+
+
+def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
+    return module._levels(x, y) > 2
+
+
+# --- the clever against the plain -------------------------------------------------------------------------------------
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(
+    x=st.floats(-300.0, 900.0),
+    y=st.floats(-30.0, 30.0),
+    heading=st.floats(-3.2, 3.2),
+    speed=st.floats(0.0, 70.0),
+    k1=st.sampled_from([0.0, 0.3, 0.5, 0.7, 1.0]),
+)
+def test_one_sample_alone_is_within_the_bound_at_every_point(
+    x: float, y: float, heading: float, speed: float, k1: float
+) -> None:
+    # A single sample is the hardest: in a sum the near ones, which are exact, outweigh those interpolated.
+    constants, sample = FieldSettings(k1=k1), [standing(x, y, heading, speed)]
+    assert by_boxes(X, Y)
+    np.testing.assert_allclose(shared_fields(X, Y, sample, constants), plain(X, Y, sample, constants), rtol=ERROR)
+
+
+@pytest.mark.parametrize("k1", [0.5, 0.7, 1.0])
+def test_synthetic_extremes_are_within_the_bound(k1: float) -> None:
+    time = 0.1 * np.arange(200)
+    there, back = 50.0 + 70.0 * time, 620.0 - 3.0 * time**1.5
+    drives = [
+        Trajectory(time, there, np.full(200, 5.24), heading=np.full(200, 0.4), speed=np.full(200, 70.0)),
+        Trajectory(time, back, 1.75 + 3.4 * np.sin(time), heading=np.full(200, np.pi), speed=4.5 * np.sqrt(time)),
+        Trajectory(time, np.full(200, 333.0), np.full(200, 1.25), heading=np.full(200, 1.0), speed=np.full(200, 9.0)),
+        Trajectory(0.5 * time, 50.0 + 20.0 * time, np.zeros(200)),
+        Trajectory(time, 1e5 + time, np.full(200, -1e4)),
+        standing(50.0, -1.75),
+        standing(600.0, 5.25, np.pi / 2, 70.0),
+    ]
+    constants = FieldSettings(k1=k1)
+    np.testing.assert_allclose(shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants), rtol=ERROR)
+
+
+@pytest.fixture(scope="module")
+def driven() -> tuple[list[Trajectory], np.ndarray]:
+    """Three drivers of a cut-out in SUMO and the points of their own slices, on many of which they are themselves."""
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=5.0, gap=110.0)
+    drives = [simulate(concrete, human_controller(index, 10, 1, concrete)).ego for index in range(3)]
+    sets = []
+    for drive, spacing in zip(drives, (0.5, 0.5, 2.5), strict=True):
+        slices = np.append(slice_positions(50.0, 550.0, spacing), drive.x[drive.x < 600.0])
+        sets.append(slice_points(slices, lateral_position(drive, slices), concrete.road))
+    return drives, np.concatenate(sets)
+
+
+@pytest.mark.parametrize("k1", [0.5, 0.75])
+def test_real_drives_are_within_a_tenth_of_the_bound(driven: tuple[list[Trajectory], np.ndarray], k1: float) -> None:
+    drives, points = driven
+    x, y = points[:, 0, 0], points[..., 1]
+    assert by_boxes(x, y)
+    constants = FieldSettings(k1=k1)
+    np.testing.assert_allclose(shared_fields(x, y, drives, constants), plain(x, y, drives, constants), rtol=ERROR / 10)
+
+
+def test_the_order_of_the_rows_does_not_matter(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+    drives, points = driven
+    mixed = np.random.default_rng(1).permutation(len(points))
+    straight = shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN)
+    there = shared_fields(points[mixed, 0, 0], points[mixed][..., 1], drives, PLAIN)
+    np.testing.assert_allclose(there, straight[:, mixed], rtol=1e-13)
+
+
+def test_same_input_same_bytes(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+    drives, points = driven
+    first, second = (shared_fields(points[:, 0, 0], points[..., 1], drives, PLAIN) for _ in range(2))
+    assert first.tobytes() == second.tobytes()
+
+
+def test_samples_and_points_on_a_line_are_within_the_bound() -> None:
+    # No width at all: the strip is treated as if it had some.
+    line, drives = np.zeros((551, 8)), [standing(321.0, 0.0, 0.0, 30.0), standing(10.0, 0.0)]
+    np.testing.assert_allclose(shared_fields(X, line, drives, PLAIN), plain(X, line, drives, PLAIN), rtol=ERROR)
+
+
+# --- where the plain sum is taken -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "constants",
+    [
+        FieldSettings(superposition="vector"),
+        FieldSettings(k1=1.01),
+        FieldSettings(k1=20.0),
+        FieldSettings(k2=0.011),  # 0.55 at 50 m/s
+        FieldSettings(k2=1.0),
+    ],
+)
+def test_large_constants_and_vectors_are_summed_plainly(constants: FieldSettings) -> None:
+    drives = [standing(200.0, 1.0, 0.1, 50.0), standing(400.0, 1.0)]
+    np.testing.assert_array_equal(shared_fields(X, Y, drives, constants), plain(X, Y, drives, constants))
+
+
+def test_few_points_and_a_short_road_are_summed_plainly() -> None:
+    drives = [standing(55.0, 1.0, 0.1, 50.0)]
+    for x, y in ((X[::50], Y[::50]), (np.linspace(50.0, 55.0, 551), Y), (X[:1], Y[:1]), (X[:0], Y[:0])):
+        assert module._levels(x, y) == 0
+        np.testing.assert_array_equal(shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN))
+
+
+def test_without_numba_the_sum_is_plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trajectory_field, "_kernel", lambda: ("numpy", trajectory_field._magnitude_sum))
+    drives = [standing(200.0, 1.0, 0.1, 50.0)]
+    np.testing.assert_array_equal(shared_fields(X, Y, drives, PLAIN), plain(X, Y, drives, PLAIN))
+
+
+def test_no_trajectories_are_an_empty_answer() -> None:
+    assert shared_fields(X, Y, [], PLAIN).shape == (0, 551, 8)
