@@ -408,9 +408,9 @@ class RunSettings(Checked):
     cases_per_pack: Annotated[
         int,
         Ge(1),
-        Le(256),
+        Le(512),
         About("cases simulated together at most where the driver of the ego has a form for many; 1: each alone"),
-    ] = 256
+    ] = 512
     engine: Annotated[
         Literal["processes", "serial", "dask"],
         About("where cases run: in child processes, in this process without isolation, or on a Dask cluster"),
