@@ -10,6 +10,7 @@ import numpy as np
 
 from sumo_eval.batch.human_reference import PointJob, compute_points
 from sumo_eval.batch.recording import RECORDED, Progress
+from sumo_eval.batch.spread import Spread
 from sumo_eval.batch.store import Fact, Store
 from sumo_eval.method.anthropomorphic import BIMODAL, AnthropomorphicIndex
 from sumo_eval.method.leave_one_out import HumanBand
@@ -73,10 +74,11 @@ def compare_with_people(
     judged: Sequence[Sequence[Fact]],
     store: Store,
     settings: EvaluationSettings,
+    spread: Spread,
     progress: Progress,
 ) -> Comparison:
     """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. judged: the cases of
-    each ADS that are to have a D_i.
+    each ADS that are to have a D_i. spread: as in `compute_points`.
     """
     usable = {point: reference for point, reference in compared.items() if reference.usable}
     cases: dict[int, list[str]] = {point: [] for point in usable}
@@ -103,7 +105,7 @@ def compare_with_people(
         store.path,
         jobs,
         settings.method.anthropomorphic,
-        settings.run.workers,
+        spread,
         lambda done: progress(stage, done, len(jobs)),
     )
     return Comparison(

@@ -14,6 +14,7 @@ import numpy as np
 
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.engines import Stopping, never
+from sumo_eval.batch.human_reference import point_processes
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.store import Fact, open_store
 from sumo_eval.comparison import compare_with_people, reference_sentences, references, with_people
@@ -78,7 +79,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
-    with open_store(folder / run_folder.FACTS) as store:
+    with open_store(folder / run_folder.FACTS) as store, point_processes(store, settings.run.workers) as spread:
         check_complete(store, folder)
         for entry in settings.scenario:
             logical, points = choose_points(entry, source, settings)
@@ -98,7 +99,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 drives[ads.name], hazardous[ads.name] = facts, inside
                 if not any(fact.collision for fact in safe):  # step 3: else there is no D
                     judged.append(safe)
-            people = compare_with_people(logical, compared, judged, store, settings, progress)  # step 4: D_i
+            people = compare_with_people(  # step 4: D_i
+                logical, compared, judged, store, settings, spread, progress
+            )
             ideal_hits, left_out = ideal_outcomes(logical, store), drivers_left_out(logical, store)
             for name, facts in drives.items():
                 collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r

@@ -13,24 +13,25 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
 
 import sumo_eval.method
-from sumo_eval.batch.spread import spread
+from sumo_eval.batch.spread import Spread, spread_over
 from sumo_eval.batch.store import Store, open_store
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, anthropomorphic_indexes
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, indexes_by_group
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
+from sumo_eval.method.trajectory_field import load_kernel
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 
 KEPT = "bands.json"
-_CHUNK = 4
-_WORTH_PROCESSES = 64  # fewer points than this are done sooner than processes start
+_CHUNK = 2
+_WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than processes start
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,14 +66,24 @@ class PointResult:
     band: HumanBand | None
 
 
+@contextmanager
+def point_processes(store: Store, workers: int) -> Iterator[Spread]:
+    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them."""
+    drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
+    with spread_over(workers if drives >= _WORTH_PROCESSES else 1, load_kernel) as spread:
+        yield spread
+
+
 def compute_points(
     facts: Path,
     jobs: Sequence[PointJob],
     settings: AnthropomorphicSettings,
-    workers: int,
+    spread: Spread,
     progress: Callable[[int], None],
 ) -> list[PointResult]:
-    """The results of every job, in order. `progress` is told how many are done."""
+    """The results of every job, in order. spread: `map` or that of `point_processes`. `progress` is told how many are
+    done.
+    """
     keys = _keys(facts, jobs, settings)
     bands, left_out = _read(facts.parent / KEPT)
     todo = [
@@ -89,7 +100,7 @@ def compute_points(
         parts = [
             (facts, [todo[n] for n in work[first : first + _CHUNK]], settings) for first in range(0, len(work), _CHUNK)
         ]
-        for part in spread(_compute_part, parts, workers if len(work) >= _WORTH_PROCESSES else 1):
+        for part in spread(_compute_part, parts):
             found += part
             progress(len(jobs) - len(work) + len(found))
     elif jobs:
@@ -179,10 +190,10 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     among = band_pairings(drivers, settings) if job.band else []
     without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
     trajectories = [store.trajectory(case) for case in cases]
-    # Apart from the rest, so that a D_i is the same to the last bit whether or not the rest is already kept.
-    found = anthropomorphic_indexes(trajectories, judged, job.road, settings)
     rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
-    indexes = iter(anthropomorphic_indexes(trajectories, rest, job.road, settings))
+    # The rest apart and after, so that a D_i is the same to the last bit whether or not the rest is already kept.
+    found, others = indexes_by_group(trajectories, [judged, rest], job.road, settings)
+    indexes = iter(others)
     return PointResult(
         indexes=dict(zip(job.ads, found, strict=True)),
         band=band_of(list(islice(indexes, len(among)))) if job.band else None,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from typing import TypeVar
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
 
 from sumo_eval.batch.children import child_context, tie_to_owner
 
@@ -12,16 +13,29 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 
-def spread(work: Callable[[Part], Result], parts: Sequence[Part], workers: int) -> Iterator[Result]:
-    """`work` of every part, in order; `workers` = 1: in this process. The children die with this process."""
+class Spread(Protocol):
+    """`work` of every part, in order, wherever it is done; `map` does it here."""
+
+    def __call__(self, work: Callable[[Part], Result], parts: Sequence[Part], /) -> Iterable[Result]:
+        """The results."""
+
+
+@contextmanager
+def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
+    """Child processes for any number of rounds of work; `workers` = 1: this process. They die with this process.
+
+    They begin at once, with `prepare`, so that whoever has something else to do first need not wait for them.
+    """
     if workers == 1:
-        yield from map(work, parts)
+        yield map
         return
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)
     with lifeline, held:
         pool = ProcessPoolExecutor(workers, context, initializer=tie_to_owner, initargs=(lifeline,))
         try:
-            yield from pool.map(work, parts)
+            for _ in range(workers):
+                pool.submit(prepare)
+            yield pool.map
         finally:
             pool.shutdown(cancel_futures=True)

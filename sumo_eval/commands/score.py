@@ -15,6 +15,9 @@ from sumo_eval.commands.progress import Progress
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
 def score(run: Path, changes: tuple[str, ...]) -> None:
     """Score RUN again from its recorded facts, without a simulation."""
+    from sumo_eval.batch.children import warm_up
+
+    warm_up()  # before the imports below, which take a second
     from sumo_eval.evaluation import score as score_run
 
     with Progress() as progress:

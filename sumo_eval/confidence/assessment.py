@@ -157,7 +157,7 @@ def driver_error(
     jobs = [
         PointJob(tuple(drives[names[case.case]].values()), zones.logical.road, left_out=(case.case,)) for case in chosen
     ]
-    found = compute_points(store.path, jobs, settings.method.anthropomorphic, settings.run.workers, lambda done: None)
+    found = compute_points(store.path, jobs, settings.method.anthropomorphic, map, lambda done: None)
     without: dict[str, list[tuple[float, float]]] = {}
     for case, result in zip(chosen, found, strict=True):
         left_out, there = result.left_out[case.case], list(drives[names[case.case]])

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
-from sumo_eval.method.shared_fields import shared_fields
+from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -106,11 +106,25 @@ def anthropomorphic_indexes(
     road: Road,
     settings: AnthropomorphicSettings = DEFAULTS,
 ) -> list[AnthropomorphicIndex]:
-    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario.
+    """`anthropomorphic_index` of each pairing among the trajectories of one concrete scenario."""
+    (indexes,) = indexes_by_group(trajectories, [pairings], road, settings)
+    return indexes
 
-    What pairings have in common is computed once: what is known of a trajectory, its lateral positions at slices, and
-    the drivers' fields, at the points of all pairings together.
+
+def indexes_by_group(
+    trajectories: Sequence[Trajectory],
+    groups: Sequence[Sequence[Pairing]],
+    road: Road,
+    settings: AnthropomorphicSettings = DEFAULTS,
+) -> list[list[AnthropomorphicIndex]]:
+    """`anthropomorphic_indexes` of each group of pairings.
+
+    What all pairings have in common is computed once: what is known of a trajectory and what its far samples add to
+    fields; and in a group the lateral positions at slices, and the drivers' fields, at the points of all its pairings
+    together. A group's indexes are the same to the last bit whatever groups come after it, provided that these name no
+    driver that it does not.
     """
+    pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
         if len(pairing.drivers) < 2:
             raise must_be("The number of drivers", "the anthropomorphic index", "at least 2", len(pairing.drivers))
@@ -118,8 +132,29 @@ def anthropomorphic_indexes(
         if start >= road.length:
             raise must_be("The ADS's start", f"road `{road.name}`", f"before its end at x = {road.length:g} m", start)
     if not pairings:
-        return []
+        return [[] for _ in groups]
     drives = [_drive(trajectory, road, settings) for trajectory in trajectories]
+    drivers = [drives[place] for place in sorted({place for pairing in pairings for place in pairing.drivers})]
+    stretch = Stretch(
+        west=min(float(driver.whole.x[0]) for driver in drivers),
+        east=max(float(driver.whole.x[0]) + driver.length for driver in drivers),
+        south=road.right_edge,
+        north=road.left_edge,
+    )
+    fields = SharedFields([drive.judged for drive in drives], stretch, settings.field)
+    return [_indexes(drives, group, fields, road, settings) for group in groups]
+
+
+def _indexes(
+    drives: Sequence[_Drive],
+    pairings: Sequence[Pairing],
+    shared: SharedFields,
+    road: Road,
+    settings: AnthropomorphicSettings,
+) -> list[AnthropomorphicIndex]:
+    """The indexes of one group."""
+    if not pairings:
+        return []
     comparisons = [_comparison(drives, pairing, settings) for pairing in pairings]
     slices = {one.where: slice_positions(*one.where) for one in comparisons}
     everywhere = np.concatenate(list(slices.values()))
@@ -130,7 +165,7 @@ def anthropomorphic_indexes(
         one.points: slice_points(slices[one.where], centres[one.where][one.pairing.ads], road, settings)
         for one in comparisons
     }
-    fields = _fields(drives, comparisons, sets, settings)
+    fields = _fields(comparisons, sets, shared)
     return [
         _index(
             one,
@@ -350,17 +385,13 @@ class _Fields:
 
 
 def _fields(
-    drives: Sequence[_Drive],
-    comparisons: Sequence[_Comparison],
-    sets: Mapping[_Points, FloatArray],
-    settings: AnthropomorphicSettings,
+    comparisons: Sequence[_Comparison], sets: Mapping[_Points, FloatArray], shared: SharedFields
 ) -> dict[_Points, _Fields]:
     """The fields by set of points: of the drivers at all sets together, of an ADS at its own."""
 
     def at(names: Sequence[_Points], places: Sequence[int]) -> list[FloatArray]:
         points = np.concatenate([sets[name] for name in names])
-        everyone = [drives[place].judged for place in places]
-        fields = shared_fields(points[:, 0, 0], points[..., 1], everyone, settings.field)
+        fields = shared.at(points[:, 0, 0], points[..., 1], places)
         return np.split(fields, np.cumsum([len(sets[name]) for name in names])[:-1], axis=1)
 
     places = tuple(sorted({place for one in comparisons for place in one.pairing.drivers}))

@@ -30,7 +30,6 @@ EXP0, EXP1, EXP2, EXP3, EXP4, EXP5, EXP6, EXP7, EXP8 = (
     .convert(kind=np.polynomial.Polynomial)
     .coef.tolist()
 )
-NODES = 16  # in a box, each way, at most
 QUICK_DISTANCE = 1e15  # m; its square is far within single precision
 QUARTER = np.float32(0.25)
 ROOT_OF_TWO = math.sqrt(2.0)
@@ -228,62 +227,50 @@ def _across(values: FloatArray, count: int, finer: FloatArray, n: int) -> FloatA
 
 @compiled
 def put_field(
-    x: FloatArray,
-    y: FloatArray,
+    points: FloatArray,
     order: np.ndarray,
     starts: np.ndarray,
     samples: FloatArray,
     near: np.ndarray,
     far: FloatArray,
-    bounds: FloatArray,
-    middle: float,
-    half: float,
-    series: FloatArray,
+    shares: FloatArray,
+    across: FloatArray,
     k1: float,
     field: FloatArray,
 ) -> None:
     """Put the field at rows of points across into `field`, (s, k): near samples summed, far ones interpolated.
 
-    x: (s,), y: (s, k), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
-    and s. far: from `far_values`. samples, bounds: as there; near: of the smallest boxes. middle, half: of the strip
-    across. series: p values at the nodes of a box to a Chebyshev series, (p, p).
+    points: (s, k, 2), the rows, box after box. order: which row of `field` each is. starts: the first row of each box,
+    and s. far: from `far_values`. samples: as there; near: of the smallest boxes. shares: of the values at the nodes of
+    its box in those at a row, (p, s). across: y of the points on -1..1, the strip, (k, s).
+    Every inner loop is over the rows of a box and becomes vector instructions.
     """
-    boxes, across = near.shape[0], y.shape[1]
-    width = (bounds[1] - bounds[0]) / boxes
-    terms, shares, profile = np.empty(NODES), np.empty(NODES), np.empty(NODES)
-    for box in range(boxes):
+    k, p, q = across.shape[0], far.shape[1], far.shape[2]
+    for box in range(near.shape[0]):
         first, last = starts[box], starts[box + 1]
-        if last == first:
+        n = last - first
+        if n == 0:
             continue
-        places = np.empty(((last - first) * across, 2))
-        for row in range(first, last):
-            for point in range(across):
-                places[(row - first) * across + point, 0] = x[row]
-                places[(row - first) * across + point, 1] = y[row, point]
-        sums = magnitude_sum(places, samples[near[box, 0] : near[box, 1]], k1)
-        for row in range(first, last):
-            _polynomials(2.0 * ((x[row] - bounds[0]) / width - box) - 1.0, terms)
-            for a in range(NODES):
-                shares[a] = 0.0
-                profile[a] = 0.0
-            for n in range(NODES):
-                for a in range(NODES):
-                    shares[a] += terms[n] * series[n, a]
-            for a in range(NODES):
-                for b in range(NODES):
-                    profile[b] += shares[a] * far[box, a, b]
-            for point in range(across):
-                _polynomials((y[row, point] - middle) / half, terms)
-                total = sums[(row - first) * across + point]
-                for b in range(NODES):
-                    total += terms[b] * profile[b]
-                field[order[row], point] = total
-
-
-@compiled
-def _polynomials(at: float, values: FloatArray) -> None:
-    """T_0, T_1, ... of a place on -1..1 into `values`."""
-    before, now = at, 1.0
-    for n in range(NODES):
-        values[n] = now
-        before, now = now, 2.0 * at * now - before
+        sums = magnitude_sum(points[first:last].reshape(n * k, 2), samples[near[box, 0] : near[box, 1]], k1)
+        series = np.zeros((q, n))
+        for b in range(q):
+            into = series[b]
+            for a in range(p):
+                value, share = far[box, a, b], shares[a, first:last]
+                for row in range(n):
+                    into[row] += value * share[row]
+        now, before, found = np.empty(n), np.empty(n), np.empty(n)
+        for point in range(k):
+            place = across[point, first:last]
+            for row in range(n):  # Clenshaw's sum of a Chebyshev series
+                now[row], before[row] = series[q - 1, row], 0.0
+            for b in range(q - 2, 0, -1):
+                term = series[b]
+                for row in range(n):
+                    following = term[row] + (2.0 * place[row] * now[row] - before[row])
+                    before[row] = now[row]
+                    now[row] = following
+            for row in range(n):
+                found[row] = series[0, row] + (place[row] * now[row] - before[row])
+            for row in range(n):
+                field[order[first + row], point] = sums[row * k + point] + found[row]

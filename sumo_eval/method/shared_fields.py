@@ -17,6 +17,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,80 +25,173 @@ from numpy.typing import NDArray
 from sumo_eval.method import trajectory_field
 from sumo_eval.method.trajectory_field import samples_of, trajectory_fields
 from sumo_eval.settings import FieldSettings
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 ERROR = 1e-11  # of the field, relative, at most
-NODES = 16  # in a box, each way, at most; as in `field_loops`
+NODES = 16  # in a box, each way, at most
 REACH = 1.0  # lengths of a box from which on a sample is far from it
 SLENDER = 2.4  # a box is at least this much longer than half as wide
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
-NARROWEST = 0.5  # m; points in a narrower strip are treated as if it were this half-wide
+NARROWEST = 0.5  # m; a narrower strip is treated as if it were this half-wide
 
 
-def shared_fields(
-    x: FloatArray, y: FloatArray, trajectories: Sequence[Trajectory], constants: FieldSettings
-) -> FloatArray:
-    """Eq. 9 for m trajectories at s rows of k points across the road, (m, s, k). x: of the rows, (s,), m. y: (s, k), m.
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """The part of a road that is divided into boxes: between which x and which y, m."""
 
-    Errors as in `trajectory_fields`.
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @property
+    def length(self) -> float:
+        """Along x, m."""
+        return self.east - self.west
+
+    @property
+    def middle(self) -> float:
+        """The y half-way across, m."""
+        return 0.5 * (self.south + self.north)
+
+    @property
+    def half(self) -> float:
+        """Half of the width, m."""
+        return max(0.5 * (self.north - self.south), NARROWEST)
+
+    @property
+    def levels(self) -> int:
+        """How often it is halved into boxes; 0: it is too short."""
+        return int(np.log2(max(self.length / self.half / SLENDER, 1.0)))
+
+    def holds(self, x: FloatArray, y: FloatArray) -> BoolArray:
+        """Whether it holds all points of each row across. x: (s,), m. y: (s, k), m."""
+        inside: BoolArray = np.all((y >= self.south) & (y <= self.north), axis=1) & (x >= self.west) & (x <= self.east)
+        return inside
+
+
+class SharedFields:
+    """The fields of some trajectories on a stretch of road, to be asked for again and again.
+
+    What far samples add is summed once for a trajectory. It depends on the trajectory and the stretch alone, not on the
+    points asked for.
     """
-    samples = [samples_of(trajectory, constants.k2, constants.sample_interval) for trajectory in trajectories]
-    levels = _levels(x, y)
-    smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
-    if levels == 0 or not smooth or constants.superposition != "magnitude" or trajectory_field.KERNEL != "numba":
+
+    def __init__(self, trajectories: Sequence[Trajectory], stretch: Stretch, constants: FieldSettings) -> None:
+        self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
+        self._samples: dict[int, FloatArray] = {}
+        self._far: dict[int, tuple[NDArray[np.int64], FloatArray]] = {}
+
+    def at(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
+        """Eq. 9 for m of the trajectories at s rows of k points across the road, (m, s, k). x: of the rows, (s,), m.
+        y: (s, k), m.
+
+        Errors as in `trajectory_fields`.
+        """
+        constants = self._constants
+        samples = [self._samples_of(place) for place in places]
+        smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
+        inside = self._stretch.holds(x, y)
+        known = all(place in self._far for place in places)
+        if (
+            not (known or _pays(int(np.count_nonzero(inside)) * y.shape[1], self._stretch))
+            or not smooth
+            or constants.superposition != "magnitude"
+            or trajectory_field.KERNEL != "numba"
+        ):
+            return self._plain(x, y, places)
+        fields = np.empty((len(places), *y.shape))
+        self._by_boxes(x, y, np.flatnonzero(inside), places, fields)
+        if not inside.all():
+            fields[:, ~inside] = self._plain(x[~inside], y[~inside], places)
+        return fields
+
+    def _samples_of(self, place: int) -> FloatArray:
+        """Of one trajectory, by x."""
+        if place not in self._samples:
+            samples = samples_of(self._trajectories[place], self._constants.k2, self._constants.sample_interval)
+            self._samples[place] = samples[np.argsort(samples[:, 0], kind="stable")]
+        return self._samples[place]
+
+    def _far_of(self, place: int) -> tuple[NDArray[np.int64], FloatArray]:
+        """Which samples of one trajectory are near the smallest boxes, and what the others add there."""
+        from sumo_eval.method.field_loops import far_values
+
+        if place not in self._far:
+            samples, boxes, k1 = self._samples_of(place), _boxes(self._stretch), float(self._constants.k1)
+            near = np.column_stack(
+                (
+                    np.searchsorted(samples[:, 0], boxes.west),
+                    np.searchsorted(samples[:, 0], boxes.east, side="right"),
+                )
+            )
+            nodes, halves, _ = _nodes()
+            far = far_values(samples, boxes.bounds, nodes, halves, boxes.counts, boxes.across, boxes.finer, near, k1)
+            self._far[place] = near[-(2**self._stretch.levels) :], far
+        return self._far[place]
+
+    def _plain(self, x: FloatArray, y: FloatArray, places: Sequence[int]) -> FloatArray:
         points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
         return trajectory_fields(
             points.reshape(-1, 2),
-            trajectories,
-            k1=constants.k1,
-            k2=constants.k2,
-            sample_interval=constants.sample_interval,
-            superposition=constants.superposition,
-        ).reshape(len(trajectories), *y.shape)
-    return _by_boxes(x, y, samples, levels, float(constants.k1))
+            [self._trajectories[place] for place in places],
+            k1=self._constants.k1,
+            k2=self._constants.k2,
+            sample_interval=self._constants.sample_interval,
+            superposition=self._constants.superposition,
+        ).reshape(len(places), *y.shape)
+
+    def _by_boxes(
+        self, x: FloatArray, y: FloatArray, rows: NDArray[np.int64], places: Sequence[int], fields: FloatArray
+    ) -> None:
+        """Put the fields at some of the rows, all inside the stretch, into `fields`."""
+        from sumo_eval.method.field_loops import put_field
+
+        stretch, number = self._stretch, 2**self._stretch.levels
+        order = rows[np.argsort(x[rows], kind="stable")]
+        x, y = x[order], y[order]
+        boxes = (x - stretch.west) / (stretch.length / number)
+        box = np.minimum(boxes.astype(np.int64), number - 1)
+        starts = np.searchsorted(box, np.arange(number + 1))
+        along = np.polynomial.chebyshev.chebvander(2.0 * (boxes - box) - 1.0, NODES - 1) @ _nodes()[2]
+        shares, across = np.ascontiguousarray(along.T), np.ascontiguousarray((y.T - stretch.middle) / stretch.half)
+        points = np.stack((np.broadcast_to(x[:, None], y.shape), y), axis=-1)
+        for place, field in zip(places, fields, strict=True):
+            near, far = self._far_of(place)
+            samples, k1 = self._samples_of(place), float(self._constants.k1)
+            put_field(points, order, starts, samples, near, far, shares, across, k1, field)
 
 
-def _levels(x: FloatArray, y: FloatArray) -> int:
-    """How often the road is halved so that least is summed; 0 where nothing is gained."""
-    if x.size == 0:
-        return 0
-    slender = float(x.max() - x.min()) / _half_width(y)
-    largest = int(np.log2(max(slender / SLENDER, 1.0)))
+def _pays(points: int, stretch: Stretch) -> bool:
+    """Whether less is summed by boxes than at the points."""
+    levels = stretch.levels
+    if levels == 0:
+        return False
     reached = 1.0 + 2.0 * REACH  # what is summed for a box, in its lengths: at its nodes or at its points
-    costs = [float(y.size)]
-    for levels in range(1, largest + 1):
-        nodes = NODES * _counts([slender / 2**level for level in range(levels + 1)]).sum()
-        costs.append(reached * (nodes + y.size / 2**levels))
-    return int(np.argmin(costs))
+    nodes = NODES * sum(_boxes(stretch).counts.tolist())
+    return bool(reached * (nodes + points / 2**levels) < points)
 
 
-def _half_width(y: FloatArray) -> float:
-    """Of the strip in which the points lie, m."""
-    return max(0.5 * float(y.max() - y.min()), NARROWEST)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Boxes:
+    """The boxes of a stretch, as `far_values` takes them. west, east: between which x a sample is near each box, level
+    after level.
+    """
+
+    bounds: FloatArray
+    west: FloatArray
+    east: FloatArray
+    counts: NDArray[np.int64]
+    across: FloatArray
+    finer: FloatArray
 
 
-def _by_boxes(x: FloatArray, y: FloatArray, samples: Sequence[FloatArray], levels: int, k1: float) -> FloatArray:
-    """The fields by 2**levels boxes."""
-    from sumo_eval.method.field_loops import far_values, put_field
-
-    fields = np.empty((len(samples), *y.shape))
-    order = np.argsort(x, kind="stable")
-    x, y = x[order], y[order]
-    bounds, length = np.array([x[0], x[-1]]), (x[-1] - x[0]) / 2**levels
-    box = np.minimum(((x - x[0]) / length).astype(np.int64), 2**levels - 1)
-    starts = np.searchsorted(box, np.arange(2**levels + 1))
-    middle, half = 0.5 * float(y.max() + y.min()), _half_width(y)
-
-    nodes, halves, series = _nodes()
-    west, east = _near(bounds, levels)
-    counts, places, finer = _across([length * 2**coarser / half for coarser in range(levels, -1, -1)])
-    for one, field in zip(samples, fields, strict=True):
-        by_x = one[np.argsort(one[:, 0], kind="stable")]
-        near = np.column_stack((np.searchsorted(by_x[:, 0], west), np.searchsorted(by_x[:, 0], east, side="right")))
-        far = far_values(by_x, bounds, nodes, halves, counts, middle + half * places, finer, near, k1)
-        put_field(x, y, order, starts, by_x, near[-(2**levels) :], far, bounds, middle, half, series, k1, field)
-    return fields
+@functools.lru_cache(maxsize=1)
+def _boxes(stretch: Stretch) -> _Boxes:
+    bounds = np.array([stretch.west, stretch.east])
+    counts, places, finer = _across([stretch.length / 2**level / stretch.half for level in range(stretch.levels + 1)])
+    return _Boxes(bounds, *_near(bounds, stretch.levels), counts, stretch.middle + stretch.half * places, finer)
 
 
 def _near(bounds: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:

@@ -48,7 +48,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointResult:
-    (result,) = compute_points(job[0], [job[1]], settings, 1, lambda done: None)
+    (result,) = compute_points(job[0], [job[1]], settings, map, lambda done: None)
     return result
 
 
@@ -88,12 +88,24 @@ def test_a_kept_band_is_what_was_computed_to_the_last_digit(job: Job, monkeypatc
     def nothing_to_do(*_: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(human_reference, "anthropomorphic_indexes", nothing_to_do)
+    monkeypatch.setattr(human_reference, "indexes_by_group", nothing_to_do)
     assert computed(job) == first
     facts, wanted = job
     assert computed((facts, replace(wanted, band=False))).left_out == first.left_out
     with pytest.raises(AssertionError, match="computed again"):
         computed(job, replace(SETTINGS, slice_spacing=10.0))
+
+
+def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job: Job) -> None:
+    facts, whole = job
+    wanted = replace(whole, ads=whole.left_out)
+    (facts.parent / KEPT).unlink(missing_ok=True)
+    apart = computed((facts, replace(wanted, left_out=(), band=False)))
+    fresh, kept = computed((facts, wanted)), computed((facts, wanted))
+    assert kept.band == fresh.band
+    (ads,) = whole.left_out
+    found = [result.indexes[ads] for result in (apart, fresh, kept)]
+    assert len({(index.value, index.slice_similarity.tobytes()) for index in found}) == 1
 
 
 def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) -> None:

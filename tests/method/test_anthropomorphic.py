@@ -134,8 +134,8 @@ def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch
     ads, drivers = drive(24.0, 0.2), humans(1)
     before = anthropomorphic_index(ads, drivers, ROAD)
     assert 0.05 < before.field_similarity < 0.95
-    fields = module.shared_fields
-    monkeypatch.setattr(module, "shared_fields", lambda *a: factor * fields(*a))
+    fields = module.SharedFields.at
+    monkeypatch.setattr(module.SharedFields, "at", lambda *a: factor * fields(*a))
     assert anthropomorphic_index(ads, drivers, ROAD).value == pytest.approx(before.value, rel=1e-12)
 
 
@@ -274,11 +274,11 @@ def test_field_with_known_values(
     own: float, others: list[float], expected: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    def fields(x: np.ndarray, y: np.ndarray, drives: Sequence[Trajectory], constants: FieldSettings) -> np.ndarray:
-        values = [own] if len(drives) == 1 else others  # the ADS's is asked for apart from the drivers'
+    def fields(shared: module.SharedFields, x: np.ndarray, y: np.ndarray, places: Sequence[int]) -> np.ndarray:
+        values = [own] if len(places) == 1 else others  # the ADS's is asked for apart from the drivers'
         return np.multiply.outer(values, np.ones(y.shape))
 
-    monkeypatch.setattr(module, "shared_fields", fields)
+    monkeypatch.setattr(module.SharedFields, "at", fields)
     index = anthropomorphic_index(drive(), [drive()] * 3, ROAD)
     assert index.field_similarity == pytest.approx(expected, rel=1e-9)
     assert index.similarity == index.field_similarity

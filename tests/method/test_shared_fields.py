@@ -12,7 +12,7 @@ from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.method import shared_fields as module
 from sumo_eval.method import trajectory_field
 from sumo_eval.method.anthropomorphic import lateral_position, slice_points, slice_positions
-from sumo_eval.method.shared_fields import ERROR, shared_fields
+from sumo_eval.method.shared_fields import ERROR, SharedFields, Stretch
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import FieldSettings
@@ -40,8 +40,17 @@ def standing(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Tr
     return Trajectory([0.0], [x], [y], heading=[heading], speed=[speed])
 
 
+def around(x: np.ndarray, y: np.ndarray) -> Stretch:
+    """The stretch in which the points lie; of none, a short one."""
+    return Stretch(x.min(), x.max(), y.min(), y.max()) if x.size else Stretch(0.0, 1.0, 0.0, 1.0)
+
+
+def shared_fields(x: np.ndarray, y: np.ndarray, drives: list[Trajectory], constants: FieldSettings) -> np.ndarray:
+    return SharedFields(drives, around(x, y), constants).at(x, y, range(len(drives)))
+
+
 def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
-    return module._levels(x, y) > 2
+    return module._pays(y.size, around(x, y)) and around(x, y).levels > 2
 
 
 # --- the clever against the plain -------------------------------------------------------------------------------------
@@ -122,6 +131,44 @@ def test_samples_and_points_on_a_line_are_within_the_bound() -> None:
     np.testing.assert_allclose(shared_fields(X, line, drives, PLAIN), plain(X, line, drives, PLAIN), rtol=ERROR)
 
 
+@pytest.mark.parametrize("asked_before", [False, True])
+def test_points_off_the_stretch_are_within_the_bound(
+    driven: tuple[list[Trajectory], np.ndarray], asked_before: bool
+) -> None:
+    drives, points = driven
+    x, y = points[:, 0, 0], points[..., 1]
+    stretch = Stretch(80.0, 500.0, -1.76, 4.9)
+    fields, inside = SharedFields(drives, stretch, PLAIN), stretch.holds(x, y)
+    assert 0.3 < inside.mean() < 0.9
+    if asked_before:
+        fields.at(x[inside], y[inside], [0, 1, 2])
+    np.testing.assert_allclose(fields.at(x, y, [0, 1, 2]), plain(x, y, drives, PLAIN), rtol=ERROR / 10)
+
+
+def test_what_was_asked_before_and_of_whom_changes_no_bit(driven: tuple[list[Trajectory], np.ndarray]) -> None:
+    drives, points = driven
+    x, y = points[:, 0, 0], points[..., 1]
+    fields = SharedFields(drives, around(x, y), PLAIN)
+    fields.at(x[::2], y[::2], [2, 0])
+    again, alone = fields.at(x, y, [1, 2]), SharedFields(drives[1:], around(x, y), PLAIN).at(x, y, [0, 1])
+    assert again.tobytes() == alone.tobytes()
+
+
+def test_far_samples_are_summed_once(
+    driven: tuple[list[Trajectory], np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sumo_eval.method import field_loops
+
+    drives, points = driven
+    x, y = points[:, 0, 0], points[..., 1]
+    fields = SharedFields(drives, around(x, y), PLAIN)
+    first = fields.at(x, y, [0, 1, 2])
+    monkeypatch.setattr(field_loops, "far_values", None)
+    assert fields.at(x, y, [0, 1, 2]).tobytes() == first.tobytes()
+    few = fields.at(x[:9], y[:9], [2])  # too few to sum anything for, but it is there
+    np.testing.assert_allclose(few, plain(x[:9], y[:9], drives[2:], PLAIN), rtol=ERROR / 10)
+
+
 # --- where the plain sum is taken -------------------------------------------------------------------------------------
 
 
@@ -143,7 +190,7 @@ def test_large_constants_and_vectors_are_summed_plainly(constants: FieldSettings
 def test_few_points_and_a_short_road_are_summed_plainly() -> None:
     drives = [standing(55.0, 1.0, 0.1, 50.0)]
     for x, y in ((X[::50], Y[::50]), (np.linspace(50.0, 55.0, 551), Y), (X[:1], Y[:1]), (X[:0], Y[:0])):
-        assert module._levels(x, y) == 0
+        assert not module._pays(y.size, around(x, y))
         np.testing.assert_array_equal(shared_fields(x, y, drives, PLAIN), plain(x, y, drives, PLAIN))
 
 
