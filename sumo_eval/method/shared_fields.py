@@ -6,10 +6,10 @@ the nodes gives it at every point of the box; what is near is summed at the poin
 
 The result is that of `trajectory_field.trajectory_fields` to `ERROR`. The summand's singularities are the sample itself
 (along x) and the places above and below it in the complex plane of y. From a box of length L whose far samples begin
-one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 5.0 across a
-strip of half-width h <= L/2.4: 16 nodes each way leave a small multiple of 5.0^-16 = 7e-12 of each sample's field, and
-found is 1e-12 (k1 = 0.5) to 5e-12. Where that does not hold (large constants, vectors), does not pay, or numba is
-missing, the plain sum is taken.
+one length away they lie on Bernstein ellipses of 3 + sqrt(8) = 5.8 along x and L/h + sqrt((L/h)^2 + 1) >= 6.5 across a
+strip of half-width h <= L/3.2: 16 nodes along x and at most 14 across leave 6.5e-12 of each sample's field, about;
+found is 2.6e-12 (k1 = 0.5) to 6e-12 (k1 = 1). Where that does not hold (large constants, vectors, points off it),
+does not pay, or numba is missing, the plain sum is taken.
 """
 
 from __future__ import annotations
@@ -28,9 +28,10 @@ from sumo_eval.settings import FieldSettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 ERROR = 1e-11  # of the field, relative, at most
-NODES = 16  # in a box, each way, at most
+NODES = 16  # in a box, along x
 REACH = 1.0  # lengths of a box from which on a sample is far from it
-SLENDER = 2.4  # a box is at least this much longer than half as wide
+SLENDER = 3.2  # a box is at least this much longer than half as wide; shorter ones cost more than they save
+LEFT = 6.5e-12  # of a sample's field, about, is what the nodes across leave
 LARGEST_K1 = 1.0  # a field that decays faster is summed plainly
 LARGEST_EXPONENT = 0.5  # and so is one that grows faster with speed ahead: k2 v
 NARROWEST = 0.5  # m; a narrower strip is treated as if it were this half-wide
@@ -224,7 +225,8 @@ def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, Fl
     boxes of each level.
     """
     counts = _counts(slender)
-    places, finer = np.zeros((len(counts), NODES)), np.zeros((len(counts) + 1, NODES, NODES))
+    most = counts.max()
+    places, finer = np.zeros((len(counts), most)), np.zeros((len(counts) + 1, most, most))
     for level, count in enumerate(counts):
         places[level, :count] = np.polynomial.chebyshev.chebpts1(count)
         if level > 0:
@@ -239,9 +241,6 @@ def _across(slender: Sequence[float]) -> tuple[NDArray[np.int64], FloatArray, Fl
 
 
 def _counts(slender: Sequence[float]) -> NDArray[np.int64]:
-    """How many nodes across the boxes of each level need; the longer a box, the fewer leave what `NODES` leave of the
-    shortest.
-    """
-    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in (SLENDER, *slender)]
-    least = NODES * math.log(bernstein[0])
-    return np.array([min(NODES, math.ceil(least / math.log(number))) for number in bernstein[1:]])
+    """How many nodes across the boxes of each level need: the longer a box, the fewer."""
+    bernstein = [REACH * ratio + math.hypot(REACH * ratio, 1.0) for ratio in slender]
+    return np.array([math.ceil(-math.log(LEFT) / math.log(number)) for number in bernstein])

@@ -73,6 +73,19 @@ def test_one_sample_alone_is_within_the_bound_at_every_point(
     np.testing.assert_allclose(shared_fields(X, Y, sample, constants), plain(X, Y, sample, constants), rtol=ERROR)
 
 
+@pytest.mark.parametrize("k1", [0.0, 0.5, 1.0])
+def test_samples_just_far_enough_from_the_shortest_boxes_are_within_the_bound(k1: float) -> None:
+    # 32 boxes of 17.2 m, the strip as wide as they allow; one length away from a box is where another one ends.
+    length, random = 550.0 / 32, np.random.default_rng(3)
+    half = length / (module.SLENDER + 0.01)
+    y, constants = np.broadcast_to(np.linspace(-half, half, 9), (551, 9)), FieldSettings(k1=k1)
+    assert around(X, y).levels == 5
+    for _ in range(40):
+        place = 50.0 + length * random.integers(-2, 34) + random.choice([-1e-6, 1e-6])
+        sample = [standing(place, random.choice([0.0, half, -1.5 * half]), random.uniform(-3.2, 3.2), 70.0)]
+        np.testing.assert_allclose(shared_fields(X, y, sample, constants), plain(X, y, sample, constants), rtol=ERROR)
+
+
 @pytest.mark.parametrize("k1", [0.5, 0.7, 1.0])
 def test_synthetic_extremes_are_within_the_bound(k1: float) -> None:
     time = 0.1 * np.arange(200)
