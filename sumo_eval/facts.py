@@ -126,8 +126,7 @@ def record_facts(
             store.note(_COMPLETE, "")
             store.note(_SHARD, f"{shard[0]}/{shard[1]}")
             try:
-                for space in spaces:
-                    record(space, plan, store, progress, stopping)
+                record(spaces, plan, store, progress, stopping)
             except (StoppedError, KeyboardInterrupt):
                 raise StoppedError(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "

@@ -49,8 +49,7 @@ class Packs:
             self.look_ahead()
             if not self._ahead:
                 return None
-        kind = max(self._ahead, key=lambda kind: len(self._ahead[kind]))
-        queue = self._ahead[kind]
+        kind, queue = next(iter(self._ahead.items()))
         pack = queue.take(min(self._size, self._largest_of.get(kind, self._largest)))
         self._number_ahead -= len(pack)
         if not len(queue):
@@ -89,7 +88,7 @@ class Packs:
         self.run_alone(pack[1:], why)
 
     def never_together(self, pack: Pack) -> None:
-        """Cases of this kind have no form for many: they run alone, in turns with other kinds."""
+        """Cases of this kind have no form for many: they run alone."""
         kind = _kind(pack[0])
         self._largest_of[kind] = 1
         self._ahead.setdefault(kind, _Queue()).add(pack)
@@ -105,7 +104,10 @@ class Packs:
 
 
 class _Queue:
-    """Cases of one kind. Those that probably end at the same time are neighbours: a pack lasts as long as its last."""
+    """Cases of one kind. Those that probably end at the same time are neighbours: a pack lasts as long as its last.
+
+    The longest are taken first, so that no process is left alone with them at the end.
+    """
 
     def __init__(self) -> None:
         self._coming: list[Case] = []
@@ -119,7 +121,7 @@ class _Queue:
 
     def take(self, number: int) -> Pack:
         if len(self._sorted) < number:
-            self._sorted = sorted(self._sorted + self._coming, key=lambda case: -probable_end(case.concrete))
+            self._sorted = sorted(self._sorted + self._coming, key=lambda case: probable_end(case.concrete))
             self._coming = []
         pack = self._sorted[-number:]
         del self._sorted[-number:]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from sumo_eval.batch.cases import Case, Outcome, Setup
+from sumo_eval.batch.cases import Case, Outcome, Role, Setup
 from sumo_eval.batch.engines import Stopping, identify, never, run_packs
 from sumo_eval.batch.identity import harness_identity, people_identity, with_fingerprint
 from sumo_eval.batch.store import Store
@@ -139,26 +139,66 @@ def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
     return hashlib.sha256((source / plant.file).read_bytes()).hexdigest()
 
 
-def record(space: Space, plan: Planner, store: Store, progress: Progress, stopping: Stopping = never) -> None:
-    """Simulate the cases of one logical scenario that are not recorded yet.
+def record(
+    spaces: Sequence[Space], plan: Planner, store: Store, progress: Progress, stopping: Stopping = never
+) -> None:
+    """Simulate the cases of an evaluation that are not recorded yet.
 
-    Raises StoppedError when `stopping` said so before all were done; what has been done is recorded.
+    What does not depend on each other is one piece of work, over all logical scenarios, so that no process waits for
+    the last case of each. Raises StoppedError when `stopping` said so before all were done; what has been done is
+    recorded.
     """
-    name, settings = space.logical.name, plan.settings
+    settings = plan.settings
     work = _Work(store, plan.setup, progress, stopping)
-    work.do(f"{name}: ADSs", plan.ads(space), len(space.numbers) * len(settings.ads))
-    struck = store.struck(name)
-    _forget(store, (case for case, point, _ in store.names("ideal", name) if point not in struck))
-    work.do(f"{name}: ideal vehicle", plan.ideal(space, struck), len(struck & set(space.numbers)))
+    stages = [_ads_stage(space, plan) for space in spaces]
     if settings.drivers.source == "synthetic":
-        drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
-        work.do(f"{name}: drivers", plan.humans(space), len(space.safe) * len(drivers))
-        safe = set(space.safe)
-        _forget(store, (c for c, p, who in store.names("human", name) if p not in safe or who not in drivers))
-        return
-    if settings.drivers.source == RECORDED:
-        _record_people(space, plan, store, work, progress)
-        return
+        stages += [_drivers_stage(space, plan) for space in spaces]
+    work.do(stages)
+    struck = {space.logical.name: store.struck(space.logical.name) for space in spaces}
+    for name, points in struck.items():
+        _forget(store, (case for case, point, _ in store.names("ideal", name) if point not in points))
+    work.do([_ideal_stage(space, plan, struck[space.logical.name]) for space in spaces])
+    for space in spaces:
+        if settings.drivers.source == "synthetic":
+            drivers, safe = {f"driver_{index:02d}" for index in range(settings.drivers.count)}, set(space.safe)
+            found = store.names("human", space.logical.name)
+            _forget(store, (case for case, point, who in found if point not in safe or who not in drivers))
+        elif settings.drivers.source == RECORDED:
+            _record_people(space, plan, store, work, progress)
+        else:
+            _record_own_reference(space, plan, store, work, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """Cases of one role in one logical scenario, as their progress is shown."""
+
+    name: str
+    scenario: str
+    role: Role
+    cases: Iterable[Case]
+    total: int
+
+
+def _ads_stage(space: Space, plan: Planner) -> _Stage:
+    name = space.logical.name
+    return _Stage(f"{name}: ADSs", name, "ads", plan.ads(space), len(space.numbers) * len(plan.settings.ads))
+
+
+def _ideal_stage(space: Space, plan: Planner, struck: set[int]) -> _Stage:
+    name = space.logical.name
+    return _Stage(f"{name}: ideal vehicle", name, "ideal", plan.ideal(space, struck), len(struck & set(space.numbers)))
+
+
+def _drivers_stage(space: Space, plan: Planner) -> _Stage:
+    name = space.logical.name
+    total = len(space.safe) * plan.settings.drivers.count
+    return _Stage(f"{name}: drivers", name, "human", plan.humans(space), total)
+
+
+def _record_own_reference(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
+    """The drives that the user's own function has for every safe point."""
+    name = space.logical.name
     known: set[str] = set()
     for done, number in enumerate(space.safe, start=1):
         for outcome in _recorded_drivers(plan, number, space.concrete(number)):
@@ -191,7 +231,7 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
         work.check()
         progress(f"{name}: recorded drivers", done, len(space.safe))
     if fill:
-        work.do(f"{name}: drivers where too few are recorded", fill, len(fill))
+        work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
     known |= {case.key for case in fill}
     _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
 
@@ -215,28 +255,36 @@ class _Work:
     def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
         self._store, self._setup, self._progress, self._stopping = store, setup, progress, stopping
 
-    def do(self, stage: str, cases: Iterable[Case], total: int) -> None:
-        """Bring a stage to its end, or raise StoppedError."""
-        done = failed = 0
+    def do(self, stages: Sequence[_Stage]) -> None:
+        """Bring stages to their end, all at a time, or raise StoppedError."""
+        of = {(stage.scenario, stage.role): stage.name for stage in stages}
+        done, failed = dict.fromkeys(of.values(), 0), dict.fromkeys(of.values(), 0)
+        totals = {stage.name: stage.total for stage in stages}
 
         def missing() -> Iterator[Case]:
-            nonlocal done
-            for case in cases:
-                if self._store.holds(case):
-                    done += 1
-                else:
-                    yield case
+            for stage in stages:
+                for case in stage.cases:
+                    if self._store.holds(case):
+                        done[stage.name] += 1
+                    else:
+                        yield case
 
         with closing(run_packs(missing(), self._setup, self._stopping)) as packs:
             for outcomes in packs:
                 self._store.add(*outcomes)
-                done += len(outcomes)
-                failed += sum(outcome.status not in EVALUATED for outcome in outcomes)
-                self._progress(stage, done, total, failed)
-        if done < total:
-            self.check()
-            raise RuntimeError(f"{stage}: {total - done} of {total} cases got lost on their way")
-        self._progress(stage, done, total, failed)
+                touched = []
+                for outcome in outcomes:
+                    name = of[outcome.case.concrete.scenario, outcome.case.role]
+                    touched.append(name)
+                    done[name] += 1
+                    failed[name] += outcome.status not in EVALUATED
+                for name in dict.fromkeys(touched):
+                    self._progress(name, done[name], totals[name], failed[name])
+        for name, total in totals.items():
+            if done[name] < total:
+                self.check()
+                raise RuntimeError(f"{name}: {total - done[name]} of {total} cases got lost on their way")
+            self._progress(name, done[name], total, failed[name])
 
     def check(self) -> None:
         """Raise StoppedError when the work shall stop."""

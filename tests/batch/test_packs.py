@@ -176,6 +176,47 @@ def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
     assert seen == len(kinds())
 
 
+def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None:
+    slow, quick = (SPACE.concrete(ego_speed=20.0, lead_speed=speed) for speed in (5.0, 15.0))
+    drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
+    drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
+    packs = Packs(drives, 1, 4)
+    found = []
+    while pack := packs.take():
+        found.append((pack[0].role, {case.concrete.label for case in pack}))
+    assert found == [
+        ("ads", {slow.label}),
+        ("ads", {quick.label}),
+        ("human", {slow.label}),
+    ]
+
+
+def test_adss_and_drivers_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path: Path) -> None:
+    coarse = {
+        "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
+        "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
+    }
+    settings = EvaluationSettings(
+        name="two",
+        simulation=replace(SIMULATION, end_when_decided=False),
+        scenario=tuple(ScenarioSettings(name, SamplingSettings(steps=steps)) for name, steps in coarse.items()),
+        ads=(AdsSettings("idm", "idm"),),
+        drivers=DriverSettings(count=2),
+        run=RunSettings(engine="serial"),
+    )
+    shown: dict[str, tuple[int, int]] = {}
+
+    def progress(stage: str, done: int, total: int, failed: int = 0) -> None:
+        assert done >= shown.get(stage, (0, 0))[0]
+        shown[stage] = done, total
+
+    sumo_eval.evaluate(settings, tmp_path / "run", progress=progress)
+    driving = [stage for stage in shown if stage.endswith(("ADSs", "ideal vehicle", ": drivers"))]
+    assert [stage.rpartition(": ")[2] for stage in driving[:4]] == ["ADSs", "ADSs", "drivers", "drivers"]
+    assert len(driving) == 6
+    assert all(done == total for done, total in shown.values())
+
+
 @pytest.mark.parametrize(("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])])
 def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
     too_slow: bool, expected: list[int]
