@@ -96,12 +96,13 @@ def test_a_kept_band_is_what_was_computed_to_the_last_digit(job: Job, monkeypatc
         computed(job, replace(SETTINGS, slice_spacing=10.0))
 
 
-def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job: Job) -> None:
+@pytest.mark.parametrize("spacing", [0.5, 2.5])
+def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job: Job, spacing: float) -> None:
+    # At 2.5 m boxes pay for the band and not for the index alone; at 0.5 m they pay for both.
     facts, whole = job
-    wanted = replace(whole, ads=whole.left_out)
-    (facts.parent / KEPT).unlink(missing_ok=True)
-    apart = computed((facts, replace(wanted, left_out=(), band=False)))
-    fresh, kept = computed((facts, wanted)), computed((facts, wanted))
+    wanted, settings = replace(whole, ads=whole.left_out), replace(SETTINGS, slice_spacing=spacing)
+    apart = computed((facts, replace(wanted, left_out=(), band=False)), settings)
+    fresh, kept = computed((facts, wanted), settings), computed((facts, wanted), settings)
     assert kept.band == fresh.band
     (ads,) = whole.left_out
     found = [result.indexes[ads] for result in (apart, fresh, kept)]
