@@ -14,6 +14,7 @@ from pathlib import Path
 from sumo_eval.batch import run_folder
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import Stopping, never, run_cases, run_packs
+from sumo_eval.batch.human_reference import prepared_meanwhile
 from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
@@ -126,7 +127,8 @@ def record_facts(
             store.note(_COMPLETE, "")
             store.note(_SHARD, f"{shard[0]}/{shard[1]}")
             try:
-                record(spaces, plan, store, progress, stopping)
+                with prepared_meanwhile():
+                    record(spaces, plan, store, progress, stopping)
             except (StoppedError, KeyboardInterrupt):
                 raise StoppedError(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "

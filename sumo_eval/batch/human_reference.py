@@ -21,11 +21,11 @@ from itertools import islice
 from pathlib import Path
 
 import sumo_eval.method
-from sumo_eval.batch.spread import Spread, spread_over
+from sumo_eval.batch.spread import Spread, beside, spread_over
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, indexes_by_group
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
-from sumo_eval.method.trajectory_field import load_kernel
+from sumo_eval.method.shared_fields import prepare
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 
@@ -67,10 +67,22 @@ class PointResult:
 
 
 @contextmanager
+def prepared_meanwhile() -> Iterator[None]:
+    """On a machine's first time a process of its own compiles what scoring needs; later there is nothing to do."""
+    source = Path(sumo_eval.method.__file__).with_name("field_loops.py")
+    kept = source.parent.glob("__pycache__/field_loops.*.nbi")
+    if any(index.stat().st_mtime >= source.stat().st_mtime for index in kept):
+        yield
+        return
+    with beside(prepare):
+        yield
+
+
+@contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
     """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them."""
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
-    with spread_over(workers if drives >= _WORTH_PROCESSES else 1, load_kernel) as spread:
+    with spread_over(workers if drives >= _WORTH_PROCESSES else 1, prepare) as spread:
         yield spread
 
 

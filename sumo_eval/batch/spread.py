@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar
 
 from sumo_eval.batch.children import child_context, tie_to_owner
@@ -39,3 +40,25 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
             yield pool.map
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def beside(work: Callable[[], object]) -> Iterator[None]:
+    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it, too."""
+    context = child_context()
+    lifeline, held = context.Pipe(duplex=False)
+    with lifeline, held:
+        child = context.Process(target=_tied, args=(lifeline, work))  # type: ignore[attr-defined]
+        child.start()
+        try:
+            yield
+        except BaseException:
+            child.kill()
+            raise
+        finally:
+            child.join()
+
+
+def _tied(lifeline: Connection, work: Callable[[], object]) -> None:
+    tie_to_owner(lifeline)
+    work()

@@ -72,6 +72,16 @@ class Stretch:
         return inside
 
 
+def prepare() -> None:
+    """Have the compiled loops there before they are needed: loaded, and on a machine's first time compiled, for 4 s."""
+    if trajectory_field.KERNEL == "numba":
+        time = np.arange(0.0, 20.0, 0.1)
+        drive = Trajectory(time, 20.0 * time, np.zeros_like(time), speed=np.full_like(time, 20.0))
+        rows, across = np.arange(0.0, 400.0, 0.5), np.linspace(-1.5, 1.5, 7)
+        fields = SharedFields([drive], Stretch(0.0, 400.0, -2.0, 2.0), FieldSettings())
+        fields.at(rows, np.broadcast_to(across, (len(rows), len(across))), [0])
+
+
 class SharedFields:
     """The fields of some trajectories on a stretch of road, to be asked for again and again.
 

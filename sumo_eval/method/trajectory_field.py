@@ -136,11 +136,6 @@ def _kernel() -> tuple[Literal["numba", "numpy"], Kernel]:
     return "numba", magnitude_sum
 
 
-def load_kernel() -> None:
-    """Have it loaded before it is needed."""
-    _kernel()
-
-
 def __getattr__(name: str) -> str:
     if name == "KERNEL":
         return _kernel()[0]
