@@ -198,15 +198,15 @@ def _drivers_stage(space: Space, plan: Planner) -> _Stage:
 
 def _record_own_reference(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
     """The drives that the user's own function has for every safe point."""
-    name = space.logical.name
+    name, safe = space.logical.name, space.safe
     known: set[str] = set()
-    for done, number in enumerate(space.safe, start=1):
+    for done, number in enumerate(safe, start=1):
         for outcome in _recorded_drivers(plan, number, space.concrete(number)):
             known.add(outcome.case.key)
             if not store.holds(outcome.case):
                 store.add(outcome)
         work.check()
-        progress(f"{name}: drivers", done, len(space.safe))
+        progress(f"{name}: drivers", done, len(safe))
     _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
 
 
@@ -218,7 +218,8 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
     people = open_people(settings, plan.source)
     known: set[str] = set()
     fill: list[Case] = []
-    for done, number in enumerate(space.safe, start=1):
+    safe = space.safe
+    for done, number in enumerate(safe, start=1):
         concrete = space.concrete(number)
         found = reference(concrete, people, settings)
         for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
@@ -229,7 +230,7 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
         if settings.too_thin == "fill" and len(found.drives) < settings.least:
             fill += plan.synthetic(number, concrete, settings.least - len(found.drives))
         work.check()
-        progress(f"{name}: recorded drivers", done, len(space.safe))
+        progress(f"{name}: recorded drivers", done, len(safe))
     if fill:
         work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
     known |= {case.key for case in fill}
