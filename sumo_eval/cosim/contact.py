@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sumo_eval.kernels import kernel
 from sumo_eval.trajectory import Collision, Side
 
 TOUCH = 1e-6  # m, bodies closer than this touch
+TURN = 2.0 * math.pi  # rad
 
 
 class Body(NamedTuple):
@@ -35,11 +37,6 @@ class Body(NamedTuple):
         c, s = math.cos(self.heading), math.sin(self.heading)
         return self.speed * c - self.across * s, self.speed * s + self.across * c
 
-    @property
-    def radius(self) -> float:
-        """Distance from the centre to a corner, m."""
-        return 0.5 * math.hypot(self.length, self.width)
-
     def corners(self) -> tuple[tuple[float, float], ...]:
         """The four corners, m."""
         c, s = math.cos(self.heading), math.sin(self.heading)
@@ -50,11 +47,24 @@ class Body(NamedTuple):
         )
 
 
+@kernel
+def within_a_turn(angle: float) -> float:
+    """The same direction within -pi..pi, rad."""
+    return angle if -math.pi <= angle <= math.pi else angle - TURN * math.floor(angle / TURN + 0.5)
+
+
+@kernel
+def radius(body: Body) -> float:
+    """Distance from a body's centre to a corner, m."""
+    return 0.5 * math.sqrt(body.length * body.length + body.width * body.width)
+
+
 def separation(a: Body, b: Body) -> float:
     """Largest gap between the two boxes along an axis of either, m; negative: penetration. Never above the distance."""
     return _widest_gap(a, b)[0]
 
 
+@kernel
 def _widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     """(gap m, axis x, axis y): the axis of either box along which they are furthest apart, pointing from a to b."""
     dx, dy = b.x - a.x, b.y - a.y
@@ -66,18 +76,23 @@ def _widest_gap(a: Body, b: Body) -> tuple[float, float, float]:
     along_b, across_b = dx * cb + dy * sb, dy * cb - dx * sb
     reach_b, span_b = lb * cos_between + wb * sin_between, lb * sin_between + wb * cos_between
     reach_a, span_a = la * cos_between + wa * sin_between, la * sin_between + wa * cos_between
-    gap, offset, x, y = max(
-        (abs(along_a) - la - reach_b, along_a, ca, sa),
-        (abs(across_a) - wa - span_b, across_a, -sa, ca),
-        (abs(along_b) - lb - reach_a, along_b, cb, sb),
-        (abs(across_b) - wb - span_a, across_b, -sb, cb),
-    )
+    gap, offset, x, y = abs(along_a) - la - reach_b, along_a, ca, sa
+    other = abs(across_a) - wa - span_b
+    if other > gap:
+        gap, offset, x, y = other, across_a, -sa, ca
+    other = abs(along_b) - lb - reach_a
+    if other > gap:
+        gap, offset, x, y = other, along_b, cb, sb
+    other = abs(across_b) - wb - span_a
+    if other > gap:
+        gap, offset, x, y = other, across_b, -sb, cb
     return (gap, x, y) if offset >= 0.0 else (gap, -x, -y)
 
 
+@kernel
 def between(before: Body, after: Body, share: float) -> Body:
     """The pose a share of the way from one sample to the next."""
-    turn = math.remainder(after.heading - before.heading, math.tau)
+    turn = within_a_turn(after.heading - before.heading)
     return Body(
         before.x + share * (after.x - before.x),
         before.y + share * (after.y - before.y),
@@ -89,26 +104,34 @@ def between(before: Body, after: Body, share: float) -> Body:
     )
 
 
-def first_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float | None:
-    """Share of the step at which the bodies first touch, None when they do not."""
+@kernel
+def share_at_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float:
+    """Share of the step at which the bodies first touch; -1 when they do not."""
     shift_x = (b_after.x - b_before.x) - (a_after.x - a_before.x)
     shift_y = (b_after.y - b_before.y) - (a_after.y - a_before.y)
     reach = 0.5 * (a_after.length + a_after.width + b_after.length + b_after.width) + abs(shift_x) + abs(shift_y)
     if abs(b_before.x - a_before.x) > reach or abs(b_before.y - a_before.y) > reach:
-        return None
-    turning = abs(math.remainder(a_after.heading - a_before.heading, math.tau)) * a_after.radius
-    turning += abs(math.remainder(b_after.heading - b_before.heading, math.tau)) * b_after.radius
+        return -1.0
+    turning = abs(within_a_turn(a_after.heading - a_before.heading)) * radius(a_after)
+    turning += abs(within_a_turn(b_after.heading - b_before.heading)) * radius(b_after)
     share = 0.0
     gap, x, y = _widest_gap(a_before, b_before)
     while gap > TOUCH:
         closing = turning - (shift_x * x + shift_y * y)  # m per step along the axis, never less than the true value
         if gap > closing * (1.0 - share):
-            return None
+            return -1.0
         share += gap / closing
         gap, x, y = _widest_gap(between(a_before, a_after, share), between(b_before, b_after, share))
     return min(share, 1.0)
 
 
+def first_touch(a_before: Body, a_after: Body, b_before: Body, b_after: Body) -> float | None:
+    """Share of the step at which the bodies first touch, None when they do not."""
+    share = share_at_touch(a_before, a_after, b_before, b_after)
+    return None if share < 0.0 else share
+
+
+@kernel
 def keeps_apart(ego: Body, other: Body) -> bool:
     """Whether two bodies that go on straight along the road at their speeds never touch."""
     if other.heading != 0.0 or other.across != 0.0:

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
+from sumo_eval.kernels import kernel
 from sumo_eval.settings import VehicleSettings
 
 GRAVITY = 9.81  # m/s2
@@ -53,128 +55,164 @@ Clipped = tuple[str, float, float]
 """What was limited, the value asked for, the value granted."""
 
 
+LIMITED = (
+    "steering_angle", "steering_rate", "lateral_friction", "acceleration", "friction", "speed", "acceleration_rate",
+)  # fmt: skip
+"""What the vehicle model may have to limit, by the number of its clip."""
+(_STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED, _ACCELERATION_RATE) = range(7)
+
+
 def advance(
     state: EgoState, command: Command, limits: VehicleSettings, step: float
 ) -> tuple[EgoState, tuple[Clipped, ...]]:
-    """The state one `step` (s) later and every limit that the command ran into.
+    """The state one `step` (s) later and every limit that the command ran into; see `moved`."""
+    clips: Any = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
+    x, y, heading, speed, acceleration, wheel = state
+    after = moved(
+        x, y, heading, speed, acceleration, wheel, command.acceleration, command.steering, limits, step, 0.0, clips
+    )
+    met = zip(LIMITED, clips, strict=True)
+    return EgoState(*after), tuple((what, clip.requested, clip.applied) for what, clip in met if clip.count)
 
+
+@kernel
+def count_clip(clips: Any, what: int, time: float, requested: float, applied: float) -> None:
+    """Count a clip at `time` (s) and keep its worst instance. clips: of one case, by number."""
+    clip = clips[what]
+    if clip.count == 0:
+        clip.first = time
+    if clip.count == 0 or abs(requested - applied) > abs(clip.requested - clip.applied):
+        clip.requested, clip.applied = requested, applied
+    clip.count += 1
+
+
+@kernel
+def moved(
+    x: float, y: float, heading: float, speed: float, acceleration: float, wheel: float,
+    wanted: float, steering: float, limits: Any, step: float, time: float, clips: Any,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """x, y, heading, speed, acceleration and steering wheel angle one `step` (s) later.
+
+    wanted: m/s2, and steering: rad, as in `Command`. limits: `VehicleSettings` or a record of them. clips: where limits
+    that the command runs into are counted, by number.
     The tyres hold a total acceleration of friction * g at the end of every step: steering comes first, braking and
     drive get the rest of the friction circle, and what brakes and drive cannot let go of within the step is taken from
     the steering.
     """
-    x, y, heading, speed, acceleration, wheel = state
-    wanted = command.acceleration
-    straight = command.steering == 0.0 and wheel == 0.0
-    granted = (
-        -limits.max_deceleration <= wanted <= limits.max_acceleration
-        and abs(wanted) < limits.friction * GRAVITY - _GRANTED
-    )
-    if straight and granted and abs(acceleration - wanted) < _SAME and speed + 2.0 * acceleration * step > 0.0:
-        faster = speed + acceleration * step  # far from a standstill: all that follows comes down to this, to the bit
-        if faster <= limits.max_speed:
-            distance = speed * step + 0.5 * acceleration * step**2
-            x, y = x + distance * math.cos(heading), y + distance * math.sin(heading)
-            return tuple.__new__(EgoState, (x, y, heading, faster, wanted, 0.0)), ()
-    clips: list[Clipped] = []
-    if straight:  # as nearly always
-        steering_end = curvature = lateral = 0.0
+    if steering == 0.0 and wheel == 0.0:  # straight, as nearly always
+        end = curvature = lateral = 0.0
     else:
-        steering_end, curvature, lateral = _steer(state, command, limits, step, clips)
-    target = wanted if straight and granted else _limit_acceleration(wanted, lateral, limits, clips)
-    acceleration, speed, distance = drive(speed, acceleration, target, limits, step)
-    if speed > limits.max_speed:
-        clips.append(("speed", speed, limits.max_speed))
-        acceleration, speed = 0.0, limits.max_speed
-        distance = 0.5 * (state.speed + speed) * step
-    elif abs(acceleration - target) > _GRANTED and speed > 0.0:
-        clips.append(("acceleration_rate", target, acceleration))
-    x, y, heading = _along_arc(state, distance, curvature, limits.wheelbase)
-    return EgoState(x, y, heading, speed, acceleration, steering_end), tuple(clips)
+        end, curvature, lateral = _steer(speed, acceleration, wheel, wanted, steering, limits, step, time, clips)
+    target = _limit_acceleration(wanted, lateral, limits, time, clips)
+    after, faster, distance = drive(speed, acceleration, target, limits, step)
+    if faster > limits.max_speed:
+        count_clip(clips, _SPEED, time, faster, limits.max_speed)
+        after, faster = 0.0, limits.max_speed
+        distance = 0.5 * (speed + faster) * step
+    elif abs(after - target) > _GRANTED and faster > 0.0:
+        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+    x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
+    return x, y, heading, faster, after, end
 
 
+@kernel
 def _steer(
-    state: EgoState, command: Command, limits: VehicleSettings, step: float, clips: list[Clipped]
-) -> tuple[float, float, float]:
+    speed: float, acceleration: float, wheel: float, wanted: float, steering: float, limits: Any, step: float,
+    time: float, clips: Any,
+) -> tuple[float, float, float]:  # fmt: skip
     """Steering wheel angle at the end of the step, mean curvature and highest lateral acceleration within the step."""
-    carried = max(abs(state.acceleration) - limits.brake_jerk * step, 0.0)
-    fastest = state.speed + step * max(state.acceleration, min(command.acceleration, limits.max_acceleration), 0.0)
+    carried = max(abs(acceleration) - limits.brake_jerk * step, 0.0)
+    fastest = speed + step * max(acceleration, min(wanted, limits.max_acceleration), 0.0)
     grip = grip_steering_wheel_angle(fastest, limits, carried)
-    end = _limit_steering(state, command.steering, grip, limits, step, clips)
-    curvature = _curvature(min(max(0.5 * (state.steering_wheel_angle + end), -grip), grip), limits)
-    return end, curvature, fastest**2 * max(abs(curvature), abs(_curvature(end, limits)))
+    end = _limit_steering(wheel, steering, grip, limits, step, time, clips)
+    curvature = _curvature(min(max(0.5 * (wheel + end), -grip), grip), limits)
+    return end, curvature, fastest * fastest * max(abs(curvature), abs(_curvature(end, limits)))
 
 
-def _curvature(steering_wheel_angle: float, limits: VehicleSettings) -> float:
+@kernel
+def _curvature(steering_wheel_angle: float, limits: Any) -> float:
     """Curvature of the rear axle's path, 1/m: tan(road wheel angle) / wheelbase."""
-    return math.tan(steering_wheel_angle / limits.steering_ratio) / limits.wheelbase
+    return float(math.tan(steering_wheel_angle / limits.steering_ratio) / limits.wheelbase)
 
 
+@kernel
 def _limit_steering(
-    state: EgoState, requested: float, grip: float, limits: VehicleSettings, step: float, clips: list[Clipped]
+    wheel: float, requested: float, grip: float, limits: Any, step: float, time: float, clips: Any
 ) -> float:
     """Steering wheel angle at the end of the step: within its end stops, its rate, and the grip of the tyres."""
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     angle = min(max(requested, -stop), stop)
     if angle != requested:
-        clips.append(("steering_angle", requested, angle))
+        count_clip(clips, _STEERING_ANGLE, time, requested, angle)
     reach = math.radians(limits.max_steering_wheel_rate_deg) * step
-    reachable = min(max(angle, state.steering_wheel_angle - reach), state.steering_wheel_angle + reach)
+    reachable = min(max(angle, wheel - reach), wheel + reach)
     if reachable != angle:
-        clips.append(("steering_rate", angle, reachable))
+        count_clip(clips, _STEERING_RATE, time, angle, reachable)
     held = min(max(reachable, -grip), grip)
     if held != reachable:
-        clips.append(("lateral_friction", reachable, held))
+        count_clip(clips, _LATERAL_FRICTION, time, reachable, held)
     return held
 
 
-def grip_steering_wheel_angle(speed: float, limits: VehicleSettings, longitudinal: float = 0.0) -> float:
+@kernel
+def _grip_left(limits: Any, other: float) -> float:
+    """sqrt((mu g)^2 - other^2): what the tyres hold beside an acceleration across, m/s2."""
+    grip = limits.friction * GRAVITY
+    return math.sqrt(max(grip * grip - other * other, 0.0))
+
+
+@kernel
+def grip_steering_wheel_angle(speed: float, limits: Any, longitudinal: float = 0.0) -> float:
     """Largest steering wheel angle (rad) whose steady cornering the tyres can hold beside a longitudinal acceleration.
 
     v^2 tan(angle / steering ratio) / wheelbase = sqrt((mu g)^2 - longitudinal^2).
     """
-    left = math.sqrt(max((limits.friction * GRAVITY) ** 2 - longitudinal**2, 0.0))
-    return math.atan2(left * limits.wheelbase, speed**2) * limits.steering_ratio
+    held = math.atan2(_grip_left(limits, longitudinal) * limits.wheelbase, speed * speed)
+    return float(held * limits.steering_ratio)
 
 
-def _limit_acceleration(requested: float, lateral: float, limits: VehicleSettings, clips: list[Clipped]) -> float:
+@kernel
+def _limit_acceleration(requested: float, lateral: float, limits: Any, time: float, clips: Any) -> float:
     """Acceleration the brakes, the drive and the tyres' remaining grip (friction circle) can give."""
     granted = min(max(requested, -limits.max_deceleration), limits.max_acceleration)
     if granted != requested:
-        clips.append(("acceleration", requested, granted))
-    left = math.sqrt(max((limits.friction * GRAVITY) ** 2 - lateral**2, 0.0))
+        count_clip(clips, _ACCELERATION, time, requested, granted)
+    left = _grip_left(limits, lateral)
     held = min(max(granted, -left), left)
     if abs(held - granted) > _GRANTED:
-        clips.append(("friction", granted, held))
+        count_clip(clips, _FRICTION, time, granted, held)
     return held
 
 
+@kernel
 def drive(
-    speed: float, acceleration: float, target: float, limits: VehicleSettings, step: float
+    speed: float, acceleration: float, target: float, limits: Any, step: float
 ) -> tuple[float, float, float]:
     """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no vehicle reverses."""
     distance, left, a, v = 0.0, step, acceleration, speed
     while left > 0.0:
-        goal, jerk = (a, 0.0) if abs(a - target) < _SAME else _ramp(a, target, limits)
+        goal, jerk = _ramp(a, target, limits)
         duration = left if jerk == 0.0 else (goal - a) / jerk
         duration = min(duration, left)
         reached = a + jerk * duration
-        if v + 2.0 * (a if a < reached else reached) * duration <= 0.0:  # else it is far from standing still
+        if v + 2.0 * min(a, reached) * duration <= 0.0:  # else it is far from standing still
             stop = _time_to_stop(v, a, jerk, duration)
-            if stop is not None:
-                distance += _moved(v, a, jerk, stop)
+            if stop >= 0.0:
+                distance += v * stop + 0.5 * a * (stop * stop) + jerk * (stop * stop * stop) / 6.0
                 if target < _SAME:
                     return 0.0, 0.0, distance
                 a, v, left = 0.0, 0.0, left - stop  # brakes still closing at a standstill hold nothing: drive begins
                 continue
-        square = duration**2
-        distance += v * duration + 0.5 * a * square + jerk * duration**3 / 6.0
+        square = duration * duration
+        distance += v * duration + 0.5 * a * square + jerk * (square * duration) / 6.0
         v = max(v + a * duration + 0.5 * jerk * square, 0.0)
         a = goal if duration < left else reached
         left -= duration
     return (target if abs(a - target) < _SAME else a), v, distance
 
 
-def _ramp(a: float, target: float, limits: VehicleSettings) -> tuple[float, float]:
+@kernel
+def _ramp(a: float, target: float, limits: Any) -> tuple[float, float]:
     """Where the acceleration goes next on its way from `a` to `target`, m/s2, and its rate, m/s3 (0: it is there)."""
     if abs(a - target) < _SAME:
         return a, 0.0
@@ -185,36 +223,33 @@ def _ramp(a: float, target: float, limits: VehicleSettings) -> tuple[float, floa
     return target, limits.drive_jerk
 
 
-def _moved(v: float, a: float, jerk: float, duration: float) -> float:
-    return v * duration + 0.5 * a * duration**2 + jerk * duration**3 / 6.0
-
-
-def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float | None:
-    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0, None if it does not."""
+@kernel
+def _time_to_stop(v: float, a: float, jerk: float, duration: float) -> float:
+    """First time within `duration` at which v + a t + jerk t^2 / 2 falls to 0; -1 if it does not."""
     discriminant = a * a - 2.0 * jerk * v
     if discriminant < 0.0:
-        return None
+        return -1.0
     if a < 0.0:  # of the two ways to write the smaller root, the one that does not cancel
         time = 2.0 * v / (math.sqrt(discriminant) - a)
     elif jerk < 0.0:
         time = (math.sqrt(discriminant) + a) / -jerk
     else:
-        return None
-    return time if time <= duration else None
+        return -1.0
+    return time if time <= duration else -1.0
 
 
-def _along_arc(state: EgoState, distance: float, curvature: float, wheelbase: float) -> tuple[float, float, float]:
+@kernel
+def _along_arc(
+    x: float, y: float, heading: float, distance: float, curvature: float, wheelbase: float
+) -> tuple[float, float, float]:
     """Centre and heading after the rear axle has rolled `distance` along an arc of `curvature`."""
+    c, s = math.cos(heading), math.sin(heading)
     if curvature == 0.0:
-        x, y = state.x + distance * math.cos(state.heading), state.y + distance * math.sin(state.heading)
-        return x, y, state.heading
-    x, y, heading = state[:3]
+        return x + distance * c, y + distance * s, heading
     half = 0.5 * wheelbase
-    x -= half * math.cos(heading)
-    y -= half * math.sin(heading)
     turn = distance * curvature
     chord = distance if abs(turn) < 1e-12 else distance * math.sin(0.5 * turn) / (0.5 * turn)
-    x += chord * math.cos(heading + 0.5 * turn)
-    y += chord * math.sin(heading + 0.5 * turn)
+    x += chord * math.cos(heading + 0.5 * turn) - half * c
+    y += chord * math.sin(heading + 0.5 * turn) - half * s
     heading += turn
     return x + half * math.cos(heading), y + half * math.sin(heading), heading

@@ -9,17 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.scenario import motion
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
-
-Number = TypeVar("Number", float, FloatArray)
-
 
 @dataclass(frozen=True, slots=True)
 class NetworkFile:
@@ -72,32 +69,19 @@ class Start:
     speed: float
 
 
-def _quintic(s: Number) -> Number:
-    """10 s^3 - 15 s^4 + 6 s^5, from 0 to 1 over 0..1, at rest at both ends."""
-    return s**3 * (10.0 + s * (-15.0 + 6.0 * s))
-
-
-def _quintic_rate(s: Number) -> Number:
-    return 30.0 * s**2 * (1.0 - s) ** 2
-
-
-def _quintic_curvature(s: Number) -> Number:
-    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-
-
 def smooth_step(share: FloatArray | float) -> FloatArray:
     """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends."""
-    return _quintic(np.clip(share, 0.0, 1.0))
+    return motion.quintic(np.clip(share, 0.0, 1.0))
 
 
 def smooth_step_rate(share: FloatArray | float) -> FloatArray:
     """Derivative of `smooth_step` by its argument; peaks at 1.875."""
-    return _quintic_rate(np.clip(share, 0.0, 1.0))
+    return motion.quintic_rate(np.clip(share, 0.0, 1.0))
 
 
 def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
     """Second derivative of `smooth_step` by its argument; peaks at 10/sqrt(3)."""
-    return _quintic_curvature(np.clip(share, 0.0, 1.0))
+    return motion.quintic_bend(np.clip(share, 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,21 +92,22 @@ class LaneChange:
     duration: float
     offset: float
 
-    def _share(self, time: float) -> float:
-        """Share of the duration that has gone by, 0..1; a plain float, which a step of the simulation pays less for."""
-        return min(max((time - self.begin) / self.duration, 0.0), 1.0)
+    @property
+    def kind(self) -> int:
+        """Which of the kinds of lateral moves in `scenario.motion` it is."""
+        return motion.SMOOTH
 
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
-        return self.offset * _quintic(self._share(time))
+        return motion.lateral(self, time)
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s."""
-        return self.offset / self.duration * _quintic_rate(self._share(time))
+        return motion.lateral_speed(self, time)
 
     def lateral_acceleration(self, time: float) -> float:
         """Lateral acceleration at a time, m/s2."""
-        return self.offset / self.duration**2 * _quintic_curvature(self._share(time))
+        return motion.lateral_acceleration(self, time)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,18 +129,22 @@ class ConstantLateral:
         """Time until the offset is covered, s."""
         return abs(self.offset) / self.speed
 
+    @property
+    def kind(self) -> int:
+        """Which of the kinds of lateral moves in `scenario.motion` it is."""
+        return motion.CONSTANT
+
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
-        return math.copysign(min(max(time - self.begin, 0.0) * self.speed, abs(self.offset)), self.offset)
+        return motion.lateral(self, time)
 
     def lateral_speed(self, time: float) -> float:
         """Lateral speed at a time, m/s; at the very instants of its two jumps, the speed after them."""
-        moving = 0.0 <= time - self.begin < self.duration
-        return math.copysign(self.speed, self.offset) if moving else 0.0
+        return motion.lateral_speed(self, time)
 
     def lateral_acceleration(self, time: float) -> float:
         """0 m/s2: the jumps of the speed at both ends take no time."""
-        return 0.0
+        return motion.lateral_acceleration(self, time)
 
 
 def braking_time(speed: ArrayLike, deceleration: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:
@@ -207,45 +196,19 @@ class Brake:
 
     def end(self, speed: float) -> float:
         """When a vehicle that began to brake at `speed` m/s stands, s."""
-        return self.begin + self._time_to_stand(speed)
+        return self.begin + motion.time_to_stand(self, speed)
 
     def speed(self, speed: float, time: float) -> float:
         """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
-        rise, t, rising = self._phases(speed, time)
-        share = rising / rise if rise > 0.0 else 0.0
-        return max(speed - self.deceleration * (rising * share / 2.0 + (t - rising)), 0.0)
+        return motion.braked_speed_at(self, speed, time)
 
     def distance(self, speed: float, time: float) -> float:
         """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
-        since = time - self.begin
-        if since < 0.0:
-            return speed * self.begin + speed * since
-        rise, t, rising = self._phases(speed, time)
-        share = rising / rise if rise > 0.0 else 0.0
-        plateau = max(t - rise, 0.0)
-        lost = self.deceleration * (rising**2 * share / 6.0 + rise * plateau / 2.0 + plateau**2 / 2.0)
-        return speed * self.begin + (speed * t - lost)
-
-    def _time_to_stand(self, speed: float) -> float:
-        """`braking_time` for one plain float."""
-        rise = self.deceleration / self.jerk
-        if speed >= self.deceleration * rise / 2.0:
-            return speed / self.deceleration + rise / 2.0
-        return math.sqrt(2.0 * speed * rise / self.deceleration)
-
-    def _phases(self, speed: float, time: float) -> tuple[float, float, float]:
-        """Time that the deceleration takes to rise, time since the brake was touched, and how much of it it rose, s."""
-        rise = self.deceleration / self.jerk
-        t = min(max(time - self.begin, 0.0), self._time_to_stand(speed))
-        return rise, t, min(t, rise)
+        return motion.braked_distance_at(self, speed, time)
 
     def acceleration(self, speed: float, time: float) -> float:
         """Acceleration at a time, m/s2; where it jumps, the one after the jump."""
-        if not self.begin <= time < self.end(speed):
-            return 0.0
-        if math.isinf(self.jerk):
-            return -self.deceleration
-        return -min(self.jerk * (time - self.begin), self.deceleration)
+        return motion.braking_acceleration(self, speed, time)
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,11 +259,8 @@ class Actor:
         braking = 0.0 if self.brake is None else self.brake.acceleration(self.start.speed, time)
         if self.slides or not self.lane_changes:
             return braking
-        along, across = self.speed(time), self.lateral_speed(time)
-        if across == 0.0:
-            return braking
-        sideways = sum(move.lateral_acceleration(time) for move in self.lane_changes)
-        return (along * braking + across * sideways) / math.hypot(along, across)
+        sideways = sum([move.lateral_acceleration(time) for move in self.lane_changes])
+        return motion.along_heading(self.speed(time), self.lateral_speed(time), braking, sideways)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,156 @@
+"""Rules of driving as machine code: the only file that knows numba, as far as driving goes.
+
+A rule is written once, for one vehicle, as a plain function of records and floats (`@kernel`), and a short loop calls
+it for every row of structured arrays (`@rows`). One case is a row count of 1, so the bits of a case do not depend on
+how many others are driven beside it.
+
+With SUMO_EVAL_INTERPRETED=1 in the environment every loop runs as plain Python, line by line, for a debugger: the same
+bits, fifty times slower. tests/test_kernels.py holds the rules that make both agree: no integer powers, no `** 2.0`, no
+`math.hypot`, `remainder` or `fmod` in a kernel.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
+_PACKAGE = Path(__file__).parent
+_ROOMS = ("kernels.py", "trajectory.py", "settings.py", "scenario", "cosim", "ads", "drivers")
+"""Where kernels and the constants that are compiled into them stand."""
+
+_waiting: list[Callable[..., Any]] = []
+_LOOPS: list[Any] = []  # every loop of this process, in the order of their modules
+
+
+def kernel(function: Function) -> Function:
+    """A rule or a part of one: plain Python to whoever calls it from Python, machine code within a loop of rows."""
+    if "numba" in sys.modules and not INTERPRETED:
+        _register(function)
+    else:
+        _waiting.append(function)
+    return function
+
+
+def rows(function: Function) -> Function:
+    """A loop over rows of structured arrays, compiled when it is first called, and kept on disk for the next process.
+
+    The arrays must always have the same types: every other type compiles the loop again.
+    """
+    if INTERPRETED:
+        return cast("Function", _interpreted(function))
+    numba = _numba()
+    make = functools.partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        try:
+            found = make(cache=True)(function)
+        except RuntimeError:  # nowhere to keep it: every process compiles for itself
+            found = make(cache=False)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    _LOOPS.append(found)
+    return cast("Function", found)
+
+
+def _numba() -> Any:
+    os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")  # whose sines and powers have other last bits
+    numba = importlib.import_module("numba")
+    importlib.import_module("numba.extending")
+    while _waiting:
+        _register(_waiting.pop())
+    return numba
+
+
+def _register(function: Callable[..., Any]) -> None:
+    importlib.import_module("numba.extending").register_jitable(error_model="numpy")(function)
+
+
+@functools.cache
+def cache_folder() -> Path:
+    """Where machine code is kept: a folder for each state of the sources.
+
+    numba itself looks at the file of the loop alone, and would go on with old code of a rule that another file holds.
+    """
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        found = _PACKAGE / room
+        for path in sorted(found.rglob("*.py")) if found.is_dir() else [found]:
+            digest.update(path.name.encode())
+            digest.update(path.read_bytes())
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(given or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
+
+
+# -- interpreted -------------------------------------------------------------------------------------------------------
+
+
+def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The loop in plain Python: records become objects of plain floats, and are written back afterwards."""
+
+    @functools.wraps(function)
+    def loop(*arguments: Any) -> Any:
+        opened = [_opened(argument) for argument in arguments]
+        result = function(*opened)
+        for argument, records in zip(arguments, opened, strict=True):
+            if records is not argument:
+                argument[...] = _closed(records, argument.dtype)
+        return result
+
+    return loop
+
+
+def _opened(argument: Any) -> Any:
+    if not isinstance(argument, np.ndarray) or argument.dtype.names is None:
+        return argument
+    return _records(argument.tolist(), argument.dtype, argument.ndim)
+
+
+def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
+    if depth:
+        return [_records(value, dtype, depth - 1) for value in values]
+    assert dtype.names is not None and dtype.fields is not None
+    found = SimpleNamespace()
+    for name, value in zip(dtype.names, values, strict=True):
+        inner = dtype.fields[name][0]
+        setattr(found, name, value if inner.names is None else _records(value, inner, 0))
+    return found
+
+
+def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
+    if isinstance(records, list):
+        return [_closed(record, dtype) for record in records]
+    assert dtype.names is not None and dtype.fields is not None
+    values = []
+    for name in dtype.names:
+        inner, value = dtype.fields[name][0], getattr(records, name)
+        values.append(value if inner.names is None else _closed(value, inner))
+    return tuple(values)
+
+
+# -- before the first case ---------------------------------------------------------------------------------------------
+
+
+def warm(scripts: Sequence[str], environment: dict[str, str] | None = None) -> None:
+    """Compile in child processes, one for each script, all at the same time, and wait; what they compile is on disk.
+
+    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
+    """
+    given = {**os.environ, **(environment or {})}
+    children = [subprocess.Popen([sys.executable, "-c", script], env=given) for script in scripts]  # noqa: S603
+    for child in children:
+        child.wait()

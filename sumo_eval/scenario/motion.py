@@ -1,0 +1,115 @@
+"""The scripts of other vehicles as functions of time: lateral moves and braking, for one vehicle at an instant.
+
+`Actor` of `scenario.concrete` gives them as methods, the simulation asks for them row by row; both come here. `move` is
+a `LaneChange`, a `ConstantLateral` or a record with the same fields, `brake` a `Brake` or a record with its fields.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from sumo_eval.kernels import kernel
+
+SMOOTH, CONSTANT = 0, 1  # kinds of lateral moves
+
+
+@kernel
+def quintic(s: float) -> float:
+    """10 s^3 - 15 s^4 + 6 s^5, from 0 to 1 over 0..1, at rest at both ends."""
+    return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
+
+
+@kernel
+def quintic_rate(s: float) -> float:
+    """Derivative of `quintic`: 30 s^2 (1 - s)^2."""
+    return 30.0 * s * s * (1.0 - s) * (1.0 - s)
+
+
+@kernel
+def quintic_bend(s: float) -> float:
+    """Second derivative of `quintic`: 60 s (1 - s) (1 - 2 s)."""
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
+@kernel
+def share_done(move: Any, time: float) -> float:
+    """Share of a move's duration that has gone by, 0..1."""
+    return min(max((time - move.begin) / move.duration, 0.0), 1.0)
+
+
+@kernel
+def lateral(move: Any, time: float) -> float:
+    """Offset already covered by a lateral move at a time, m."""
+    if move.kind == CONSTANT:
+        return math.copysign(min(max(time - move.begin, 0.0) * move.speed, abs(move.offset)), move.offset)
+    return float(move.offset * quintic(share_done(move, time)))
+
+
+@kernel
+def lateral_speed(move: Any, time: float) -> float:
+    """Lateral speed of a move at a time, m/s; at the very instants at which it jumps, the speed after them."""
+    if move.kind == CONSTANT:
+        moving = 0.0 <= time - move.begin < move.duration
+        return math.copysign(move.speed, move.offset) if moving else 0.0
+    return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
+
+
+@kernel
+def lateral_acceleration(move: Any, time: float) -> float:
+    """Lateral acceleration of a move at a time, m/s2; jumps of the speed take no time."""
+    if move.kind == CONSTANT:
+        return 0.0
+    return float(move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time)))
+
+
+@kernel
+def time_to_stand(brake: Any, speed: float) -> float:
+    """Time from the first touch of the brake to standstill, s, from `speed` m/s."""
+    rise = brake.deceleration / brake.jerk
+    if speed >= brake.deceleration * rise / 2.0:
+        return float(speed / brake.deceleration + rise / 2.0)
+    return math.sqrt(2.0 * speed * rise / brake.deceleration)
+
+
+@kernel
+def braked_speed_at(brake: Any, speed: float, time: float) -> float:
+    """Speed at a time of a vehicle that began to brake at `speed`, m/s."""
+    rise = brake.deceleration / brake.jerk
+    t = min(max(time - brake.begin, 0.0), time_to_stand(brake, speed))
+    rising = min(t, rise)
+    share = rising / rise if rise > 0.0 else 0.0
+    return max(speed - brake.deceleration * (rising * share / 2.0 + (t - rising)), 0.0)
+
+
+@kernel
+def braked_distance_at(brake: Any, speed: float, time: float) -> float:
+    """Distance driven from time 0 until a time, at `speed` m/s until the brake, m."""
+    since = time - brake.begin
+    if since < 0.0:
+        return float(speed * brake.begin + speed * since)
+    rise = brake.deceleration / brake.jerk
+    t = min(max(since, 0.0), time_to_stand(brake, speed))
+    rising = min(t, rise)
+    share = rising / rise if rise > 0.0 else 0.0
+    plateau = max(t - rise, 0.0)
+    lost = brake.deceleration * (rising * rising * share / 6.0 + rise * plateau / 2.0 + plateau * plateau / 2.0)
+    return float(speed * brake.begin + (speed * t - lost))
+
+
+@kernel
+def braking_acceleration(brake: Any, speed: float, time: float) -> float:
+    """Acceleration along the road at a time, m/s2; where it jumps, the one after the jump."""
+    if not brake.begin <= time < brake.begin + time_to_stand(brake, speed):
+        return 0.0
+    if math.isinf(brake.jerk):
+        return float(-brake.deceleration)
+    return -min(brake.jerk * (time - brake.begin), brake.deceleration)
+
+
+@kernel
+def along_heading(along: float, across: float, braking: float, sideways: float) -> float:
+    """Rate of the ground speed of a vehicle that points where it goes, m/s2."""
+    if across == 0.0:
+        return braking
+    return (along * braking + across * sideways) / math.sqrt(along * along + across * across)
