@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass, fields as fields_of
+from typing import Any
 
-from sumo_eval.ads.lane_change import LanePath, Steering
-from sumo_eval.ads.perception import Sensor, bumper_gap, lead_in_path
-from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.vehicle_model import Command
+import numpy as np
+
+from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
+from sumo_eval.ads.perception import bumper_gap, lead_in_path
+from sumo_eval.cosim.compiled import Compiled, records
+from sumo_eval.cosim.world import Records, fields, flags
 from sumo_eval.errors import must_be
-
-if TYPE_CHECKING:
-    from sumo_eval.ads.packed_car_following import PackedIdm
+from sumo_eval.kernels import kernel, rows
 
 EXPONENT = 4.0  # delta of the free-road term (Treiber, Hennecke, Helbing 2000)
 COOLNESS = 0.99  # c (Kesting, Treiber, Helbing 2010)
@@ -32,13 +33,14 @@ class IdmParameters:
     deceleration: float = 2.0
 
     def __post_init__(self) -> None:
-        for item in fields(self):
+        for item in fields_of(self):
             value = getattr(self, item.name)
             if not (math.isfinite(value) and value > 0.0):
                 raise must_be(f"`{item.name}`", "the IDM", "a finite number greater than 0", value)
 
 
-def desired_gap(speed: float, closing_speed: float, idm: IdmParameters, headway: float | None = None) -> float:
+@kernel
+def desired_gap(speed: float, closing_speed: float, idm: Any, headway: float | None = None) -> float:
     """s* = s0 + max(0, v T + v dv / (2 sqrt(a b))), m.
 
     speed: v, m/s. closing_speed: dv = v - v_lead, m/s. headway: T, s, in place of the parameters' own.
@@ -49,7 +51,8 @@ def desired_gap(speed: float, closing_speed: float, idm: IdmParameters, headway:
     return idm.standstill_gap + max(0.0, speed * time + braking)
 
 
-def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters) -> float:
+@kernel
+def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed: float, idm: Any) -> float:
     """IDM: dv/dt = a (1 - (v / v0)^4 - (s* / s)^2), m/s2.
 
     speed: v, m/s. desired_speed: v0, m/s. gap: s, bumper to bumper, m; inf on a free road. lead_speed: m/s.
@@ -60,7 +63,8 @@ def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed:
     return idm.acceleration * (1.0 - free - crowding * crowding)
 
 
-def free_acceleration(speed: float, desired_speed: float, idm: IdmParameters) -> float:
+@kernel
+def free_acceleration(speed: float, desired_speed: float, idm: Any) -> float:
     """Free road of the improved IDM: a (1 - (v / v0)^4) up to the desired speed, above it -b (1 - (v0 / v)^(4 a / b)).
 
     Source: Treiber, Kesting, Traffic Flow Dynamics (2013), section 11.3.7.
@@ -72,8 +76,9 @@ def free_acceleration(speed: float, desired_speed: float, idm: IdmParameters) ->
     return float(-idm.deceleration * (1.0 - (wanted / speed) ** power))
 
 
+@kernel
 def improved_idm_acceleration(
-    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: IdmParameters, headway: float | None = None
+    speed: float, desired_speed: float, gap: float, lead_speed: float, idm: Any, headway: float | None = None
 ) -> float:
     """Improved IDM: like the IDM, but at v = v0 the gap it settles at is s* itself, not infinity. m/s2.
 
@@ -90,6 +95,7 @@ def improved_idm_acceleration(
     return free + (idm.acceleration * (1.0 - z * z) if z >= 1.0 else 0.0)
 
 
+@kernel
 def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> float:
     """Acceleration that just avoids a lead which keeps its speed: -dv^2 / (2 s) while closing, else 0. m/s2.
 
@@ -99,6 +105,7 @@ def constant_speed_heuristic(speed: float, gap: float, lead_speed: float) -> flo
     return -closing * closing / (2.0 * max(gap, MIN_GAP)) if closing > 0.0 else 0.0
 
 
+@kernel
 def constant_acceleration_heuristic(speed: float, gap: float, lead_speed: float, lead_braking: float) -> float:
     """CAH: acceleration that just avoids a lead which goes on braking with b_l > 0 until it stands. m/s2.
 
@@ -111,12 +118,13 @@ def constant_acceleration_heuristic(speed: float, gap: float, lead_speed: float,
     return -lead_braking + constant_speed_heuristic(speed, gap, lead_speed)
 
 
+@kernel
 def enhanced_idm_acceleration(
     speed: float,
     desired_speed: float,
     gap: float,
     lead_speed: float,
-    idm: IdmParameters,
+    idm: Any,
     headway: float | None = None,
     lead_braking: float = 0.0,
 ) -> float:
@@ -138,31 +146,58 @@ def enhanced_idm_acceleration(
     return (1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b))
 
 
-class Follower:
-    """The enhanced IDM with a memory of the headway accepted behind each lead.
+FOLLOWED = fields("accepted")
+"""What a follower remembers of each vehicle: the headway accepted behind it, s, nan before."""
+
+
+@kernel
+def follow(
+    followed: Any, speed: float, desired_speed: float, gap: float, lead_speed: float, lead_braking: float, idm: Any,
+    step: float,
+) -> float:  # fmt: skip
+    """The enhanced IDM with a memory of the headway accepted behind a lead, m/s2; call once a step and lead.
 
     Whoever finds a lead closer than his own headway T accepts that headway at first, and lets it grow back to T:
     dT'/dt = (T - T') / 25 s. Source: Schakel, Knoop, van Arem, Transp. Res. Rec. 2316 (2012), LMRS.
     """
-
-    def __init__(self, idm: IdmParameters, step: float) -> None:
-        self.idm = idm
-        self._recovery = step / HEADWAY_RECOVERY
-        self._accepted: dict[str, float] = {}
-
-    def acceleration(
-        self, lead: str, speed: float, desired_speed: float, gap: float, lead_speed: float, lead_braking: float = 0.0
-    ) -> float:
-        """Acceleration behind a lead, m/s2; call once a step and lead."""
-        own = self.idm.headway
-        accepted = self._accepted.get(lead)
-        if accepted is None:
-            accepted = min(own, max(gap - self.idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
-        self._accepted[lead] = accepted + (own - accepted) * self._recovery
-        return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, self.idm, accepted, lead_braking)
+    own, accepted = idm.headway, followed.accepted
+    if math.isnan(accepted):
+        accepted = min(own, max(gap - idm.standstill_gap, 0.0) / max(speed, MIN_SPEED))
+    followed.accepted = accepted + (own - accepted) * (step / HEADWAY_RECOVERY)
+    return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking)
 
 
-class Idm:
+PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
+_MEMORY = np.dtype([*fields("desired_speed", "curvature"), ("path", PATH), *flags("began")])
+
+
+@kernel
+def idm(me: Any, others: Any, memory: Any, p: Any, scenario: Any) -> tuple[float, float]:
+    """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, along the lane's centre."""
+    if memory.began == 0:
+        memory.began, memory.desired_speed = 1, me.speed
+        keep_lane(memory.path, me, scenario.road)
+    lead = lead_in_path(me, others)
+    gap, lead_speed = math.inf, 0.0
+    if lead >= 0:
+        gap, lead_speed = bumper_gap(me, others[lead]), others[lead].along
+    wanted = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
+    y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
+    return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
+
+
+@rows
+def idm_rows(
+    egos: Records, seen: Records, memory: Records, parameters: Records, scenario: Records, time: float
+) -> None:
+    """`idm` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            command = egos[i].command
+            command.acceleration, command.steering = idm(egos[i].seen, seen[i], memory[i], parameters[i], scenario[0])
+
+
+class Idm(Compiled):
     """ADS `idm`: keeps its lane and follows by the IDM alone. Its desired speed is the one it starts with.
 
     The default parameters lie between the motorway values of Treiber, Hennecke, Helbing (2000: T 1.6 s, a 0.73, b 1.67)
@@ -170,32 +205,12 @@ class Idm:
     b 2.0). It brakes as hard as the formula asks, up to the vehicle's brakes.
     """
 
+    loop = staticmethod(idm_rows)
+
     def __init__(self, parameters: IdmParameters | None = None) -> None:
         self.parameters = parameters or IdmParameters()
 
-    def packed(self, scenario: Briefing) -> PackedIdm | None:
-        """The same at the wheel of many egos; None of a subclass, which may decide otherwise."""
-        if type(self) is not Idm:
-            return None
-        from sumo_eval.ads.packed_car_following import PackedIdm
-
-        return PackedIdm(self.parameters, scenario)
-
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Take the lane and the speed of the start as the wanted ones."""
-        self._sensor = Sensor()
-        me = self._sensor.look(traci, ego).me
-        self._desired_speed = me.speed
-        self._strongest = scenario.vehicle.max_deceleration
-        lane = min(max(round(me.y / scenario.road.lane_width), 0), scenario.road.lanes - 1)
-        self._path = LanePath(scenario.road.lane_centre(lane))
-        self._steering = Steering(scenario.vehicle, scenario.step)
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """IDM behind the lead in the path, steering along the lane's centre."""
-        me, others = self._sensor.look(traci, ego)
-        lead = lead_in_path(me, others)
-        gap, lead_speed = (bumper_gap(me, lead), lead.along) if lead is not None else (math.inf, 0.0)
-        wanted = idm_acceleration(me.speed, self._desired_speed, gap, lead_speed, self.parameters)
-        steering = self._steering.angle(me, self._path.at(self._steering.rear_axle_next(me)))
-        return Command(max(wanted, -self._strongest), steering)
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory and parameters."""
+        return np.zeros(len(together), _MEMORY), records([each.parameters for each in together], PARAMETERS)

@@ -8,13 +8,27 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from sumo_eval.ads.perception import Mover, Sensor, bumper_gap, visible
-from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, SafetyBraking, lateral_gap
-from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.vehicle_model import Command
+import numpy as np
+
+from sumo_eval.ads.perception import bumper_gap, is_visible
+from sumo_eval.ads.r157 import (
+    BRAKES,
+    HUMAN_BRAKING,
+    HUMAN_JERK,
+    MOTION,
+    SHOWING,
+    brake_towards,
+    deceleration,
+    lateral_closing_speed,
+    lateral_gap,
+)
+from sumo_eval.cosim.compiled import Compiled, records, unknown
+from sumo_eval.cosim.world import Records, fields
 from sumo_eval.errors import must_be
+from sumo_eval.kernels import kernel, rows
 
 REACTION = 0.75  # tau, s
 COMFORTABLE = 4.0  # bc, m/s2
@@ -24,6 +38,7 @@ MARGIN = 2.0  # d1, m
 CUT_IN_MARGIN = 0.1  # s
 
 
+@kernel
 def _between(distance: float, unsafe: float, safe: float) -> float:
     """1 below `unsafe`, 0 above `safe`, linear between."""
     if distance >= safe:
@@ -31,6 +46,7 @@ def _between(distance: float, unsafe: float, safe: float) -> float:
     return 1.0 if distance <= unsafe else (safe - distance) / (safe - unsafe)
 
 
+@kernel
 def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> float:
     """PFS(d): 1 below d1 + d_unsafe, 0 above d1 + d_safe, linear between.
 
@@ -43,6 +59,7 @@ def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> floa
     return _between(gap, MARGIN + unsafe, MARGIN + safe)
 
 
+@kernel
 def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, acceleration: float) -> float:
     """CFS(d): 1 below d_unsafe, 0 above d_safe, linear between; 0 when not closing.
 
@@ -59,16 +76,18 @@ def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, accelera
         distance = closing * closing / (2.0 * abs(bounded))
         return 1.0 if gap < distance else 0.0
     covered = (0.5 * (speed + later) - other_speed) * REACTION
-    remaining = (later - other_speed) ** 2
+    remaining = (later - other_speed) * (later - other_speed)
     return _between(gap, covered + remaining / (2.0 * STRONGEST), covered + remaining / (2.0 * COMFORTABLE))
 
 
+@kernel
 def demanded_braking(critical: float, proactive: float) -> float:
     """Deceleration for CFS and PFS, m/s2: bc + CFS (bm - bc) when CFS > 0, else PFS bc."""
     return COMFORTABLE + critical * (STRONGEST - COMFORTABLE) if critical > 0.0 else proactive * COMFORTABLE
 
 
-def considered(me: Mover, other: Mover, lateral_closing: float) -> bool:
+@kernel
+def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before the ego is past.
 
     (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s.
@@ -86,7 +105,42 @@ def considered(me: Mover, other: Mover, lateral_closing: float) -> bool:
     return across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN
 
 
-class FuzzySafetyModel:
+_MEMORY = np.dtype([("brakes", BRAKES), ("motion", MOTION)])
+_PARAMETERS = fields("standstill_gap")
+
+
+@kernel
+def fuzzy_safety_model(me: Any, others: Any, memory: Any, motions: Any, p: Any, scenario: Any, time: float) -> float:
+    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2."""
+    demanded = 0.0
+    acceleration = -deceleration(memory.motion, me, scenario.step)
+    for j in range(len(others)):
+        other = others[j]
+        if not is_visible(me, others, j, SHOWING):
+            continue
+        closing = lateral_closing_speed(motions[j], me, other, scenario.step)
+        if other.x > me.x and considered(me, other, closing):
+            gap = bumper_gap(me, other)
+            critical = critical_fuzzy_safety(gap - p.standstill_gap, me.along, other.along, acceleration)
+            proactive = proactive_fuzzy_safety(gap, me.along, other.along)
+            demanded = max(demanded, demanded_braking(critical, proactive))
+    return -brake_towards(memory.brakes, demanded, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+
+
+@rows
+def fuzzy_safety_model_rows(
+    egos: Records, seen: Records, memory: Records, motions: Records, parameters: Records, scenario: Records,
+    time: float,
+) -> None:  # fmt: skip
+    """`fuzzy_safety_model` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            egos[i].command.acceleration = fuzzy_safety_model(
+                egos[i].seen, seen[i], memory[i], motions[i], parameters[i], scenario[0], time
+            )
+
+
+class FuzzySafetyModel(Compiled):
     """ADS `fsm`: brakes as PFS and CFS demand, `REACTION` s after they first do; between times it keeps its speed.
 
     standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in continuous time, bring
@@ -94,27 +148,17 @@ class FuzzySafetyModel:
     the same outcomes.
     """
 
+    loop = staticmethod(fuzzy_safety_model_rows)
+
     def __init__(self, standstill_gap: float = 0.01) -> None:
         if not (math.isfinite(standstill_gap) and standstill_gap >= 0.0):
             raise must_be("`standstill_gap`", "ADS `fsm`", "a finite number, at least 0 m", standstill_gap)
         self.standstill_gap = standstill_gap
 
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Forget everything."""
-        self._sensor = Sensor()
-        self._motion = Motion(scenario.step)
-        self._braking = SafetyBraking(REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """The strongest braking that any vehicle ahead demands."""
-        me, others = self._sensor.look(traci, ego)
-        demanded = 0.0
-        acceleration = -self._motion.deceleration(me)
-        for other in visible(me, others, SHOWING):
-            closing = self._motion.lateral_closing_speed(me, other)
-            if other.x > me.x and considered(me, other, closing):
-                gap = bumper_gap(me, other)
-                critical = critical_fuzzy_safety(gap - self.standstill_gap, me.along, other.along, acceleration)
-                proactive = proactive_fuzzy_safety(gap, me.along, other.along)
-                demanded = max(demanded, demanded_braking(critical, proactive))
-        return Command(-self._braking.towards(demanded, time))
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, what is remembered of the others, parameters."""
+        count = len(together)
+        memory = np.zeros(count, _MEMORY)
+        memory["motion"] = np.nan
+        return memory, unknown(count, others, MOTION), records(together, _PARAMETERS)

@@ -8,21 +8,104 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
-from sumo_eval.ads.perception import Mover
+from sumo_eval.cosim.world import fields
 from sumo_eval.errors import must_be
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.kernels import kernel
+from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate
 
 PEAK_BEND = 10.0 / math.sqrt(3.0)  # largest second derivative of the smooth step
+RATE = 1.0  # w of the steering, 1/s
+SLOW = 8.0  # m/s, below which the steering's rate is one per metre
+
+PATH = fields("start", "offset", "begin", "length")
+"""A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m to the left."""
 
 
-class PathPoint(NamedTuple):
-    """A path y(x) at one x: y, m; slope dy/dx; bend d2y/dx2, 1/m."""
+@kernel
+def smooth_step(share: float) -> float:
+    """10 s^3 - 15 s^4 + 6 s^5, limited to 0..1."""
+    return quintic(min(max(share, 0.0), 1.0))
 
-    y: float
-    slope: float
-    bend: float
+
+@kernel
+def smooth_step_rate(share: float) -> float:
+    """Derivative of `smooth_step`: 30 s^2 (1 - s)^2, 0 outside 0..1."""
+    return quintic_rate(min(max(share, 0.0), 1.0))
+
+
+@kernel
+def smooth_step_bend(share: float) -> float:
+    """Second derivative of `smooth_step`: 60 s (1 - s) (1 - 2 s), 0 outside 0..1."""
+    return quintic_bend(min(max(share, 0.0), 1.0))
+
+
+@kernel
+def path_y(path: Any, x: float) -> float:
+    """y of a path at x, m."""
+    if path.offset == 0.0:
+        return float(path.start)
+    return float(path.start + path.offset * smooth_step((x - path.begin) / path.length))
+
+
+@kernel
+def path_at(path: Any, x: float) -> tuple[float, float, float]:
+    """A path at x: y, m; slope dy/dx; bend d2y/dx2, 1/m."""
+    if path.offset == 0.0:
+        return path.start, 0.0, 0.0
+    s = (x - path.begin) / path.length
+    if s <= 0.0:
+        return path.start, 0.0, 0.0
+    if s >= 1.0:
+        return path.start + path.offset, 0.0, 0.0
+    scale = path.offset / path.length
+    y = path.start + path.offset * quintic(s)
+    return y, scale * quintic_rate(s), scale / path.length * quintic_bend(s)
+
+
+@kernel
+def keep_lane(path: Any, me: Any, road: Any) -> None:
+    """Make the path the centre line of the lane that the ego is in."""
+    path.start, path.offset, path.begin, path.length = road.lane_width * lane_of(me.y, road), 0.0, 0.0, 1.0
+
+
+@kernel
+def lane_of(y: float, road: Any) -> int:
+    """Number of the lane at y, 0: the right-hand one."""
+    return int(min(max(round(y / road.lane_width), 0), road.lanes - 1))
+
+
+@kernel
+def rear_axle_next(me: Any, scenario: Any) -> float:
+    """x of the rear axle at the end of the coming step, m: where the path is asked for."""
+    return float(me.x - 0.5 * scenario.vehicle.wheelbase + me.along * scenario.step)
+
+
+@kernel
+def steering(memory: Any, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
+    """Steering wheel angle, rad, that keeps a kinematic single-track vehicle on a path, given at `rear_axle_next`.
+
+    The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times the curvature):
+
+        kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,    steering = ratio * atan(wheelbase * kappa)
+
+    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the rear axle at the end
+    of the coming step, predicted with the curvature now steered. The feedback is critically damped with the rate w, per
+    second; below `SLOW` it becomes one per metre, so that a stopping vehicle does not turn its wheel without end.
+    memory: holds the `curvature`, 1/m. Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2.
+    """
+    vehicle, step, speed = scenario.vehicle, scenario.step, me.speed
+    turned = me.heading + 0.5 * speed * step * memory.curvature
+    y = me.y - 0.5 * vehicle.wheelbase * math.sin(me.heading) + speed * step * math.sin(turned)
+    heading = me.heading + speed * step * memory.curvature
+    per_metre = RATE / max(speed, SLOW)
+    wanted = math.atan(slope)
+    c = math.cos(wanted)
+    memory.curvature = (
+        bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading)
+    )
+    return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * memory.curvature))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,101 +130,24 @@ class LanePath:
         """y at the end, m."""
         return self.start + self.offset
 
-    def y(self, x: float) -> float:
-        """y at x, m."""
-        if self.offset == 0.0:
-            return self.start
-        return self.start + self.offset * smooth_step((x - self.begin) / self.length)
 
-    def at(self, x: float) -> PathPoint:
-        """y, slope and bend at x."""
-        s = (x - self.begin) / self.length
-        if s <= 0.0 or self.offset == 0.0:
-            return PathPoint(self.start, 0.0, 0.0)
-        if s >= 1.0:
-            return PathPoint(self.start + self.offset, 0.0, 0.0)
-        scale = self.offset / self.length
-        return PathPoint(
-            self.start + self.offset * smooth_step(s),
-            scale * smooth_step_rate(s),
-            scale / self.length * smooth_step_bend(s),
-        )
-
-
-def smooth_step(share: float) -> float:
-    """10 s^3 - 15 s^4 + 6 s^5, limited to 0..1: `sumo_eval.scenario.concrete.smooth_step` for one plain float."""
-    s = min(max(share, 0.0), 1.0)
-    return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
-
-
-def smooth_step_rate(share: float) -> float:
-    """Derivative of `smooth_step`: 30 s^2 (1 - s)^2, 0 outside 0..1."""
-    s = min(max(share, 0.0), 1.0)
-    return 30.0 * s * s * (1.0 - s) * (1.0 - s)
-
-
-def smooth_step_bend(share: float) -> float:
-    """Second derivative of `smooth_step`: 60 s (1 - s) (1 - 2 s), 0 outside 0..1."""
-    s = min(max(share, 0.0), 1.0)
-    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
-
-
+@kernel
 def share_of_duration(done: float) -> float:
-    """The share of a lane change's duration at which the share `done` of its offset is covered (0..1 -> 0..1)."""
-    if not 0.0 <= done <= 1.0:
-        raise must_be("`done`", "a lane change", "within 0..1", done)
+    """The share of a lane change's duration at which the share `done` (0..1) of its offset is covered, 0..1."""
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if smooth_step(middle) < done else (low, middle)
+        if smooth_step(middle) < done:
+            low = middle
+        else:
+            high = middle
     return 0.5 * (low + high)
 
 
+@kernel
 def shortest_duration(offset: float, lateral_acceleration: float) -> float:
     """Duration of a smooth step by `offset` (m) that peaks at `lateral_acceleration` (m/s2), s, at constant speed.
 
     sqrt(PEAK_BEND |offset| / lateral_acceleration).
     """
     return math.sqrt(PEAK_BEND * abs(offset) / lateral_acceleration)
-
-
-class Steering:
-    """Steering wheel angles that keep a kinematic single-track vehicle on a path.
-
-    The rear axle is led along y(x) (the centre then runs on it as well, up to wheelbase^2/8 times the curvature):
-
-        kappa = kappa_path + (w/v)^2 e_y + 2 (w/v) e_psi,    steering = ratio * atan(wheelbase * kappa)
-
-    kappa_path = y'' / (1 + y'^2)^(3/2); e_y = y_path - y, e_psi = atan(y') - heading, both at the rear axle at the end
-    of the coming step, predicted with the curvature now steered. The feedback is critically damped with the rate w, per
-    second; below `SLOW` it becomes one per metre, so that a stopping vehicle does not turn its wheel without end.
-    Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2.
-    """
-
-    RATE = 1.0  # w, 1/s
-    SLOW = 8.0  # m/s
-
-    def __init__(self, vehicle: VehicleSettings, step: float) -> None:
-        self._wheelbase = vehicle.wheelbase
-        self._ratio = vehicle.steering_ratio
-        self._step = step
-        self._curvature = 0.0
-
-    def rear_axle_next(self, me: Mover) -> float:
-        """x of the rear axle at the end of the coming step, m: where the path is asked for."""
-        return me.x - 0.5 * self._wheelbase + me.along * self._step
-
-    def angle(self, me: Mover, point: PathPoint) -> float:
-        """Steering wheel angle, rad, for a vehicle `me` whose path is `point` at `rear_axle_next(me)`."""
-        speed = me.speed
-        turned = me.heading + 0.5 * speed * self._step * self._curvature
-        y = me.y - 0.5 * self._wheelbase * math.sin(me.heading) + speed * self._step * math.sin(turned)
-        heading = me.heading + speed * self._step * self._curvature
-        per_metre = self.RATE / max(speed, self.SLOW)
-        wanted = math.atan(point.slope)
-        self._curvature = (
-            point.bend * math.cos(wanted) ** 3
-            + per_metre * per_metre * (point.y - y)
-            + 2.0 * per_metre * (wanted - heading)
-        )
-        return self._ratio * math.atan(self._wheelbase * self._curvature)

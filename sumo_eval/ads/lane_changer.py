@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Sequence
+from typing import Any
 
-from sumo_eval.ads.car_following import IdmParameters, free_acceleration
-from sumo_eval.ads.lane_change import Steering
-from sumo_eval.ads.overtaking import Overtaking, OvertakingHabits
-from sumo_eval.ads.perception import Sensor, visible
-from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.vehicle_model import Command
+import numpy as np
 
-if TYPE_CHECKING:
-    from sumo_eval.ads.packed_lane_changer import PackedLaneChanger
+from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
+from sumo_eval.ads.lane_change import path_at, rear_axle_next, steering
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
+from sumo_eval.ads.perception import is_visible, take
+from sumo_eval.cosim.compiled import Compiled, records, unknown
+from sumo_eval.cosim.world import MOVER, Records, fields
+from sumo_eval.kernels import kernel, rows
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
+_MEMORY = np.dtype([*OVERTAKING, *fields("desired_speed")])
 
 
-class LaneChanger:
+@kernel
+def lane_changer(
+    me: Any, others: Any, memory: Any, known: Any, watched: Any, habits: Any, p: Any, scenario: Any
+) -> tuple[float, float]:
+    """Acceleration, m/s2, and steering wheel angle, rad: decide, then steer along the path decided on."""
+    if memory.began == 0:
+        memory.desired_speed = me.speed
+    for j in range(len(others)):
+        take(known[j], others[j])
+        if not is_visible(me, others, j, 0.0):
+            known[j].x = math.nan
+    free = free_acceleration(me.speed, memory.desired_speed, p)
+    wanted = overtake(memory, me, known, watched, habits, p, memory.desired_speed, free, scenario)
+    y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
+    return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
+
+
+@rows
+def lane_changer_rows(
+    egos: Records, seen: Records, memory: Records, known: Records, watched: Records, habits: Records,
+    parameters: Records, scenario: Records, time: float,
+) -> None:  # fmt: skip
+    """`lane_changer` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            command = egos[i].command
+            command.acceleration, command.steering = lane_changer(
+                egos[i].seen, seen[i], memory[i], known[i], watched[i], habits[i], parameters[i], scenario[0]
+            )
+
+
+class LaneChanger(Compiled):
     """Overtakes a lead that is 2 m/s slower than its own initial speed: one smooth lane change, and it stays left.
 
     It begins at 10 s TTC or 2.5 s headway (the medians of recorded drivers, DLR-HT 2024) and takes 8 s, or the time
@@ -27,33 +61,20 @@ class LaneChanger:
     nothing covers any of it.
     """
 
+    loop = staticmethod(lane_changer_rows)
+
     def __init__(self, habits: OvertakingHabits = SMOOTH, parameters: IdmParameters | None = None) -> None:
         self.habits = habits
         self.parameters = parameters or IdmParameters()
 
-    def packed(self, scenario: Briefing) -> PackedLaneChanger | None:
-        """The same at the wheel of many egos; None of a subclass, which may decide otherwise."""
-        if type(self) is not LaneChanger:
-            return None
-        from sumo_eval.ads.packed_lane_changer import PackedLaneChanger
-
-        return PackedLaneChanger(self.habits, self.parameters, scenario)
-
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Take the lane and the speed of the start as the wanted ones."""
-        self._sensor = Sensor()
-        me = self._sensor.look(traci, ego).me
-        self._desired_speed = me.speed
-        self._strongest = scenario.vehicle.max_deceleration
-        self._overtaking = Overtaking(self.habits, self.parameters, scenario, me)
-        self._steering = Steering(scenario.vehicle, scenario.step)
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Decide, then steer along the path decided on."""
-        me, others = self._sensor.look(traci, ego)
-        seen = visible(me, others, hiding_share=0.0)
-        free = free_acceleration(me.speed, self._desired_speed, self.parameters)
-        wanted = self._overtaking.acceleration(me, seen, self._desired_speed, free)
-        path = self._overtaking.path
-        steering = self._steering.angle(me, path.at(self._steering.rear_axle_next(me)))
-        return Command(max(wanted, -self._strongest), steering)
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, what is seen, what is remembered of it, habits and parameters."""
+        count = len(together)
+        return (
+            np.zeros(count, _MEMORY),
+            np.zeros((count, others), MOVER),
+            unknown(count, others, WATCHED),
+            records([each.habits for each in together], HABITS),
+            records([each.parameters for each in together], PARAMETERS),
+        )

@@ -7,15 +7,23 @@ rule serves for keeping the lane, for passing the old lead during a change, and 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any
 
-from sumo_eval.ads.car_following import Follower, IdmParameters
-from sumo_eval.ads.lane_change import LanePath, share_of_duration, shortest_duration, smooth_step
-from sumo_eval.ads.perception import Mover, bumper_gap, gap_behind, neighbours
-from sumo_eval.cosim.controller import Briefing
+from sumo_eval.ads.car_following import FOLLOWED, follow
+from sumo_eval.ads.lane_change import (
+    PATH,
+    keep_lane,
+    lane_of,
+    path_y,
+    share_of_duration,
+    shortest_duration,
+    smooth_step,
+)
+from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
+from sumo_eval.cosim.world import fields, flags
 from sumo_eval.errors import must_be
+from sumo_eval.kernels import kernel
 
 CLEARANCE = 0.3  # m, free space across the road when the ego's front comes level with the lead's rear
 AT_EASE = 0.6  # m of free space across from which on a vehicle ahead needs no attention any more
@@ -58,166 +66,204 @@ class OvertakingHabits:
                 raise must_be(f"`{name}`", "`OvertakingHabits`", "a finite number greater than 0", value)
 
 
-class Lead(NamedTuple):
-    """A vehicle in the way: bumper gap, m, and closing speed, m/s."""
+HABITS = [*fields("onset_headway", "onset_ttc", "duration", "worth"), *flags("inclined")]
+OVERTAKING = [("path", PATH), *fields("cruising_speed", "curvature"), *flags("began", "passing", "changing")]
+"""path: where to drive. passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
+changing: the lane change has begun (it may have ended since)."""
+WATCHED = [*FOLLOWED, *fields("gap", "closing"), *flags("leads")]
+"""What is remembered of each vehicle, and of this step: bumper gap, m, closing speed, m/s, whether it is in the way."""
 
-    mover: Mover
-    gap: float
-    closing: float
 
+@kernel
+def overtake(
+    memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float, free: float,
+    scenario: Any,
+) -> float:  # fmt: skip
+    """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in `memory.path`.
 
-class Overtaking:
-    """Follows what is in the way, or changes to the lane left of the start, once and for good.
-
-    path: where to drive. passing: the lane change has begun, and something ahead in the old lane is not well clear yet.
-    emergency_braking: needing more, m/s2, braking alone is not relied on. quickest, evasion: s, the shortest lane
-    change of ordinary driving and of an emergency.
+    Follows what is in the way, or changes to the lane left of the start, once and for good.
+    others: the vehicles known. desired_speed: m/s. free: the acceleration wanted with nothing in the way, m/s2.
     """
-
-    def __init__(self, habits: OvertakingHabits, idm: IdmParameters, scenario: Briefing, me: Mover) -> None:
-        road = scenario.road
-        lane = min(max(round(me.y / road.lane_width), 0), road.lanes - 1)
-        self.path = LanePath(road.lane_centre(lane))
-        self.passing = False
-        self.has_left_lane = lane + 1 < road.lanes
-        self._lane_width = road.lane_width
-        self._habits = habits
-        self._cruising_speed = me.speed
-        self._half_width = 0.5 * scenario.vehicle.width
-        self.emergency_braking = EMERGENCY_BRAKING * scenario.vehicle.max_deceleration
-        self._follower = Follower(idm, scenario.step)
-        self.quickest = shortest_duration(road.lane_width, COMFORTABLE_LATERAL)
-        self.evasion = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
-
-    @property
-    def changing(self) -> bool:
-        """Whether the lane change has begun (it may have ended since)."""
-        return self.path.offset != 0.0
-
-    def acceleration(self, me: Mover, others: Sequence[Mover], desired_speed: float, free: float) -> float:
-        """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in `path`.
-
-        others: the vehicles known. desired_speed: m/s. free: the acceleration wanted with nothing in the way, m/s2.
-        """
-        leads = self._in_the_way(me, others)
-        if leads and self.has_left_lane and not self.changing:
-            if self._begins(me, others, leads):
-                leads = self._in_the_way(me, others)
-            elif self._bides_its_time(me, others, leads):
-                return free
-        wanted = free
-        for lead in leads:
-            behind_it = self._follower.acceleration(
-                lead.mover.name, me.speed, desired_speed, lead.gap, lead.mover.along, lead.mover.braking
+    if memory.began == 0:
+        memory.began, memory.cruising_speed = 1, me.speed
+        keep_lane(memory.path, me, scenario.road)
+    leads = _find_leads(memory, me, others, watched, scenario)
+    if leads and memory.changing == 0 and _has_left_lane(memory, scenario.road):
+        if _begins(memory, me, others, watched, habits, scenario):
+            _find_leads(memory, me, others, watched, scenario)
+        elif _bides_its_time(memory, me, others, watched, habits, scenario):
+            return free
+    wanted = free
+    for j in range(len(others)):
+        known = watched[j]
+        if known.leads:
+            behind_it = follow(
+                known, me.speed, desired_speed, known.gap, others[j].along, others[j].braking, idm, scenario.step
             )
             wanted = min(wanted, behind_it)
-        passed = self._still_ahead(me, others) if self.changing else []
-        self.passing = bool(passed)
-        if passed and wanted > 0.0 and self._in_the_way(me, passed, SPEED_RESERVE, CLEARANCE):
+    memory.passing = 0
+    if memory.changing:
+        held = False
+        for j in range(len(others)):
+            if _still_ahead(memory, me, others[j], scenario):
+                memory.passing = 1
+                held = held or _in_the_way(memory, me, others[j], scenario, SPEED_RESERVE, CLEARANCE)
+        if held and wanted > 0.0:
             return 0.0
-        return wanted
+    return wanted
 
-    def begins(self, me: Mover, others: Sequence[Mover]) -> bool:
-        """Begin the lane change, which then shows in `path`, if this is when. others: the vehicles known."""
-        leads = self._in_the_way(me, others)
-        return bool(leads) and self._begins(me, others, leads)
 
-    def _in_the_way(
-        self, me: Mover, others: Sequence[Mover], faster: float = 0.0, clearance: float = 0.0
-    ) -> list[Lead]:
-        """The vehicles that the ego would come nearer than `clearance` (m) if it were `faster` (m/s) than it is."""
-        speed = me.along + faster
-        path, my_x, half_width = self.path, me.x, self._half_width
-        off_path = me.y - path.y(my_x)
-        leads = []
-        for other in others:
-            if other.x <= my_x:
-                continue
-            gap = bumper_gap(me, other)
-            closing = speed - other.along
-            y = path.y(my_x + speed * max(gap, 0.0) / closing) if closing > 0.0 else path.target
-            if abs(y + off_path - other.y) < half_width + other.half_width + clearance:
-                leads.append(Lead(other, gap, closing))
-        return leads
+@kernel
+def _has_left_lane(memory: Any, road: Any) -> bool:
+    return bool(lane_of(memory.path.start, road) + 1 < road.lanes)
 
-    def _begins(self, me: Mover, others: Sequence[Mover], leads: list[Lead]) -> bool:
-        """Begin the lane change if it is wanted, or if braking alone will not do, and if it can be done."""
-        if me.along < LEAST_SPEED:
+
+@kernel
+def emergency_braking(scenario: Any) -> float:
+    """Needing more than this, braking alone is not relied on, m/s2."""
+    return float(EMERGENCY_BRAKING * scenario.vehicle.max_deceleration)
+
+
+@kernel
+def quickest_change(scenario: Any, emergency: bool) -> float:
+    """The shortest lane change of ordinary driving or of an emergency, s."""
+    return shortest_duration(scenario.road.lane_width, EMERGENCY_LATERAL if emergency else COMFORTABLE_LATERAL)
+
+
+@kernel
+def _in_the_way(memory: Any, me: Any, other: Any, scenario: Any, faster: float, clearance: float) -> bool:
+    """Whether the ego would come nearer to it than `clearance` (m) if it were `faster` (m/s) than it is."""
+    if not other.x > me.x:
+        return False
+    path = memory.path
+    speed = me.along + faster
+    closing = speed - other.along
+    y = path.start + path.offset
+    if closing > 0.0:
+        y = path_y(path, me.x + speed * max(bumper_gap(me, other), 0.0) / closing)
+    off_path = me.y - path_y(path, me.x)
+    return bool(abs(y + off_path - other.y) < 0.5 * scenario.vehicle.width + other.half_width + clearance)
+
+
+@kernel
+def _find_leads(memory: Any, me: Any, others: Any, watched: Any, scenario: Any) -> int:
+    """Mark the vehicles that are in the way; how many."""
+    count = 0
+    for j in range(len(others)):
+        known = watched[j]
+        known.leads = 0
+        if _in_the_way(memory, me, others[j], scenario, 0.0, 0.0):
+            known.leads, known.gap, known.closing = 1, bumper_gap(me, others[j]), me.along - others[j].along
+            count += 1
+    return count
+
+
+@kernel
+def _nearest_lead(others: Any, watched: Any) -> int:
+    nearest = -1
+    for j in range(len(others)):
+        if watched[j].leads and (nearest < 0 or watched[j].gap < watched[nearest].gap):
+            nearest = j
+    return nearest
+
+
+@kernel
+def _begins(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
+    """Begin the lane change if it is wanted, or if braking alone will not do, and if it can be done."""
+    if me.along < LEAST_SPEED:
+        return False
+    lead = _nearest_lead(others, watched)
+    emergency = False
+    for j in range(len(others)):
+        if watched[j].leads and _needed_braking(watched[j]) > emergency_braking(scenario):
+            emergency = True
+    if not emergency and not (_pays(memory, others[lead], habits) and _is_time(me, watched[lead], habits)):
+        return False
+    shortest = max(quickest_change(scenario, emergency), LEAST_LENGTH / me.along)
+    duration = _duration(me, others, watched, shortest, habits, scenario)
+    if duration < 0.0 or not _left_is_free(memory, me, others, duration, emergency, scenario):
+        return False
+    memory.path.offset, memory.path.begin = scenario.road.lane_width, me.x
+    memory.path.length, memory.changing = duration * me.along, 1
+    return True
+
+
+@kernel
+def _bides_its_time(memory: Any, me: Any, others: Any, watched: Any, habits: Any, scenario: Any) -> bool:
+    """Whether it is going to overtake but is not near enough yet, so that nothing calls for following."""
+    lead = _nearest_lead(others, watched)
+    if me.along < LEAST_SPEED or not _pays(memory, others[lead], habits) or _is_time(me, watched[lead], habits):
+        return False
+    return _left_is_free(memory, me, others, habits.duration, False, scenario)
+
+
+@kernel
+def _pays(memory: Any, lead: Any, habits: Any) -> bool:
+    return bool(habits.inclined and memory.cruising_speed - lead.along >= habits.worth)
+
+
+@kernel
+def _is_time(me: Any, lead: Any, habits: Any) -> bool:
+    return bool(lead.gap <= max(habits.onset_headway * me.along, habits.onset_ttc * lead.closing))
+
+
+@kernel
+def _needed_braking(lead: Any) -> float:
+    """Constant deceleration to the lead's speed just short of it, m/s2, less the time brakes take to build up."""
+    if lead.closing <= 0.0:
+        return 0.0
+    room = lead.gap - 0.1 * lead.closing
+    return float(lead.closing * lead.closing / (2.0 * room)) if room > 0.0 else math.inf
+
+
+@kernel
+def _duration(me: Any, others: Any, watched: Any, shortest: float, habits: Any, scenario: Any) -> float:
+    """The habitual duration, or the longest that is clear of every lead when the ego reaches it, s.
+
+    -1 when that is less than `shortest`.
+    """
+    longest = max(habits.duration, shortest)
+    for j in range(len(others)):
+        if watched[j].leads == 0:
+            continue
+        other, gap, closing = others[j], watched[j].gap, watched[j].closing
+        clear = other.y + 0.5 * scenario.vehicle.width + other.half_width + CLEARANCE
+        share = (clear - me.y) / scenario.road.lane_width
+        if share > 1.0 or gap <= 0.0:
+            return -1.0
+        if share <= 0.0 or closing <= 0.0:
+            continue
+        reached = gap / closing
+        if smooth_step(reached / shortest) < share:
+            return -1.0
+        if smooth_step(reached / longest) < share:
+            longest = max(reached / share_of_duration(share), shortest)
+    return float(longest)
+
+
+@kernel
+def _left_is_free(memory: Any, me: Any, others: Any, duration: float, emergency: bool, scenario: Any) -> bool:
+    strip = 2.0 * (0.5 * scenario.vehicle.width + SIDE_CLEARANCE)
+    ahead, behind = neighbours(me, others, memory.path.start + scenario.road.lane_width, strip)
+    if ahead >= 0:
+        least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
+        if bumper_gap(me, others[ahead]) - max(me.along - others[ahead].along, 0.0) * duration < least:
             return False
-        lead = min(leads, key=lambda each: each.gap)
-        emergency = any(self._needed_braking(each) > self.emergency_braking for each in leads)
-        if not emergency and not (self._pays(lead) and self._is_time(me, lead)):
+    if behind >= 0:
+        closing = max(others[behind].along - me.along, 0.0)
+        least = closing * REAR_DELAY + closing * closing / (2.0 * REAR_DECELERATION) + me.along * REAR_HEADWAY
+        if gap_behind(me, others[behind]) < (EMERGENCY_GAP + closing * duration if emergency else least):
             return False
-        shortest = max(self.evasion if emergency else self.quickest, LEAST_LENGTH / me.along)
-        duration = self._duration(me, leads, shortest)
-        if duration is None or not self._left_is_free(me, others, duration, emergency):
-            return False
-        self.path = LanePath(self.path.start, self._lane_width, me.x, duration * me.along)
-        return True
+    return True
 
-    def _bides_its_time(self, me: Mover, others: Sequence[Mover], leads: list[Lead]) -> bool:
-        """Whether it is going to overtake but is not near enough yet, so that nothing calls for following."""
-        lead = min(leads, key=lambda each: each.gap)
-        return (
-            me.along >= LEAST_SPEED
-            and self._pays(lead)
-            and not self._is_time(me, lead)
-            and self._left_is_free(me, others, self._habits.duration, emergency=False)
-        )
 
-    def _pays(self, lead: Lead) -> bool:
-        return self._habits.inclined and self._cruising_speed - lead.mover.along >= self._habits.worth
-
-    def _is_time(self, me: Mover, lead: Lead) -> bool:
-        return lead.gap <= max(self._habits.onset_headway * me.along, self._habits.onset_ttc * lead.closing)
-
-    def _needed_braking(self, lead: Lead) -> float:
-        """Constant deceleration to the lead's speed just short of it, m/s2, less the time brakes take to build up."""
-        if lead.closing <= 0.0:
-            return 0.0
-        room = lead.gap - 0.1 * lead.closing
-        return lead.closing * lead.closing / (2.0 * room) if room > 0.0 else math.inf
-
-    def _duration(self, me: Mover, leads: list[Lead], shortest: float) -> float | None:
-        """The habitual duration, or the longest that is clear of every lead when the ego reaches it, s.
-
-        None when that is less than `shortest`.
-        """
-        longest = max(self._habits.duration, shortest)
-        for lead in leads:
-            other = lead.mover
-            share = (other.y + self._half_width + other.half_width + CLEARANCE - me.y) / self._lane_width
-            if share > 1.0 or lead.gap <= 0.0:
-                return None
-            if share <= 0.0 or lead.closing <= 0.0:
-                continue
-            reached = lead.gap / lead.closing
-            if smooth_step(reached / shortest) < share:
-                return None
-            if smooth_step(reached / longest) < share:
-                longest = max(reached / share_of_duration(share), shortest)
-        return longest
-
-    def _left_is_free(self, me: Mover, others: Sequence[Mover], duration: float, emergency: bool) -> bool:
-        strip = 2.0 * (self._half_width + SIDE_CLEARANCE)
-        ahead, behind = neighbours(me, others, self.path.start + self._lane_width, strip)
-        if ahead is not None:
-            least = EMERGENCY_GAP if emergency else AHEAD_HEADWAY * me.along
-            if bumper_gap(me, ahead) - max(me.along - ahead.along, 0.0) * duration < least:
-                return False
-        if behind is not None:
-            closing = max(behind.along - me.along, 0.0)
-            least = closing * REAR_DELAY + closing * closing / (2.0 * REAR_DECELERATION) + me.along * REAR_HEADWAY
-            if gap_behind(me, behind) < (EMERGENCY_GAP + closing * duration if emergency else least):
-                return False
-        return True
-
-    def _still_ahead(self, me: Mover, others: Sequence[Mover]) -> list[Mover]:
-        """The vehicles that the lane change leads past, until the ego has passed them or is well clear of them."""
-        return [
-            other
-            for other in others
-            if other.x > me.x - me.half_length
-            and abs(me.y - other.y) < self._half_width + other.half_width + AT_EASE
-            and abs(self.path.target - other.y) >= self._half_width + other.half_width
-        ]
+@kernel
+def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
+    """Whether the lane change leads past it, and the ego has neither passed it nor is well clear of it."""
+    widths = 0.5 * scenario.vehicle.width + other.half_width
+    target = memory.path.start + memory.path.offset
+    return bool(
+        other.x > me.x - me.half_length
+        and abs(me.y - other.y) < widths + AT_EASE
+        and abs(target - other.y) >= widths
+    )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Any
 
-from sumo_eval.ads.perception import Mover, bumper_gap
+from sumo_eval.ads.perception import bumper_gap
+from sumo_eval.cosim.world import fields, flags
+from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
 HUMAN_JERK = 12.65  # m/s3, rate at which the regulation's human brakes (0.774 g in 0.6 s)
@@ -15,85 +17,77 @@ HEADWAY_ROUNDING = 0.01  # s
 SHOWING = 0.8  # share of a vehicle that a nearer one may cover at most, or it is hidden: 0.375 m of 1.9 m must show
 
 
-@dataclass(frozen=True, slots=True)
-class BrakeRamp:
-    """Braking from 0 to `level` m/s2, linear over `build_up` s, then held."""
-
-    level: float
-    build_up: float
-
-    def at(self, since: float) -> float:
-        """Deceleration `since` s after braking began, m/s2; 0 before."""
-        if since <= 0.0:
-            return 0.0
-        return self.level * min(since / self.build_up, 1.0) if self.build_up > 0.0 else self.level
+@kernel
+def brake_ramp(since: float, level: float, build_up: float) -> float:
+    """Braking `since` s after it began, m/s2: from 0 to `level`, linear over `build_up` s, then held; 0 before."""
+    if since <= 0.0:
+        return 0.0
+    return level * min(since / build_up, 1.0) if build_up > 0.0 else level
 
 
-def time_to_collision(me: Mover, other: Mover) -> float:
+@kernel
+def time_to_collision(me: Any, other: Any) -> float:
     """TTC = d / (v - w), s: bumper gap over closing speed; inf when not closing, 0 or less beside a slower vehicle."""
     closing = me.along - other.along
     return bumper_gap(me, other) / closing if closing > 0.0 else math.inf
 
 
-def time_headway(me: Mover, other: Mover) -> float:
+@kernel
+def time_headway(me: Any, other: Any) -> float:
     """THW = d / v, s: bumper gap over the ego's own speed; inf at standstill."""
     return bumper_gap(me, other) / me.along if me.along > 0.0 else math.inf
 
 
-def lateral_gap(me: Mover, other: Mover) -> float:
+@kernel
+def lateral_gap(me: Any, other: Any) -> float:
     """Edge to edge across the road, m; negative when the bodies share a strip of road."""
     return abs(other.y - me.y) - me.half_width - other.half_width
 
 
-def within_headway(me: Mover, other: Mover, limit: float) -> bool:
+@kernel
+def within_headway(me: Any, other: Any, limit: float) -> bool:
     """Whether the time headway is at most `limit` s; one that is so by construction counts, whatever the rounding."""
     return time_headway(me, other) <= limit + HEADWAY_ROUNDING
 
 
-class Motion:
-    """What speeds and positions of one step to the next tell of the other vehicles. Call each once a step and vehicle.
+MOTION = [*fields("last_speed", "last_y")]
+"""What is remembered of a vehicle from one step to the next; nan before it was seen."""
+BRAKES = [*fields("level", "alarmed"), *flags("is_alarmed")]
+"""Brakes that follow a demand: how hard they brake, m/s2, and since when there is one, s."""
 
-    Speeds across the road come from positions, as a body may move across without turning.
+
+@kernel
+def deceleration(motion: Any, other: Any, step: float) -> float:
+    """Mean deceleration of a vehicle over the last step, m/s2, 0 at first sight. Call once a step and vehicle."""
+    last = other.along if math.isnan(motion.last_speed) else motion.last_speed
+    motion.last_speed = other.along
+    return float((last - other.along) / step)
+
+
+@kernel
+def lateral_closing_speed(motion: Any, me: Any, other: Any, step: float) -> float:
+    """Mean speed over the last step at which the other came nearer across the road, m/s; negative: away.
+
+    It comes from positions, as a body may move across without turning. Call once a step and vehicle.
     """
-
-    def __init__(self, step: float) -> None:
-        self._step = step
-        self._speeds: dict[str, float] = {}
-        self._places: dict[str, float] = {}
-
-    def deceleration(self, other: Mover) -> float:
-        """Mean deceleration over the last step, m/s2, 0 at first sight."""
-        last = self._speeds.get(other.name, other.along)
-        self._speeds[other.name] = other.along
-        return (last - other.along) / self._step
-
-    def lateral_closing_speed(self, me: Mover, other: Mover) -> float:
-        """Mean speed over the last step at which the other came nearer across the road, m/s; negative: away."""
-        last = self._places.get(other.name)
-        self._places[other.name] = other.y
-        relative = (other.across if last is None else (other.y - last) / self._step) - me.across
-        return -relative if other.y > me.y else relative
+    last = motion.last_y
+    motion.last_y = other.y
+    relative = (other.across if math.isnan(last) else (other.y - last) / step) - me.across
+    return float(-relative if other.y > me.y else relative)
 
 
-class SafetyBraking:
-    """Brakes that follow a demand: `reaction` s after the first one, rising at `jerk` m/s3, up to `strongest` m/s2.
+@kernel
+def brake_towards(
+    brakes: Any, demanded: float, time: float, reaction: float, strongest: float, jerk: float, step: float
+) -> float:
+    """Deceleration of the coming step, m/s2: `reaction` s after the first demand, rising at `jerk` m/s3, at most
+    `strongest`. demanded: m/s2, 0 for none. Call once a step.
 
     The reaction is waited for once: who has been alarmed stays alert.
     """
-
-    def __init__(self, reaction: float, strongest: float, jerk: float, step: float) -> None:
-        self._reaction = reaction
-        self._strongest = strongest
-        self._rise = jerk * step
-        self._half_step = 0.5 * step
-        self._alarmed: float | None = None
-        self._level = 0.0
-
-    def towards(self, demanded: float, time: float) -> float:
-        """Deceleration of the coming step, m/s2. demanded: m/s2, 0 for none. Call once a step."""
-        if demanded > 0.0 and self._alarmed is None:
-            self._alarmed = time
-        if self._alarmed is None or time < self._alarmed + self._reaction - self._half_step:
-            return 0.0
-        self._level = min(self._level + self._rise, demanded, self._strongest)
-        return self._level
+    if demanded > 0.0 and brakes.is_alarmed == 0:
+        brakes.is_alarmed, brakes.alarmed = 1, time
+    if brakes.is_alarmed == 0 or time < brakes.alarmed + reaction - 0.5 * step:
+        return 0.0
+    brakes.level = min(brakes.level + jerk * step, demanded, strongest)
+    return float(brakes.level)

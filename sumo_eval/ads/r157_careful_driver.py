@@ -12,33 +12,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sumo_eval.ads.perception import Mover, Scene, Sensor, bumper_gap, lateral_overlap
+import numpy as np
+
+from sumo_eval.ads.perception import bumper_gap, lateral_overlap, next_ahead
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
-    BrakeRamp,
-    Motion,
+    brake_ramp,
     time_to_collision,
     within_headway,
 )
-from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.compiled import Compiled, records, unknown
+from sumo_eval.cosim.world import Records, fields, flags
 from sumo_eval.errors import must_be
+from sumo_eval.kernels import kernel, rows
 
-if TYPE_CHECKING:
-    from sumo_eval.ads.r157_packed import PackedCarefulDriver
-
-DRIVER_BRAKES = BrakeRamp(HUMAN_BRAKING, build_up=0.6)
-AEB_BRAKES = BrakeRamp(0.85 * GRAVITY, build_up=0.6)
+BUILD_UP = 0.6  # s, of the driver's brakes and of the emergency brakes
+AEB_BRAKING = 0.85 * GRAVITY  # m/s2
 CUT_IN_TTC = 2.0  # s, a cut-in needs braking below it
 AEB_TTC = 1.5  # s
 FULL_OVERLAP = 0.05  # m, of the narrower body that may still be missing
 
 
+@kernel
 def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_braking: float, delay: float) -> float:
     """Constant deceleration that avoids the lead when it begins `delay` s from now, m/s2; inf when none does.
 
@@ -54,27 +53,195 @@ def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_brakin
     return max(needed, speed * speed / (2.0 * room) if room > 0.0 else math.inf)
 
 
-@dataclass(slots=True)
-class _Watched:
-    """What the driver remembers of another vehicle.
+_MEMORY = np.dtype([*fields("aeb_began"), *flags("aeb_brakes")])
+_PARAMETERS = [*fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"), *flags("aeb")]
+_WATCHED = fields(
+    "lane", "offset", "time", "speed", "strayed", "braking", "braked", "evaluated", "necessary"
+)  # fmt: skip
+"""What the driver remembers of another vehicle, nan where there is nothing.
 
-    lane: y of the centre of the lane where it was first seen, m. offset, time: of the last look. strayed: when it was
-    further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when
-    that exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when
-    braking for it became necessary, s.
+lane: y of the centre of the lane where it was first seen, m. offset, time, speed: of the last look. strayed: when it was
+further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when that
+exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when braking for it
+became necessary, s.
+"""
+
+
+@kernel
+def careful_driver(
+    me: Any, others: Any, memory: Any, watched: Any, p: Any, scenario: Any, time: float
+) -> float:
+    """Braking for the vehicle that made it necessary first, else the speed is kept; as an acceleration, m/s2.
+
+    The command is the ramp's value at the middle of the coming step: its mean over the step.
     """
+    middle = time + 0.5 * scenario.step
+    necessary = _braking_necessary(me, others, watched, p, scenario, time)
+    wanted = 0.0
+    if not math.isnan(necessary):
+        wanted = brake_ramp(middle - (necessary + p.reaction), HUMAN_BRAKING, BUILD_UP)
+    if p.aeb:
+        _watch_over(me, others, memory, time)
+        if memory.aeb_brakes:
+            wanted = max(wanted, brake_ramp(middle - memory.aeb_began, AEB_BRAKING, BUILD_UP))
+    return -wanted
 
-    lane: float
-    offset: float
-    time: float
-    strayed: float | None = None
-    braking: float = 0.0
-    braked: float | None = None
-    evaluated: float | None = None
-    necessary: float | None = None
+
+@kernel
+def has_settled(memory: Any, watched: Any) -> bool:
+    """Whether it brakes for nothing, nor is about to."""
+    for j in range(len(watched)):
+        if not math.isnan(watched[j].necessary):
+            return False
+    return bool(memory.aeb_brakes == 0)
 
 
-class CarefulDriver:
+@kernel
+def _braking_necessary(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> float:
+    """When braking became necessary for any vehicle ahead, s; nan when nothing calls for it."""
+    for j in range(len(others)):
+        if not math.isnan(others[j].x):
+            _look_at(others[j], watched[j], p, scenario, time)
+    for j in range(len(others)):
+        known = watched[j]
+        if not math.isnan(known.necessary) and _is_over(me, others[j], known, scenario):
+            known.braked = known.evaluated = known.necessary = math.nan
+    _judge_cut_ins(me, others, watched, p, scenario, time)
+    _judge_path(me, others, watched, p, scenario, time)
+    first = math.nan
+    for j in range(len(others)):
+        call = watched[j].necessary
+        if others[j].x > me.x and not math.isnan(call) and not call >= first:
+            first = call
+    return first
+
+
+@kernel
+def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
+    braking = 0.0
+    if math.isnan(known.lane):
+        known.lane, known.offset = scenario.road.lane_width * round(other.y / scenario.road.lane_width), 0.0
+        known.time = time
+    else:
+        braking = (known.speed - other.along) / scenario.step
+    offset = other.y - known.lane
+    if math.isnan(known.strayed) and abs(offset) > p.wander:
+        share = (p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset))
+        known.strayed = known.time + share * (time - known.time)
+    if math.isnan(known.braked) and braking > p.lead_braking:
+        known.braked = time - scenario.step  # braking that jumps began at the earliest there
+    known.offset, known.time, known.braking, known.speed = offset, time, braking, other.along
+
+
+@kernel
+def _is_over(me: Any, other: Any, known: Any, scenario: Any) -> bool:
+    """Whether the event no longer calls for braking: passed, no longer in or towards the path, or not closing."""
+    if not other.x > me.x:
+        return True
+    if lateral_overlap(me, other) <= 0.0 and not _comes_towards(me, known, scenario):
+        return True
+    return bool(me.along <= other.along and known.braking <= 0.0)
+
+
+@kernel
+def _is_from_own_lane(me: Any, known: Any, scenario: Any) -> bool:
+    return bool(abs(known.lane - me.y) < 0.5 * scenario.road.lane_width)
+
+
+@kernel
+def _comes_towards(me: Any, known: Any, scenario: Any) -> bool:
+    """Whether it has left its own lane towards the ego's."""
+    if math.isnan(known.strayed) or _is_from_own_lane(me, known, scenario):
+        return False
+    return bool(known.offset * (me.y - known.lane) > 0.0)
+
+
+@kernel
+def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
+    for j in range(len(others)):
+        other, known = others[j], watched[j]
+        if not other.x > me.x or not math.isnan(known.necessary) or not _comes_towards(me, known, scenario):
+            continue
+        left = time_to_collision(me, other)
+        evaluated = known.strayed + p.evaluation
+        if 0.0 < left < CUT_IN_TTC and time >= evaluated - 0.5 * scenario.step:
+            known.necessary = max(evaluated, time - min(CUT_IN_TTC - left, scenario.step))
+
+
+@kernel
+def _judge_path(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
+    """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it."""
+    leaves = -1
+    j = next_ahead(me, others, -1)
+    while j >= 0:
+        known = watched[j]
+        in_path = lateral_overlap(me, others[j]) > 0.0
+        if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
+            _judge_lead(me, others, watched, j, leaves, p, scenario, time)
+        if not math.isnan(known.strayed) and _is_from_own_lane(me, known, scenario):
+            leaves = j if leaves < 0 else leaves
+        elif in_path:
+            return
+        j = next_ahead(me, others, j)
+
+
+@kernel
+def _judge_lead(
+    me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
+) -> None:
+    """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
+    known = watched[j]
+    if math.isnan(known.evaluated):
+        known.evaluated = _perceived(me, others, watched, j, leaves, p, time) + p.evaluation
+    if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
+        known.necessary = known.evaluated
+
+
+@kernel
+def _perceived(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, time: float) -> float:
+    """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing does."""
+    other, known = others[j], watched[j]
+    if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
+        if within_headway(me, others[leaves], FOLLOWING_HEADWAY) or within_headway(me, other, FOLLOWING_HEADWAY):
+            return float(max(watched[leaves].strayed, time - p.evaluation))
+    if not math.isnan(known.braked) and within_headway(me, other, FOLLOWING_HEADWAY):
+        return float(max(known.braked, time - p.evaluation))
+    delay = p.evaluation + p.reaction
+    needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
+    return time if needed > p.in_path_limit else math.nan
+
+
+@kernel
+def _watch_over(me: Any, others: Any, memory: Any, time: float) -> None:
+    """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
+    for j in range(len(others)):
+        other = others[j]
+        full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
+        if not other.x > me.x or lateral_overlap(me, other) < full:
+            continue
+        left = time_to_collision(me, other)
+        if memory.aeb_brakes == 0 and left < AEB_TTC:
+            memory.aeb_brakes, memory.aeb_began = 1, time
+        if left < math.inf:
+            return
+    memory.aeb_brakes = 0
+
+
+@rows
+def careful_driver_rows(
+    egos: Records, seen: Records, memory: Records, watched: Records, parameters: Records, scenario: Records,
+    time: float,
+) -> None:  # fmt: skip
+    """`careful_driver` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            egos[i].command.acceleration = careful_driver(
+                egos[i].seen, seen[i], memory[i], watched[i], parameters[i], scenario[0], time
+            )
+            egos[i].settled = 1 if has_settled(memory[i], watched[i]) else 0
+
+
+class CarefulDriver(Compiled):
     """ADS `careful_driver` (with `aeb`: `careful_driver_aeb`), performance model 1 of UN R157.
 
     wander: lateral distance from the lane centre that is no lane change yet, m. evaluation: s. reaction: from judging
@@ -82,6 +249,8 @@ class CarefulDriver:
     m/s2. in_path_limit: deceleration, m/s2, that approaching a vehicle already in the path must come to need before it
     is an event; the regulation has no such case.
     """
+
+    loop = staticmethod(careful_driver_rows)
 
     def __init__(
         self,
@@ -107,144 +276,11 @@ class CarefulDriver:
         self.lead_braking = lead_braking
         self.in_path_limit = in_path_limit
 
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Forget everything."""
-        self._sensor = Sensor()
-        self._motion = Motion(scenario.step)
-        self._step = scenario.step
-        self._lane_width = scenario.road.lane_width
-        self._watched: dict[str, _Watched] = {}
-        self._aeb_began: float | None = None
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Braking for the vehicle that made it necessary first; else the speed is kept.
-
-        The command is the ramp's value at the middle of the coming step: its mean over the step.
-        """
-        me, others = self._sensor.look(traci, ego)
-        began = self._brakes_begin(Scene(me, others), time)
-        middle = time + 0.5 * self._step
-        wanted = 0.0 if began is None else DRIVER_BRAKES.at(middle - began)
-        if self.aeb:
-            self._watch_over(me, others, time)
-            if self._aeb_began is not None:
-                wanted = max(wanted, AEB_BRAKES.at(middle - self._aeb_began))
-        return Command(-wanted)
-
-    def settled(self) -> bool:
-        """Whether it brakes for nothing, nor is about to."""
-        return all(known.necessary is None for known in self._watched.values()) and self._aeb_began is None
-
-    def packed(self, scenario: Briefing) -> PackedCarefulDriver | None:
-        """The same driver in many cases at once; there is none with the AEB stage."""
-        from sumo_eval.ads.r157_packed import PackedCarefulDriver
-
-        return None if self.aeb else PackedCarefulDriver(self, scenario)
-
-    def _brakes_begin(self, scene: Scene, time: float) -> float | None:
-        """When the brakes begin (or began) to act, s; None when nothing calls for them."""
-        me, others = scene
-        for other in others:
-            self._look_at(other, time)
-        ahead = sorted((other for other in others if other.x > me.x), key=lambda other: other.x)
-        watched = self._watched
-        for other in others:
-            known = watched[other.name]
-            if known.necessary is not None and self._is_over(me, other):
-                known.braked = known.evaluated = known.necessary = None
-        self._judge_cut_ins(me, ahead, time)
-        self._judge_path(me, ahead, time)
-        calls = [watched[other.name].necessary for other in ahead]
-        first = min((call for call in calls if call is not None), default=None)
-        return None if first is None else first + self.reaction
-
-    def _look_at(self, other: Mover, time: float) -> None:
-        known = self._watched.get(other.name)
-        braking = self._motion.deceleration(other)
-        if known is None:
-            lane = self._lane_width * round(other.y / self._lane_width)
-            known = self._watched[other.name] = _Watched(lane, 0.0, time)
-        offset = other.y - known.lane
-        if known.strayed is None and abs(offset) > self.wander:
-            share = (self.wander - abs(known.offset)) / (abs(offset) - abs(known.offset))
-            known.strayed = known.time + share * (time - known.time)
-        if known.braked is None and braking > self.lead_braking:
-            known.braked = time - self._step  # braking that jumps began at the earliest there
-        known.offset, known.time, known.braking = offset, time, braking
-
-    def _is_over(self, me: Mover, other: Mover) -> bool:
-        """Whether the event no longer calls for braking: passed, no longer in or towards the path, or not closing."""
-        known = self._watched[other.name]
-        if other.x <= me.x:
-            return True
-        if lateral_overlap(me, other) <= 0.0 and not self._comes_towards(me, other):
-            return True
-        return me.along <= other.along and known.braking <= 0.0
-
-    def _comes_towards(self, me: Mover, other: Mover) -> bool:
-        """Whether it has left its own lane towards the ego's."""
-        known = self._watched[other.name]
-        own_lane = abs(known.lane - me.y) < 0.5 * self._lane_width
-        return known.strayed is not None and not own_lane and known.offset * (me.y - known.lane) > 0.0
-
-    def _judge_cut_ins(self, me: Mover, ahead: Sequence[Mover], time: float) -> None:
-        for other in ahead:
-            known = self._watched[other.name]
-            if known.necessary is not None or known.strayed is None or not self._comes_towards(me, other):
-                continue
-            left = time_to_collision(me, other)
-            evaluated = known.strayed + self.evaluation
-            if 0.0 < left < CUT_IN_TTC and time >= evaluated - 0.5 * self._step:
-                known.necessary = max(evaluated, time - min(CUT_IN_TTC - left, self._step))
-
-    def _judge_path(self, me: Mover, ahead: Sequence[Mover], time: float) -> None:
-        """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it."""
-        leaves: Mover | None = None
-        for other in ahead:
-            known = self._watched[other.name]
-            in_path = lateral_overlap(me, other) > 0.0
-            if in_path and known.necessary is None and not self._comes_towards(me, other):
-                self._judge_lead(me, other, leaves, time)
-            if known.strayed is not None and abs(known.lane - me.y) < 0.5 * self._lane_width:
-                leaves = leaves or other
-            elif in_path:
-                return
-
-    def _judge_lead(self, me: Mover, other: Mover, leaves: Mover | None, time: float) -> None:
-        """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
-        known = self._watched[other.name]
-        if known.evaluated is None:
-            perceived = self._perceived(me, other, leaves, time)
-            known.evaluated = None if perceived is None else perceived + self.evaluation
-        if known.evaluated is not None and time >= known.evaluated - 0.5 * self._step:
-            known.necessary = known.evaluated
-
-    def _perceived(self, me: Mover, other: Mover, leaves: Mover | None, time: float) -> float | None:
-        """When the driver perceived what calls for braking behind `other`, s; None while nothing does."""
-        known = self._watched[other.name]
-        if leaves is not None and me.along > other.along:
-            strayed = self._watched[leaves.name].strayed
-            near = within_headway(me, leaves, FOLLOWING_HEADWAY) or within_headway(me, other, FOLLOWING_HEADWAY)
-            if strayed is not None and near:
-                return max(strayed, time - self.evaluation)
-        if known.braked is not None and within_headway(me, other, FOLLOWING_HEADWAY):
-            return max(known.braked, time - self.evaluation)
-        delay = self.evaluation + self.reaction
-        needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
-        return time if needed > self.in_path_limit else None
-
-    def _watch_over(self, me: Mover, others: Sequence[Mover], time: float) -> None:
-        """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
-        for other in others:
-            full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
-            if other.x <= me.x or lateral_overlap(me, other) < full:
-                continue
-            left = time_to_collision(me, other)
-            if self._aeb_began is None and left < AEB_TTC:
-                self._aeb_began = time
-            if left < math.inf:
-                return
-        self._aeb_began = None
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, what is remembered of the others, parameters."""
+        count = len(together)
+        return np.zeros(count, _MEMORY), unknown(count, others, _WATCHED), records(together, _PARAMETERS)
 
 
 class CarefulDriverWithAeb(CarefulDriver):

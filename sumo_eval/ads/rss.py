@@ -7,12 +7,25 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from sumo_eval.ads.perception import Sensor, bumper_gap, visible
-from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, SafetyBraking, lateral_gap
-from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.vehicle_model import Command
+import numpy as np
+
+from sumo_eval.ads.perception import bumper_gap, is_visible
+from sumo_eval.ads.r157 import (
+    BRAKES,
+    HUMAN_BRAKING,
+    HUMAN_JERK,
+    MOTION,
+    SHOWING,
+    brake_towards,
+    lateral_closing_speed,
+    lateral_gap,
+)
+from sumo_eval.cosim.compiled import Compiled, unknown
+from sumo_eval.cosim.world import Records
+from sumo_eval.kernels import kernel, rows
 
 RESPONSE = 0.75  # rho, s
 ACCELERATION = 3.0  # a, m/s2, of the ego within the response time
@@ -22,36 +35,62 @@ LATERAL_ACCELERATION = 1.0  # ay, m/s2
 LATERAL_MARGIN = 0.3  # mu, m
 
 
+@kernel
 def longitudinal_safe_distance(speed: float, other_speed: float) -> float:
     """d_lon = v rho + a rho^2 / 2 + (v + rho a)^2 / (2 b) - w^2 / (2 bl), m. speed: v, other_speed: w, m/s."""
     faster = speed + RESPONSE * ACCELERATION
-    driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE**2
-    return driven + faster**2 / (2.0 * BRAKING) - other_speed**2 / (2.0 * OTHER_BRAKING)
+    driven = speed * RESPONSE + 0.5 * ACCELERATION * RESPONSE * RESPONSE
+    return driven + faster * faster / (2.0 * BRAKING) - other_speed * other_speed / (2.0 * OTHER_BRAKING)
 
 
+@kernel
 def lateral_safe_distance(lateral_speed: float) -> float:
     """d_lat = mu + |(2 vy + ay rho) rho / 2| + (vy + ay rho)^2 / (2 ay), m. lateral_speed: vy towards the ego, m/s."""
     faster = lateral_speed + LATERAL_ACCELERATION * RESPONSE
     driven = math.fabs((2.0 * lateral_speed + LATERAL_ACCELERATION * RESPONSE) * RESPONSE / 2.0)
-    return LATERAL_MARGIN + driven + faster**2 / (2.0 * LATERAL_ACCELERATION)
+    return LATERAL_MARGIN + driven + faster * faster / (2.0 * LATERAL_ACCELERATION)
 
 
-class ResponsibilitySensitiveSafety:
+_MEMORY = np.dtype(BRAKES)
+
+
+@kernel
+def responsibility_sensitive_safety(
+    me: Any, others: Any, memory: Any, motions: Any, scenario: Any, time: float
+) -> float:
+    """0.774 g while unsafe, the speed kept while safe, as an acceleration, m/s2."""
+    unsafe = False
+    for j in range(len(others)):
+        other = others[j]
+        if not is_visible(me, others, j, SHOWING):
+            continue
+        across = abs(lateral_closing_speed(motions[j], me, other, scenario.step))
+        if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
+            continue
+        unsafe = unsafe or lateral_gap(me, other) < lateral_safe_distance(across)
+    demanded = HUMAN_BRAKING if unsafe else 0.0
+    return -brake_towards(memory, demanded, time, RESPONSE, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+
+
+@rows
+def rss_rows(
+    egos: Records, seen: Records, memory: Records, motions: Records, scenario: Records,
+    time: float,
+) -> None:  # fmt: skip
+    """`responsibility_sensitive_safety` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            egos[i].command.acceleration = responsibility_sensitive_safety(
+                egos[i].seen, seen[i], memory[i], motions[i], scenario[0], time
+            )
+
+
+class ResponsibilitySensitiveSafety(Compiled):
     """ADS `rss`: full braking while a vehicle ahead violates both distances, `RESPONSE` s after one first did."""
 
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Forget everything."""
-        self._sensor = Sensor()
-        self._motion = Motion(scenario.step)
-        self._braking = SafetyBraking(RESPONSE, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+    loop = staticmethod(rss_rows)
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Brake at 0.774 g while unsafe, keep the speed while safe."""
-        me, others = self._sensor.look(traci, ego)
-        unsafe = False
-        for other in visible(me, others, SHOWING):
-            across = abs(self._motion.lateral_closing_speed(me, other))
-            if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
-                continue
-            unsafe = unsafe or lateral_gap(me, other) < lateral_safe_distance(across)
-        return Command(-self._braking.towards(HUMAN_BRAKING if unsafe else 0.0, time))
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, and what is remembered of the others."""
+        return np.zeros(len(together), _MEMORY), unknown(len(together), others, MOTION)

@@ -131,9 +131,13 @@ class PolicyController(ObservingController):
         if hasattr(self.target, "reset"):
             self.target.reset(scenario)
 
+    def command(self, seen: Observation) -> Command:
+        """The policy's action as a command."""
+        return as_command(self.act(seen))
+
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """Show what is seen, take the action."""
-        return as_command(self.act(self.senses.observe()))
+        return self.command(self.senses.observe())
 
     def close(self) -> None:
         """Pass on, when the object has one."""
@@ -221,8 +225,8 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> C
     """
     with seen_as_traci():
         if isinstance(controller, str):
-            return _adapt(find_controller(controller, folder), controller)
-        return _adapt(controller, repr(controller))
+            return adapted(find_controller(controller, folder), controller)
+        return adapted(controller, repr(controller))
 
 
 def find_controller(locator: str, folder: Path | None = None) -> Any:
@@ -293,7 +297,8 @@ def _is_finite(text: str) -> bool:
 _ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerController, ObservingController)
 
 
-def _adapt(found: Any, described: str) -> Controller:
+def adapted(found: Any, described: str) -> Controller:
+    """A fresh controller from what a locator names, or from what was given in its place."""
     if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
         return cast("Controller", found)
     if inspect.isclass(found):

@@ -12,9 +12,13 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from sumo_eval.cosim.contact import Body
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.contact import Body, within_a_turn
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import ConditionSettings
 
@@ -140,6 +144,80 @@ class Observation:
         }  # fmt: skip
 
 
+@dataclass(frozen=True)
+class Observations:
+    """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the same names.
+
+    number: of each case among those that are driven together, (n,): a policy that remembers something of its cases
+    knows them by it. ego, lead: arrays (n,). vehicles: arrays (n, m), in the order of the scenario's vehicles.
+    """
+
+    time: float
+    road: Road
+    number: NDArray[np.intp]
+    _egos: NDArray[Any]
+    _seen: NDArray[Any]
+    _others: NDArray[Any]
+
+    @cached_property
+    def ego(self) -> SimpleNamespace:
+        """x, y, heading, speed, acceleration, lane, length, width."""
+        names = ("x", "y", "heading", "speed", "acceleration", "length", "width")
+        return SimpleNamespace(**{name: self._egos[name] for name in names}, lane=self._lanes(self._egos["y"]))
+
+    @cached_property
+    def vehicles(self) -> SimpleNamespace:
+        """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width."""
+        me, seen, others = self._egos["seen"][:, None], self._seen, self._others
+        c, s = np.cos(others["heading"]), np.sin(others["heading"])
+        half_length, half_width = seen["half_length"] + me["half_length"], seen["half_width"] + me["half_width"]
+        return SimpleNamespace(
+            ahead=seen["x"] > me["x"],
+            gap=np.abs(seen["x"] - me["x"]) - half_length,
+            relative_speed=others["speed"] * c - others["across"] * s - me["along"],
+            offset=seen["y"] - me["y"],
+            overlaps=np.abs(seen["y"] - me["y"]) < half_width,
+            speed=others["speed"],
+            lateral_speed=others["speed"] * s + others["across"] * c,
+            lane=self._lanes(others["y"]),
+            length=others["length"],
+            width=others["width"],
+        )
+
+    @cached_property
+    def lead(self) -> SimpleNamespace:
+        """The nearest vehicle ahead in the ego's strip of road: present, gap (inf without one), relative_speed (0),
+        speed (the ego's), offset (0).
+        """
+        it = self.vehicles
+        gap = np.where(it.ahead & it.overlaps, it.gap, np.inf)
+        if not gap.shape[1]:
+            gap = np.full((len(gap), 1), np.inf)
+        nearest = gap.argmin(axis=1)
+        rows = np.arange(len(gap))
+        present = gap[rows, nearest] < np.inf
+
+        def of_lead(values: NDArray[Any], otherwise: Any) -> NDArray[Any]:
+            return np.where(present, values[rows, nearest], otherwise) if values.shape[1] else 0.0 * gap[:, 0]
+
+        return SimpleNamespace(
+            present=present,
+            gap=gap[rows, nearest],
+            relative_speed=of_lead(it.relative_speed, 0.0),
+            speed=of_lead(it.speed, self._egos["speed"]),
+            offset=of_lead(it.offset, 0.0),
+        )
+
+    @property
+    def lanes(self) -> NDArray[Any]:
+        """The lanes' centre lines to the left of each ego's centre, m, (n, lanes), the right-hand lane first."""
+        centres = np.array([self.road.lane_centre(lane) for lane in range(self.road.lanes)])
+        return np.asarray(centres - self._egos["y"][:, None])
+
+    def _lanes(self, y: NDArray[Any]) -> NDArray[Any]:
+        return np.clip(np.round(y / self.road.lane_width), 0, self.road.lanes - 1).astype(np.intp)
+
+
 class Look(NamedTuple):
     """The ego and the numbered others as they were perceived at one instant."""
 
@@ -207,7 +285,7 @@ class Senses:
         y = ego.y + 0.5 * ego.length * math.sin(ego.heading)
         half = math.radians(to.field_of_view_deg) / 2.0
         points = ((other.x, other.y), *other.corners())
-        return any(abs(math.remainder(math.atan2(py - y, px - x) - ego.heading, math.tau)) <= half for px, py in points)
+        return any(abs(within_a_turn(math.atan2(py - y, px - x) - ego.heading)) <= half for px, py in points)
 
 
 def _hidden(ego: Body, name: str, others: Mapping[str, Body]) -> bool:

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -44,17 +44,34 @@ def session(
     concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None = None
 ) -> Iterator[Any]:
     """The running libsumo module with every vehicle of the case standing at its start (time 0), closed at the end."""
+    settings = concrete.simulation(settings)
+    texts = network_xml(concrete.road), _told_routes(concrete, settings, ego_type)
+    with running(*texts, settings, concrete.road) as traci:
+        check_start(traci, concrete, settings)
+        yield traci
+
+
+@contextmanager
+def running(
+    network: str, routes: str, settings: SimulationSettings, road: Road | None = None, *, collisions: str = "warn"
+) -> Iterator[Any]:
+    """The running libsumo module with the vehicles of these files standing at their starts, closed at the end.
+
+    network, routes: the files' texts. road: where there is only one. collisions: what SUMO does about its own, which
+    are nobody's business where roads lie on each other. Whether the vehicles stand where they should is the caller's to
+    check (`check_start`).
+    """
     if libsumo.simulation.isLoaded():
         raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
-    settings = concrete.simulation(settings)
-    with _files(network_xml(concrete.road), _told_routes(concrete, settings, ego_type)) as files:
-        network, routes, log, console = files
+    with _files(network, routes) as files:
+        network_path, routes_path, log, console = files
         _keep_xml_parser()
         try:
             with _stderr_into(console):
-                libsumo.start(_arguments(network, routes, log, settings, concrete.road))
+                arguments = _arguments(network_path, routes_path, log, settings, road)
+                arguments[arguments.index("--collision.action") + 1] = collisions
+                libsumo.start(arguments)
                 libsumo.simulationStep()  # inserts the vehicles, moves nothing
-            check_start(libsumo, concrete, settings)
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             _close()
             sentence = _by_name(f"SUMO could not start the case: {quoted(error, log, console)}.", files)
@@ -64,30 +81,6 @@ def session(
             raise
         try:
             yield libsumo
-        finally:
-            _close()
-
-
-@contextmanager
-def packed_session(network: str, routes: str, settings: SimulationSettings) -> Iterator[Any]:
-    """The running libsumo module with the vehicles of these files standing at their starts, closed at the end.
-
-    network, routes: the files' texts. Whether the vehicles stand where they should is the caller's to check.
-    """
-    if libsumo.simulation.isLoaded():
-        raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
-    with _files(network, routes) as files:
-        network_path, routes_path, log, console = files
-        _keep_xml_parser()
-        try:
-            with _stderr_into(console):
-                arguments = _arguments(network_path, routes_path, log, settings)
-                arguments[arguments.index("--collision.action") + 1] = "none"  # SUMO's are nobody's business in a pack
-                libsumo.start(arguments)
-                libsumo.simulationStep()  # inserts the vehicles, moves nothing
-            yield libsumo
-        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise SimulationError(_by_name(f"SUMO could not run the pack: {said(error)}.", files)) from error
         finally:
             _close()
 
@@ -208,15 +201,22 @@ def vehicles(traci: Any) -> Any:
     return _DIRECT if traci is libsumo else traci.vehicle
 
 
-def check_start(traci: Any, concrete: ConcreteScenario, settings: SimulationSettings) -> None:
-    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like."""
-    present = set(traci.vehicle.getIDList())
+def check_start(
+    traci: Any, concrete: ConcreteScenario, settings: SimulationSettings, names: Sequence[str] | None = None
+) -> None:
+    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like.
+
+    names: the vehicles' in SUMO, the ego's first, where they are others.
+    """
     starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
-    for name, start, length in starts:
-        if name not in present:
-            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        x, y = traci.vehicle.getPosition(name)
-        speed = traci.vehicle.getSpeed(name)
+    calls = vehicles(traci)
+    for number, (name, start, length) in enumerate(starts):
+        known = name if names is None else names[number]
+        try:
+            x, y = calls.getPosition(known)
+            speed = calls.getSpeed(known)
+        except traci.TraCIException as error:
+            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
         if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "

@@ -1,56 +1,60 @@
-"""One case through SUMO: step every vehicle, let the ADS move the ego, watch for contact, record, say why it ended."""
+"""Cases through SUMO: one at a time, or many that are driven together, in the same loop and to the same bits.
+
+Cases on the same road with the same settings and as many other vehicles can share one simulation, where the ADS looks
+through observations: everything that ships, people, and users' policies. Whatever needs the simulation to itself
+(TraCI code, listeners, programs) is driven alone; when a simulation that many share fails as a whole, each of its cases
+is driven alone too. Who asks is told how many, and why.
+"""
 
 from __future__ import annotations
 
+import logging
 import math
-import numbers
+import sys
 import time as clock
-import traceback
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, TypeVar
 
-import numpy as np
-
-from sumo_eval.cosim.actuation import Actuation
-from sumo_eval.cosim.clips import count_clip
-from sumo_eval.cosim.contact import Body, between, describe, first_touch, keeps_apart
+from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.controller import (
-    Briefing,
     Controller,
     ControllerLike,
     NativeModel,
-    ObservingController,
+    ObjectController,
+    adapted,
+    find_controller,
     load_controller,
 )
 from sumo_eval.cosim.fmu import FmuPlant
-from sumo_eval.cosim.observation import Senses
-from sumo_eval.cosim.session import session, vehicles
-from sumo_eval.cosim.sumo_files import EGO
-from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError, seen_as_traci
+from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_off, drive, told
+from sumo_eval.cosim.on_traci import OnTraci
+from sumo_eval.cosim.session import running, session
+from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
+from sumo_eval.cosim.stage import CHECKED_EVERY, Stage
+from sumo_eval.cosim.traci_module import TRACI, RefusedCallError, seen_as_traci
 from sumo_eval.cosim.traci_program import TraciProgram, served
-from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
-from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario
-from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
+from sumo_eval.cosim.world import MODEL, SUMO, World
+from sumo_eval.errors import ControllerError, SimulationError, must_be, said
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.trajectory import Recording
 
-EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
-EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
-_LIMIT_TOLERANCE = 1e-6  # m/s2
-_JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
-_SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
-_PLACE_TOLERANCE = 1e-3  # m
-_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
-_SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
-_NEAR = 0.02  # m, along and across, as near to it as nobody need look closer
-_tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long, and a step makes several
-_SEEN_AS_IT_IS: dict[str, Any] = {
-    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
-    "field_of_view_deg": None, "occlusion": False,
-}  # fmt: skip
+__all__ = ["simulate", "simulate_many", "simulate_together"]
 
+_T = TypeVar("_T")
+_LOG = logging.getLogger(__name__)
+
+SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
+TOGETHER = 512  # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's caches
+
+ON_TRACI = "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU or a model of SUMO's)."
+ONE_OBJECT = "The ADS is one object for all cases, and may hold something of each."
+NOT_TOGETHER = "The case or its settings allow no company (its road's network, its conditions, its vehicle model)."
 
 def simulate(
     concrete: ConcreteScenario,
@@ -75,25 +79,56 @@ def simulate(
     check_intervals(settings)
     ads = load_controller(controller, folder)
     began = clock.perf_counter()
-    ego_type = ads.vtype if isinstance(ads, NativeModel) else None
-    run = _Run(concrete, settings, ads, step_timeout, seed)
-    if settings.plant is not None:
-        run.plant = FmuPlant(settings.plant, settings.plant.file, folder)
-    if isinstance(ads, TraciProgram):
-        opened = served(concrete, settings, ads, step_timeout)
+    plant = None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
+    target = _target(ads)
+    alone = Compiled.rides(target) or is_policy(ads)
+    world = World([concrete], settings, MODEL if alone else SUMO)
+    driver: Driver
+    if Compiled.rides(target):
+        driver = Rows([target], plant)
+    elif is_policy(ads):
+        driver = _policies([ads], step_timeout, [seed], plant)
     else:
-        opened = session(concrete, settings, ego_type)
+        driver = OnTraci(ads, told(concrete, settings, step_timeout), step_timeout, seed, plant)
+    asks = not Compiled.rides(target)
     try:
-        with opened as traci, seen_as_traci():
-            run.drive(traci)
-    except ControllerTimeoutError as error:
-        run.fail("ads_timeout", str(error))
-    except ControllerError as error:
-        run.fail("ads_error", str(error))
-    except SimulationError as error:
-        run.fail("sim_error", str(error))
-    run.log += getattr(ads, "log", "")
-    return run.recording(clock.perf_counter() - began)
+        with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
+            drive(world, driver, Stage(traci, world, every=1 if asks else CHECKED_EVERY, as_read=not alone))
+    except (ControllerError, SimulationError) as error:  # before the first step
+        break_off(world, error)
+        world.end(0)
+    world.logs[0] = world.logs.get(0, "") + getattr(ads, "log", "")
+    (recording,) = world.recordings(clock.perf_counter() - began)
+    assert isinstance(recording, Recording)
+    return recording
+
+
+def _target(ads: Controller) -> Any:
+    """The user's own object, or what ships."""
+    return ads.target if isinstance(ads, ObjectController) else getattr(ads, "function", None)
+
+
+def is_policy(ads: Controller) -> bool:
+    """Whether it looks through observations and nothing else."""
+    return hasattr(ads, "command")
+
+
+def _policies(ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None) -> Driver:
+    if getattr(ads[0].target, "batch", False) is True and plant is None:
+        return Batch(ads[0], step_timeout, seeds)
+    return OneEach(ads, step_timeout, seeds, plant)
+
+
+def _opened(
+    concrete: ConcreteScenario, settings: SimulationSettings, ads: Controller, step_timeout: float, alone: bool
+) -> AbstractContextManager[Any]:
+    """The simulation of a single case. alone: SUMO's own models are asked nothing."""
+    if isinstance(ads, TraciProgram):
+        return served(concrete, settings, ads, step_timeout)
+    if alone and concrete.road.network is None:
+        texts = shared_network_xml(concrete.road, 1), shared_routes_xml([concrete], settings.vehicle)
+        return running(*texts, settings, concrete.road, collisions="none")
+    return session(concrete, settings, ads.vtype if isinstance(ads, NativeModel) else None)
 
 
 def check_intervals(settings: SimulationSettings) -> None:
@@ -111,547 +146,194 @@ def check_intervals(settings: SimulationSettings) -> None:
         )
 
 
-@dataclass(slots=True)
-class _Track:
-    """Samples of one vehicle while it drives, one after the other in one list, which costs a step least: time, x, y,
-    heading, speed, acceleration, and of the ego steering.
+# -- many --------------------------------------------------------------------------------------------------------------
+
+
+def simulate_many(
+    cases: Sequence[ConcreteScenario],
+    controller: ControllerLike | Sequence[ControllerLike],
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = math.inf,
+    alone: Counter[str] | None = None,
+) -> Iterator[Recording]:
+    """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
+
+    controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an object that is given
+    ready-made serves all cases one after the other), or a list with one controller for each case.
+    Cases that follow each other are driven together where the ADS and they allow it; the others one by one. alone:
+    counts these, by the reason.
     """
-
-    length: float
-    width: float
-    channels: int
-    samples: list[float] = field(default_factory=list)
-
-    def trajectory(self) -> Trajectory:
-        columns = np.array(self.samples, dtype=np.float64).reshape(-1, self.channels).T
-        return Trajectory(*columns, length=self.length, width=self.width)
-
-
-class _Script:
-    """What another vehicle's script says, and when it says no more than: straight on, at one speed."""
-
-    __slots__ = (
-        "actor", "after", "before", "begin", "end", "half_length", "length", "reach", "slides", "spans", "width",
-    )  # fmt: skip
-
-    def __init__(self, actor: Actor, step: float, ego: VehicleSettings) -> None:
-        self.actor = actor
-        self.length, self.width, self.slides = actor.length, actor.width, actor.slides
-        self.half_length = 0.5 * actor.length
-        self.reach = 0.5 * (ego.length + ego.width + actor.length + actor.width)  # m, of `first_touch`
-        self.spans = scripted_spans(actor, step)
-        self.begin = min((begin for begin, _ in self.spans), default=math.inf)
-        self.end = max((end for _, end in self.spans), default=-math.inf)
-        start = actor.start
-        # x = offset + speed * time, and y, before and after everything that the script has the vehicle do
-        self.before = self.after = (start.x, start.speed, start.y)
-        if self.spans:
-            x, speed = (start.x, start.speed) if actor.brake is None else (actor.x(self.end), 0.0)
-            self.after = (x, speed, actor.y(self.end))
-
-
-class _Run:
-    """State of one case while it runs."""
-
-    def __init__(
-        self,
-        concrete: ConcreteScenario,
-        settings: SimulationSettings,
-        ads: Controller,
-        step_timeout: float,
-        seed: int = 0,
-    ) -> None:
-        self.concrete = concrete
-        self.settings = settings
-        self.ads = ads
-        self.step_timeout = step_timeout
-        self.clips: dict[str, Clip] = {}
-        self.collision: Collision | None = None
-        self.end_reason: EndReason | None = None
-        self.error: str | None = None
-        self.log = ""
-        self.latency_sum = 0.0
-        self.latency_max = 0.0
-        self.answers = 0
-        self.steps = 0
-        self.stood = 0.0
-        vehicle, road = settings.vehicle, concrete.road
-        start = concrete.ego
-        self.step = settings.step
-        self.limits = vehicle
-        self.half_length = 0.5 * vehicle.length
-        self.edges = road.right_edge, road.left_edge
-        self.time = 0.0  # s, what `ego` and `actors` stand for
-        self.ego = Body(start.x, start.y, 0.0, start.speed, vehicle.length, vehicle.width)
-        self.lane_speed = start.speed  # m/s, the ego's as SUMO counts it, without the sideways part
-        self.acceleration = 0.0
-        self.state: EgoState | None = None  # while the harness's vehicle model moves the ego
-        self.placed_at = (0.0, 0.0)  # m, where SUMO was told to put the front bumper's centre
-        self.handed_over = False  # from the vehicle model back to SUMO, in this step
-        self.vehicles: Any = None  # calls of the simulation that drives
-        self.plant: FmuPlant | None = None  # in place of the single-track model
-        self.actuation = Actuation(settings.conditions, self.clip)
-        self.senses: Senses | None = None  # of an ADS that is shown Observations
-        if isinstance(ads, ObservingController):
-            stream = f"{seed}/{concrete.scenario}/{concrete.label}"
-            self.senses = ads.senses = Senses(road, settings.conditions, stream)
-        self.waits = hasattr(ads, "took")  # for a program that drives in its own time
-        self.driver = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
-        self.actors = {
-            actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
-            for actor in concrete.actors
-        }
-        self.scripts = {actor.name: _Script(actor, settings.step, vehicle) for actor in concrete.actors}
-        self.scripted_until = max((script.end for script in self.scripts.values()), default=-math.inf)
-        self.tracks = {EGO: _Track(vehicle.length, vehicle.width, 7)}
-        self.tracks |= {actor.name: _Track(actor.length, actor.width, 6) for actor in concrete.actors}
-        self.sampled = -math.inf  # s, when last
-        self.sample(0.0)
-
-    # -- the loop ------------------------------------------------------------------------------------------------------
-
-    def drive(self, traci: Any) -> None:
-        """Step until something ends the case."""
-        step = self.settings.step
-        samples_every = round(self.settings.record_interval / step)
-        self.vehicles = vehicles(traci)
-        GUARD.begin(self.actors, step, self.settings.conditions.interference)
-        try:
-            self._take_charge()
-            self._reset(traci)
-            while self.end_reason is None:
-                command = self._ask(traci, self.time)
-                self._move_ego(traci, command, step)
-                coming = self.time + step
-                if coming < self.scripted_until:
-                    self._move_actors(coming)
-                traci.simulationStep()
-                self.steps += 1
-                self._observe(traci, self.steps * step)
-                if self.end_reason is None and self.steps % samples_every == 0:
-                    self.sample(self.time)
-        except ControllerTimeoutError as error:
-            self.fail("ads_timeout", str(error))
-        except ControllerError as error:
-            self.fail("ads_error", str(error))
-        except (traci.TraCIException, traci.FatalTraCIError) as error:
-            self.fail("sim_error", f"SUMO stopped at {self.time:.2f} s: {said(error)}.")
-        finally:
-            self._let_go("The ADS", self.ads.close, "ads_error")
-            self._let_go("The ADS", GUARD.end, "ads_error")
-            if self.plant is not None:
-                self._let_go("The vehicle model", self.plant.close, "sim_error")
-            for what, count in sorted(GUARD.touched.items()):
-                self.clips[what] = Clip(what, count, 0.0, float(count), float(count))
-
-    def _let_go(self, who: str, close: Callable[[], None], fault: EndReason) -> None:
-        """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
-        try:
-            close()
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
-            self._keep_traceback(error)
-            sentence = f"{who} raised in close: {said(error)}."
-            if self.collision is None:
-                self.fail(fault, sentence)
-            else:  # nobody undoes a collision by breaking down afterwards
-                self.error = sentence if self.error is None else f"{self.error} {sentence}"
-
-    def _take_charge(self) -> None:
-        self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
-        self.vehicles.setLaneChangeMode(EGO, 0)
-        self.vehicles.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else self.ego.speed)
-        for actor in self.concrete.actors:
-            self.vehicles.setSpeedMode(actor.name, EXACT_SPEED_MODE)
-            self.vehicles.setLaneChangeMode(actor.name, 0)
-            self.vehicles.setSpeed(actor.name, actor.start.speed)
-
-    # -- the ADS -------------------------------------------------------------------------------------------------------
-
-    def _reset(self, traci: Any) -> None:
-        conditions, road = self.settings.conditions, self.concrete.road
-        told = conditions.reveal_scenario
-        if self.senses is None and any(getattr(conditions, what) != usual for what, usual in _SEEN_AS_IT_IS.items()):
-            self.clip("perception_not_limited", 1.0, 0.0)  # TraCI shows everything
-        briefing = Briefing(
-            self.concrete.scenario if told else "",
-            road if told else replace(road, name="road"),
-            self.settings.vehicle,
-            self.settings.step,
-            self.concrete.values if told else None,
-            self.step_timeout,
-        )
-        try:
-            self.ads.reset(briefing, TRACI, EGO)
-        except RefusedCallError as error:
-            self._keep_traceback(error)
-        except ControllerError as error:
-            raise type(error)(f"{error} in reset.") from error
-        except (Exception, SystemExit) as error:
-            self._keep_traceback(error)
-            self._check_refusal(0.0)
-            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
-        self._check_refusal(0.0)
-        self._check_clock(traci, 0.0)
-
-    def _ask(self, traci: Any, time: float) -> Command | None:
-        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
-        if self.senses is not None:
-            self.senses.take_in(time, self.ego, self.acceleration, self.actors)
-        asked = clock.perf_counter()
-        try:
-            GUARD.heard()
-            answer = self.ads.step(TRACI, EGO, time)
-        except RefusedCallError as error:
-            self._keep_traceback(error)
-            answer = None
-        except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
-            self.latency_max = max(self.latency_max, clock.perf_counter() - asked)
-            self._keep_traceback(error)
-            raise type(error)(f"{error} at {time:.2f} s.") from error
-        except (Exception, SystemExit) as error:
-            self._keep_traceback(error)
-            self._check_refusal(time)
-            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
-        took = clock.perf_counter() - asked
-        if self.waits:
-            took += self.ads.took  # type: ignore[attr-defined]
-        self.answers += 1
-        self.latency_sum += took
-        if took > self.latency_max:
-            self.latency_max = took
-        if took > self.step_timeout:
-            raise ControllerTimeoutError(
-                f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
-            )
-        if GUARD.refusal is not None:
-            self._check_refusal(time)
-        self._check_clock(traci, time)
-        command = None if answer is None else _checked(answer, time)
-        return command if self.actuation.is_direct else self.actuation.pass_on(command, time, took)
-
-    def _check_refusal(self, time: float) -> None:
-        """An ADS that swallows the exception of a refused call has made it all the same."""
-        if GUARD.refusal is not None:
-            deed, why = GUARD.refusal
-            raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
-
-    def _check_clock(self, traci: Any, time: float) -> None:
-        """The harness alone steps, starts and closes the simulation."""
-        try:
-            now = traci.simulation.getTime()
-        except (traci.TraCIException, traci.FatalTraCIError) as error:
-            raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
-        ahead = now - time - self.step  # SUMO has made one step more, the one that inserted the vehicles
-        if abs(ahead) > _CLOCK_TOLERANCE:
-            raise ControllerError(
-                f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
-            )
-
-    def _keep_traceback(self, error: BaseException) -> None:
-        self.log += "".join(traceback.format_exception(error))
-
-    # -- motion --------------------------------------------------------------------------------------------------------
-
-    def _move_ego(self, traci: Any, command: Command | None, step: float) -> None:
-        """Hand the ego's next motion to SUMO; where SUMO no longer has the ego, the ADS has just taken it away."""
-        try:
-            if command is None:
-                self._leave_to_sumo()
-            else:
-                self._move_by_model(command, step)
-        except traci.TraCIException as error:
-            raise ControllerError(
-                f"After the ADS's step at {self.time:.2f} s SUMO cannot move the ego: {said(error)}."
-            ) from error
-
-    def _leave_to_sumo(self) -> None:
-        if self.plant is not None:
-            self.clip("vehicle_model_not_used", 1.0, 0.0)
-        if self.state is not None:
-            self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
-            self.state = None
-            self.handed_over = True
-        elif not isinstance(self.ads, NativeModel):
-            mode = self.vehicles.getSpeedMode(EGO)
-            if mode != EGO_SPEED_MODE:
-                self.clip("speed_mode", mode, EGO_SPEED_MODE)
-                self.vehicles.setSpeedMode(EGO, EGO_SPEED_MODE)
-
-    def _move_by_model(self, command: Command, step: float) -> None:
-        before = self.state
-        if before is None:
-            self.vehicles.setSpeedMode(EGO, EXACT_SPEED_MODE)
-            if self.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
-                self.tracks[EGO].samples[6] = 0.0
-            ego = self.ego
-            before = EgoState(ego.x, ego.y, ego.heading, ego.speed, self.acceleration)
-        if self.plant is None:
-            state, clips = advance(before, command, self.limits, step)
+    together = simulate_together(cases, controller, settings, folder=folder, step_timeout=step_timeout)
+    each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
+    for concrete, its_own, found in zip(cases, each, together, strict=True):
+        if isinstance(found, Recording):
+            yield found
         else:
-            state, clips = self.plant.advance(before, command, step)
-        for what, requested, applied in clips:
-            self.clip(what, requested, applied)
-        x, y, heading, speed, _, _ = state
-        self.vehicles.setSpeed(EGO, speed)
-        self.placed_at = _place(self.vehicles, EGO, x, y, heading, self.half_length)
-        self.state = state
-
-    def _move_actors(self, time: float) -> None:
-        """Scripted motion of those that have any to do at a time."""
-        for script in self.scripts.values():
-            for begin, end in script.spans:
-                if begin < time < end:
-                    self._move_actor(script.actor, time)
-                    break
-
-    def _move_actor(self, actor: Actor, time: float) -> None:
-        """Scripted motion at a time within one of the actor's spans."""
-        if actor.name not in self.actors:
-            return
-        speed, heading = actor.speed(time), 0.0
-        if not actor.slides:
-            across = actor.lateral_speed(time)
-            speed, heading = math.hypot(speed, across), math.atan2(across, speed)
-        self.vehicles.setSpeed(actor.name, speed)
-        _place(self.vehicles, actor.name, actor.x(time), actor.y(time), heading, 0.5 * actor.length)
-
-    # -- observation ---------------------------------------------------------------------------------------------------
-
-    def _observe(self, traci: Any, now: float) -> None:
-        """Read every vehicle at the end of the step, and see whether anything touched the ego or ended the case."""
-        was, before = self.ego, self.actors
-        body = self._read_placed_ego() if self.state is not None else self._read_driven_ego(now)
-        was_x, was_y = was.x, was.y
-        moved_x, moved_y = body.x - was_x, body.y - was_y
-        actors: dict[str, Body] = {}
-        touched: tuple[float, str] | None = None
-        for name, last in before.items():
-            script = self.scripts[name]
-            try:
-                x, y, heading, speed = _read(self.vehicles, name, script.half_length)
-            except traci.TraCIException:
-                self.clip("actor_left_the_network", now, now)
-                continue
-            across = script.actor.lateral_speed(now) if script.slides and script.begin <= now <= script.end else 0.0
-            other = _tuple(Body, (x, y, heading, speed, script.length, script.width, across))
-            actors[name] = other
-            last_x, last_y = last.x, last.y
-            shift_x, shift_y = (x - last_x) - moved_x, (y - last_y) - moved_y
-            reach = script.reach + abs(shift_x) + abs(shift_y)
-            if abs(last_x - was_x) > reach or abs(last_y - was_y) > reach:
-                continue  # as `first_touch` would say, at less cost
-            share = first_touch(was, body, last, other)
-            if share is not None and (touched is None or share < touched[0]):
-                touched = share, name
-        if touched is None:
-            self.time, self.ego, self.actors = now, body, actors
-            self._check_end()
-            return
-        share, name = touched
-        self.time += share * self.step
-        self.ego = between(was, body, share)
-        self.actors = {other: between(before[other], after, share) for other, after in actors.items()}
-        self.collision = describe(self.time, name, self.ego, self.actors[name])
-        self.end("contact")
-
-    def _check_end(self) -> None:
-        ego, settings = self.ego, self.settings
-        self.stood = self.stood + self.step if ego.speed < settings.standstill_speed else 0.0
-        right_edge, left_edge = self.edges
-        if not right_edge <= ego.y <= left_edge:
-            self.end("off_road")
-        elif ego.x >= self.concrete.road.length:
-            self.end("road_end")
-        elif self.stood >= settings.standstill_time - 1e-9:
-            self.end("standstill")
-        elif self.time >= settings.time_limit - 1e-9:
-            self.end("time_limit")
-        elif settings.end_when_decided and self._is_decided():
-            self.end("decided")
-
-    def _is_decided(self) -> bool:
-        """Whether nothing can come of the case any more: scripts are over, the ADS says that it is settled, and at the
-        present speeds nothing comes nearer.
-        """
-        ego = self.ego
-        if self.acceleration != 0.0 or ego.heading != 0.0 or self.time < self.scripted_until:
-            return False
-        settled = getattr(self.driver, "settled", None)
-        if settled is None or not settled():
-            return False
-        return all(keeps_apart(ego, other) for other in self.actors.values())
-
-    def _read_placed_ego(self) -> Body:
-        """The ego as the vehicle model moved it; SUMO must show the same."""
-        assert self.state is not None
-        x, y, heading, speed, self.acceleration, _ = self.state
-        self.lane_speed = speed
-        body = _tuple(Body, (x, y, heading, speed, self.limits.length, self.limits.width, 0.0))
-        x, y = self.vehicles.getPosition(EGO)
-        front_x, front_y = self.placed_at
-        if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
-            raise SimulationError(
-                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
-            )
-        return body
-
-    def _read_driven_ego(self, now: float) -> Body:
-        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
-        body = Body(*_read(self.vehicles, EGO, self.half_length), self.limits.length, self.limits.width)
-        self._check_native_motion(body, now)
-        self.acceleration = (body.speed - self.lane_speed) / self.step
-        self.lane_speed = body.speed
-        if self.handed_over:
-            self.handed_over = False
-            if abs(body.heading - self.ego.heading) > 1e-3:
-                self.clip("heading", self.ego.heading, body.heading)
-        across = self.vehicles.getLateralSpeed(EGO)
-        return body._replace(speed=math.hypot(body.speed, across)) if across else body
-
-    def _check_native_motion(self, body: Body, now: float) -> None:
-        """TraCI calls can move the ego in ways no vehicle can. `body` has the speed along the lane."""
-        step, speed, lane_speed = self.step, body.speed, self.lane_speed
-        gained = (speed - lane_speed) / step
-        lowest, highest = -self.limits.max_deceleration, self.limits.max_acceleration
-        if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
-            self._unphysical(
-                "unphysical_acceleration", gained, min(max(gained, lowest), highest),
-                f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
-                f"got {gained:.1f} m/s2 at {now:.2f} s.",
-            )  # fmt: skip
-        elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
-            self.clip("vtype_limit", gained, gained)
-        (x, y), (last_x, last_y) = _front(body), _front(self.ego)
-        ahead, across = x - last_x, y - last_y
-        slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
-        least, most = slower * step - _JUMP_TOLERANCE, faster * step + _JUMP_TOLERANCE
-        if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
-            return
-        moved = math.hypot(ahead, across)
-        if not least <= moved <= most:
-            self._unphysical(
-                "jump", moved, min(max(moved, least), most),
-                f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
-                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a setSpeed to go with it).",
-            )  # fmt: skip
-
-    def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
-        """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
-        if not isinstance(self.ads, NativeModel):
-            raise ControllerError(sentence)
-        self.clip(what, requested, possible)
-
-    # -- records -------------------------------------------------------------------------------------------------------
-
-    def clip(self, what: str, requested: float, applied: float) -> None:
-        """Count a clip and keep its worst instance."""
-        count_clip(self.clips, what, self.steps * self.step, requested, applied)
-
-    def sample(self, time: float) -> None:
-        """Record every vehicle as it is now."""
-        if time - self.sampled < 1e-9:
-            return
-        self.sampled = time
-        steering = math.nan if self.state is None else self.state.steering_wheel_angle
-        x, y, heading, speed, _, _, _ = self.ego
-        self.tracks[EGO].samples.extend((time, x, y, heading, speed, self.acceleration, steering))
-        for name, body in self.actors.items():
-            x, y, heading, speed, _, _, _ = body
-            script = self.scripts[name]
-            if script.begin <= time <= script.end:
-                acceleration = script.actor.acceleration(time)
-                self._check_actor(script.actor, body, time)
-            else:
-                acceleration = 0.0
-                offset, pace, across = script.before if time < script.begin else script.after
-                if abs(x - offset - pace * time) > _NEAR or abs(y - across) > _NEAR:
-                    self._check_actor(script.actor, body, time)
-            self.tracks[name].samples.extend((time, x, y, heading, speed, acceleration))
-
-    def _check_actor(self, actor: Actor, body: Body, time: float) -> None:
-        """Whatever way an ADS found to another vehicle, the vehicle then is not where its script has it."""
-        ahead, left = body.x - actor.x(time), body.y - actor.y(time)
-        if abs(ahead) > _NEAR or abs(left) > _NEAR:
-            off = math.hypot(ahead, left)
-            if off > _SCRIPT_TOLERANCE:
-                self.clip("actor_off_its_script", 0.0, off)
-
-    def end(self, reason: EndReason) -> None:
-        """The case is over."""
-        self.end_reason = reason
-        self.sample(self.time)
-
-    def fail(self, reason: EndReason, sentence: str) -> None:
-        """The case could not be brought to its end."""
-        self.end(reason)
-        self.error = sentence if self.error is None else f"{self.error} {sentence}"
-
-    def recording(self, wall_time: float) -> Recording:
-        """Everything the case left behind."""
-        assert self.end_reason is not None
-        return Recording(
-            ego=self.tracks[EGO].trajectory(),
-            actors={name: track.trajectory() for name, track in self.tracks.items() if name != EGO},
-            collision=self.collision,
-            end_reason=self.end_reason,
-            clips=tuple(self.clips[name] for name in sorted(self.clips)),
-            error=self.error,
-            log=self.log,
-            controller_latency=(self.latency_sum / max(self.answers, 1), self.latency_max),
-            wall_time=wall_time,
-        )
+            if alone is not None:
+                alone[found] += 1
+            yield simulate(concrete, its_own, settings, folder=folder, step_timeout=step_timeout)
 
 
-def scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
-    """Between which times the harness moves an actor; straight on at constant speed, or standing, SUMO does."""
-    spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
-    if actor.brake is not None:
-        spans.append((actor.brake.begin, actor.brake.end(actor.start.speed) + step))
-    return spans
+def simulate_together(
+    cases: Sequence[ConcreteScenario],
+    controller: ControllerLike | Sequence[ControllerLike],
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = math.inf,
+    seeds: Sequence[int] | None = None,
+    wrap: Callable[[Controller], Controller] = lambda ads: ads,
+) -> Iterator[Recording | str]:
+    """As `simulate_many`, but for cases that have to be driven alone: the reason, for the caller to see to them.
 
-
-def _checked(answer: object, time: float) -> Command:
-    """The ADS's answer, if it is a command that a vehicle can be given."""
-    if not isinstance(answer, Command):
-        raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
-    acceleration, steering = answer.acceleration, answer.steering
-    if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
-        return answer
-    for name, value in (("acceleration", acceleration), ("steering", steering)):
-        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
-            raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
-            )
-    return Command(float(acceleration), float(steering))
-
-
-def _read(vehicle: Any, name: str, half_length: float) -> tuple[float, float, float, float]:
-    """A vehicle's centre, heading and speed from SUMO, which reports the front bumper's centre and an angle clockwise
-    from north.
+    seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case.
     """
-    x, y = vehicle.getPosition(name)
-    angle = vehicle.getAngle(name)
-    if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
-        return x - half_length, y, 0.0, vehicle.getSpeed(name)
-    heading = math.remainder(math.radians(90.0 - angle), math.tau)
-    x, y = x - half_length * math.cos(heading), y - half_length * math.sin(heading)
-    return x, y, heading, vehicle.getSpeed(name)
-
-
-def _front(body: Body) -> tuple[float, float]:
-    """Centre of the front bumper, m."""
-    half = 0.5 * body.length
-    if body.heading == 0.0:
-        return body.x + half, body.y
-    return body.x + half * math.cos(body.heading), body.y + half * math.sin(body.heading)
-
-
-def _place(vehicle: Any, name: str, x: float, y: float, heading: float, half_length: float) -> tuple[float, float]:
-    """Put a vehicle's centre somewhere at the end of the coming step; where that has its front bumper's centre, m."""
-    if heading == 0.0:
-        x, y, angle = x + half_length, y + heading, 90.0
+    basis = settings or SimulationSettings()
+    check_intervals(basis)
+    given = seeds or [0] * len(cases)
+    if isinstance(controller, list | tuple):
+        if len(controller) != len(cases):
+            raise must_be("The controllers", "`simulate_many`", f"one for each of the {len(cases)} cases", len(controller))  # fmt: skip
+        riders, why = _given_riders(controller, folder), ""
     else:
-        x, y = x + half_length * math.cos(heading), y + half_length * math.sin(heading)
-        angle = 90.0 - math.degrees(heading)
-    vehicle.moveToXY(name, "", -1, x, y, angle, 2)
-    return x, y
+        riders, why = _riders(controller, folder, wrap)
+    as_usual = basis.plant is None and basis.conditions == ConditionSettings()
+
+    def kind(index: int) -> tuple[object, ...] | None:
+        concrete = cases[index]
+        if why or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
+            return None
+        body = concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)
+        return (*body, riders.kind(index))
+
+    for key, group in groupby(range(len(cases)), key=kind):
+        for members in _chunks(list(group), SORTED_AT_ONCE):
+            found: dict[int, Recording | str] = {}
+            if key is not None and key[-1] is not None:
+                resolved = cases[members[0]].simulation(basis)
+                order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
+                for part in _chunks(order, TOGETHER):
+                    driver = riders.driver(part, step_timeout, [given[index] for index in part])
+                    pack = [cases[index] for index in part]
+                    found.update(zip(part, _together(pack, driver, resolved), strict=True))
+            for index in members:
+                yield found.pop(index, why or (NOT_TOGETHER if key is None else ON_TRACI))
+
+
+class _Riders:
+    """What drives the cases of a call, or None where it cannot drive many."""
+
+    def __init__(self, kind: Callable[[int], object], make: Callable[[int], Any]) -> None:
+        self.kind, self._make = kind, make
+
+    def driver(self, part: Sequence[int], step_timeout: float, seeds: Sequence[int]) -> Driver:
+        """Who drives these cases."""
+        made = [self._make(index) for index in part]
+        if isinstance(made[0], Compiled):
+            return Rows(made)
+        return _policies(made, step_timeout, seeds)
+
+
+def _riders(
+    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller]
+) -> tuple[_Riders, str]:
+    """What makes the drivers of one ADS, and why it cannot drive many, "" where it can."""
+    nobody = _Riders(lambda index: None, lambda index: None)
+    found = find_controller(controller, folder) if isinstance(controller, str) else controller
+    described = controller if isinstance(controller, str) else repr(controller)
+    ads = adapted(found, described)
+    target = _target(ads)
+    if Compiled.rides(target):
+        return _Riders(lambda index: type(target), lambda index: target), ""
+    if not is_policy(ads):
+        return nobody, ON_TRACI
+    if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
+        return nobody, ASKS_SUMO
+    if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
+        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described))), ""
+    return nobody, ONE_OBJECT
+
+
+def _given_riders(controllers: Sequence[ControllerLike], folder: Path | None) -> _Riders:
+    """Drivers that are given one by one; those of one type follow each other together."""
+    made = [load_controller(controller, folder) for controller in controllers]
+
+    def kind(index: int) -> object:
+        target = _target(made[index])
+        if Compiled.rides(target):
+            return type(target)
+        if is_policy(made[index]) and not asks_traci(getattr(made[index], "target", None)):
+            return type(made[index])
+        return None
+
+    def make(index: int) -> Any:
+        target = _target(made[index])
+        return target if Compiled.rides(target) else made[index]
+
+    return _Riders(kind, make)
+
+
+def asks_traci(target: Any) -> bool:
+    """Whether the module of a policy has imported TraCI: it may ask SUMO, which then has to hold its case alone."""
+    function = getattr(target, "__func__", target)
+    module = sys.modules.get(getattr(function, "__module__", "") or type(target).__module__)
+    values = [] if module is None else list(vars(module).values())
+    return any(isinstance(it, ModuleType) and it.__name__ in ("traci", "libsumo") for it in values)
+
+
+def _chunks(items: list[_T], size: int) -> Iterator[list[_T]]:
+    return (items[begin : begin + size] for begin in range(0, len(items), size))
+
+
+def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
+    """About when a case ends, s: cases that end together share a simulation, which lasts as long as its last.
+
+    When the ego is at the road's end if it stays behind the slowest that moves; of a case that ends when it is
+    `decided`, when the ego reaches another vehicle if nobody does anything.
+    """
+    ego, starts = concrete.ego, [actor.start for actor in concrete.actors]
+    if decided:
+        times = [(start.x - ego.x) / (ego.speed - start.speed) for start in starts if ego.speed > start.speed]
+        return min(times, default=math.inf)
+    speeds = [start.speed for start in (ego, *starts) if start.speed > 0.0]
+    return (concrete.road.length - ego.x) / min(speeds, default=math.inf)
+
+
+def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
+    road = concrete.road
+    return bool(concrete.actors) and road.right_edge <= concrete.ego.y <= road.left_edge
+
+
+def _together(cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings) -> Sequence[Recording | str]:  # fmt: skip
+    """The recording of each case, or why it has to be driven alone."""
+    began = clock.perf_counter()
+    texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, settings.vehicle)
+    try:
+        world = World(cases, settings)
+        with running(*texts, settings, collisions="none") as traci, _traci_refused():
+            drive(world, driver, Stage(traci, world))
+    except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
+        _LOG.exception("%d cases that were driven together failed; each of them is driven alone.", len(cases))
+        return [f"Cases that were driven together failed: {said(error)}."] * len(cases)
+    return world.recordings(clock.perf_counter() - began)
+
+
+class _Refused(ModuleType):
+    def __getattr__(self, name: str) -> Any:
+        raise RefusedCallError(f"The ADS asked for traci.{name}; it is driven together with others")
+
+
+@contextmanager
+def _traci_refused() -> Iterator[None]:
+    """`import traci` gives a module within this block that answers nothing: SUMO holds many cases."""
+    before = sys.modules.get("traci")
+    sys.modules["traci"] = _Refused("traci")
+    try:
+        yield
+    finally:
+        if before is None:
+            del sys.modules["traci"]
+        else:
+            sys.modules["traci"] = before

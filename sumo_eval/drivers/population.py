@@ -100,9 +100,10 @@ class Driver:
         """Reaction time once something ahead has called for attention, s."""
         return ALERTED_SHARE * self.reaction_time
 
-    def desired_speed(self, speed: float) -> float:
-        """The speed at which he settles when a case begins at `speed`, m/s: faster drivers gain, slower ones lose."""
-        return speed * (1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION)
+    @property
+    def gain(self) -> float:
+        """The speed at which he settles over the one at which a case begins: faster drivers gain, slower ones lose."""
+        return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 
 
 def draw_population(count: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> tuple[Driver, ...]:

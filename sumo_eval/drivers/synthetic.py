@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sumo_eval.ads.lane_change import PathPoint, Steering, smooth_step, smooth_step_bend, smooth_step_rate
-from sumo_eval.ads.overtaking import Overtaking, OvertakingHabits
-from sumo_eval.ads.perception import Mover, Scene, Sensor, visible
-from sumo_eval.cosim.controller import Briefing
+import numpy as np
+
+from sumo_eval.ads.car_following import PARAMETERS
+from sumo_eval.ads.lane_change import (
+    path_at,
+    rear_axle_next,
+    smooth_step,
+    smooth_step_bend,
+    smooth_step_rate,
+    steering,
+)
+from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
+from sumo_eval.ads.perception import carry_on, is_visible, take
+from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.simulate import simulate
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.world import MOVER, Records, fields, flags
 from sumo_eval.drivers.population import AS_RECORDED, Driver, draw_driver
-from sumo_eval.drivers.wander import SmoothNoise
+from sumo_eval.drivers.wander import SmoothNoise, noise_at, noise_value
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.kernels import kernel, rows
 from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, SimulationSettings
-from sumo_eval.trajectory import Recording
-
-if TYPE_CHECKING:
-    from sumo_eval.drivers.packed_driver import PackedDrivers
+from sumo_eval.trajectory import FloatArray, Recording
 
 WANDER_DEVIATION = 0.25  # m, within a driver (DLR Highway Traffic)
 WANDER_CORRELATION_TIME = 2.2
@@ -43,72 +51,138 @@ CROSSING_SPEED = 0.3  # m/s across the road: a vehicle ahead that begins to chan
 CLOSING_SPEED = 2.0  # m/s: one that is being approached (the rule by which the recorded approaches were chosen)
 
 
-class Attention:
-    """What a driver knows: each vehicle as it was one reaction time ago, carried on to now as it moved then.
+_LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
+_LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
+"""Of the looks at a vehicle, which are written round and round: when the first was, which is the oldest that counts,
+and how many there have been."""
+_ATTENTION = [*fields("delay"), *flags("attends")]
 
-    So a steady vehicle is perceived exactly, and a change (a new vehicle, braking, a lane change) one reaction time
-    late: the human driver model's delay with anticipation (Treiber, Kesting, Helbing, Physica A 360, 71 (2006)). The
-    reaction time is the alerted one from the moment at which a vehicle ahead crosses, is closed upon or appears.
+
+@kernel
+def attend(
+    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
+) -> None:
+    """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not known.
+
+    He knows each vehicle as it was one reaction time ago, carried on to now as it moved then. So a steady vehicle is
+    perceived exactly, and a change (a new vehicle, braking, a lane change) one reaction time late: the human driver
+    model's delay with anticipation (Treiber, Kesting, Helbing, Physica A 360, 71 (2006)). The reaction time is the
+    alerted one from the moment at which a vehicle ahead crosses, is closed upon or appears.
     """
-
-    def __init__(self, driver: Driver) -> None:
-        self._delay = driver.reaction_time
-        self._alerted_delay = driver.alerted_reaction_time
-        self._first_seen: dict[str, float] = {}
-        self._memory: dict[str, deque[tuple[float, Mover]]] = {}
-
-    def known(self, scene: Scene, time: float) -> list[Mover]:
-        """Look at the true scene at `time`; return the vehicles that the driver acts upon."""
-        me = scene.me
-        memories = self._memory
-        for other in visible(me, scene.others, HIDING_SHARE):
-            memory = memories.get(other.name)
-            if memory is None:
-                memory = memories[other.name] = deque()
-                self._first_seen[other.name] = time
-                if time > 0.0:
-                    self._delay = self._alerted_delay
-            elif other.x > me.x and (abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED):
-                self._delay = self._alerted_delay
-            memory.append((time, _with_braking(other, memory, time)))
-        past = time - self._delay + 1e-9
-        known = []
-        for name, memory in memories.items():
-            if self._first_seen[name] > past:
-                continue
-            while len(memory) > 1 and memory[1][0] <= past:
-                memory.popleft()
-            seen, other = memory[0]
-            known.append(other.after(time - seen))
-        return known
-
-
-def _with_braking(other: Mover, memory: deque[tuple[float, Mover]], time: float) -> Mover:
-    """The vehicle with its braking since the last look, if it is strong enough to be noticed."""
-    if not memory:
-        return other
-    before, last = memory[-1]
-    braking = (last.along - other.along) / (time - before)
-    return other._replace(braking=braking) if braking > NOTICED_BRAKING else other
+    if attention.attends == 0:
+        attention.attends, attention.delay = 1, p.reaction_time
+    for j in range(len(others)):
+        if not is_visible(me, others, j, HIDING_SHARE):
+            continue
+        other, memory, ring = others[j], memories[j], looks[j]
+        if memory.begun == 0:
+            memory.begun, memory.first_seen = 1, time
+            if time > 0.0:
+                attention.delay = p.alerted_reaction_time
+        elif other.x > me.x and (abs(other.across) > CROSSING_SPEED or me.along - other.along > CLOSING_SPEED):
+            attention.delay = p.alerted_reaction_time
+        braking = 0.0
+        if memory.count > 0:
+            last = ring[(memory.count - 1) % len(ring)]
+            braking = (last.mover.along - other.along) / (time - last.time)
+        look = ring[memory.count % len(ring)]
+        take(look.mover, other)
+        look.time, look.mover.braking = time, braking if braking > NOTICED_BRAKING else 0.0
+        memory.count += 1
+    past = time - attention.delay + 1e-9
+    for j in range(len(others)):
+        memory, ring = memories[j], looks[j]
+        if memory.begun == 0 or memory.first_seen > past:
+            known[j].x = math.nan
+            continue
+        while memory.count - memory.first > 1 and ring[(memory.first + 1) % len(ring)].time <= past:
+            memory.first += 1
+        look = ring[memory.first % len(ring)]
+        take(known[j], look.mover)
+        carry_on(known[j], time - look.time)
 
 
-class SyntheticDriver:
+_MEMORY = np.dtype([*OVERTAKING, *_ATTENTION, *fields("clock", "ease")])
+_PARAMETERS = np.dtype(
+    [
+        *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset", "wander_amplitude", "pedal_amplitude"),
+        ("idm", PARAMETERS), ("habits", HABITS),
+    ]
+)  # fmt: skip
+
+
+@kernel
+def synthetic_driver(
+    me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any, waves: Any, p: Any,
+    scenario: Any, time: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the wheel.
+
+    waves: of the wander and of the pedal, (2, 8, 2).
+    """
+    if memory.began == 0:
+        memory.ease = 1.0
+    attend(memory, me, others, looks, memories, known, p, time)
+    start = memory.cruising_speed if memory.began else me.speed
+    desired = start * p.gain
+    free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
+    free *= smooth_step(time / SETTLING_TIME)
+    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, scenario)
+    y, slope, bend = _line(memory, me, waves, p, scenario)
+    return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
+
+
+@kernel
+def _line(memory: Any, me: Any, waves: Any, p: Any, scenario: Any) -> tuple[float, float, float]:
+    """The path, with the driver's own place in the lane and his wander on top.
+
+    The wander runs on a clock of its own, which stands while the driver steers closely past something.
+    """
+    focus = 0.0 if memory.passing else 1.0
+    memory.ease += (focus - memory.ease) * min(scenario.step / FOCUS_TIME, 1.0)
+    pace = max(me.speed, WANDER_PACE) / max(memory.ease, 1e-3)
+    memory.clock += scenario.step * me.speed / pace
+    y, slope, curve = path_at(memory.path, rear_axle_next(me, scenario))
+    value, noise_rate, noise_bend = noise_at(waves[0], p.wander_amplitude, memory.clock)
+    shift = p.lane_offset + value
+    share = memory.clock / SETTLING_TIME
+    if share >= 1.0:
+        return y + shift, slope + noise_rate / pace, curve + noise_bend / (pace * pace)
+    blend = smooth_step(share)
+    rate = smooth_step_rate(share) / SETTLING_TIME
+    bend = smooth_step_bend(share) / (SETTLING_TIME * SETTLING_TIME)
+    return (
+        y + blend * shift,
+        slope + (rate * shift + blend * noise_rate) / pace,
+        curve + (bend * shift + 2.0 * rate * noise_rate + blend * noise_bend) / (pace * pace),
+    )
+
+
+@rows
+def synthetic_driver_rows(
+    egos: Records, seen: Records, memory: Records, looks: Records, memories: Records, known: Records, watched: Records,
+    waves: FloatArray, parameters: Records, scenario: Records, time: float,
+) -> None:  # fmt: skip
+    """`synthetic_driver` for every row."""
+    for i in range(len(egos)):
+        if egos[i].live:
+            command = egos[i].command
+            command.acceleration, command.steering = synthetic_driver(
+                egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i], waves[i], parameters[i],
+                scenario[0], time,
+            )  # fmt: skip
+
+
+class SyntheticDriver(Compiled):
     """A driver at the wheel in one concrete scenario: the same (seed, driver, scenario) drives the same to the bit."""
+
+    loop = staticmethod(synthetic_driver_rows)
 
     def __init__(self, driver: Driver, concrete: ConcreteScenario, seed: int) -> None:
         self.driver = driver
         stream = random_stream(seed, "driving", driver.index, concrete.scenario, *_point(concrete))
         self.wander = SmoothNoise(stream, WANDER_DEVIATION, WANDER_CORRELATION_TIME)
         self.pedal = SmoothNoise(stream, PEDAL_DEVIATION, PEDAL_CORRELATION_TIME)
-
-    @classmethod
-    def together(cls, drivers: Sequence[SyntheticDriver], scenario: Briefing) -> PackedDrivers | None:
-        """The same drivers, each in a case of its own, side by side; None of a subclass, which may decide otherwise."""
-        if cls is not SyntheticDriver:
-            return None
-        from sumo_eval.drivers.packed_driver import PackedDrivers
-
-        return PackedDrivers(drivers, scenario)
 
     @property
     def habits(self) -> OvertakingHabits:
@@ -121,51 +195,33 @@ class SyntheticDriver:
             duration=driver.lane_change_duration,
         )
 
-    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Sit down at the wheel."""
-        driver = self.driver
-        self._sensor = Sensor()
-        me = self._sensor.look(traci, ego).me
-        self._attention = Attention(driver)
-        self._overtaking = Overtaking(self.habits, driver.idm, scenario, me)
-        self._steering = Steering(scenario.vehicle, scenario.step)
-        self._desired_speed = driver.desired_speed(me.speed)
-        self._strongest = scenario.vehicle.max_deceleration
-        self._step = scenario.step
-        self._clock = 0.0
-        self._ease = 1.0
-
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Look, decide, work the pedals and the wheel."""
-        scene = self._sensor.look(traci, ego)
-        me = scene.me
-        known = self._attention.known(scene, time)
-        free = (self._desired_speed - me.speed) / SPEED_RELAXATION + self.pedal.value(time)
-        free *= smooth_step(time / SETTLING_TIME)
-        wanted = self._overtaking.acceleration(me, known, self._desired_speed, free)
-        return Command(max(wanted, -self._strongest), self._steering.angle(me, self._line(me)))
-
-    def _line(self, me: Mover) -> PathPoint:
-        """The path, with the driver's own place in the lane and his wander on top.
-
-        The wander runs on a clock of its own, which stands while the driver steers closely past something.
-        """
-        self._ease += ((0.0 if self._overtaking.passing else 1.0) - self._ease) * min(self._step / FOCUS_TIME, 1.0)
-        pace = max(me.speed, WANDER_PACE) / max(self._ease, 1e-3)
-        self._clock += self._step * me.speed / pace
-        path = self._overtaking.path.at(self._steering.rear_axle_next(me))
-        noise = self.wander.at(self._clock)
-        shift = self.driver.lane_offset + noise.value
-        share = self._clock / SETTLING_TIME
-        if share >= 1.0:
-            return PathPoint(path.y + shift, path.slope + noise.rate / pace, path.bend + noise.bend / (pace * pace))
-        blend, rate, bend = smooth_step(share), smooth_step_rate(share), smooth_step_bend(share)
-        rate, bend = rate / SETTLING_TIME, bend / (SETTLING_TIME * SETTLING_TIME)
-        return PathPoint(
-            path.y + blend * shift,
-            path.slope + (rate * shift + blend * noise.rate) / pace,
-            path.bend + (bend * shift + 2.0 * rate * noise.rate + blend * noise.bend) / (pace * pace),
+    @classmethod
+    def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
+        """Memory, looks and what is remembered of them, what is known, what is watched, waves and parameters."""
+        count, step = len(together), float(scenario["step"][0])
+        longest = max(max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together)
+        return (
+            np.zeros(count, _MEMORY),
+            np.zeros((count, others, math.ceil(longest / step) + 3), _LOOK),
+            np.zeros((count, others), _LOOKS),
+            np.zeros((count, others), MOVER),
+            unknown(count, others, WATCHED),
+            np.array([(it.wander.waves, it.pedal.waves) for it in together]),
+            parameters(together),
         )
+
+
+def parameters(together: Sequence[SyntheticDriver]) -> Records:
+    """The drivers' parameters, a record each."""
+    found = np.zeros(len(together), _PARAMETERS)
+    for i, each in enumerate(together):
+        who, habits = each.driver, each.habits
+        found[i] = (
+            who.reaction_time, who.alerted_reaction_time, who.gain, who.lane_offset, each.wander.amplitude,
+            each.pedal.amplitude, tuple(getattr(who.idm, name) for name, _ in PARAMETERS),
+            tuple(getattr(habits, name) for name, _ in HABITS),
+        )  # fmt: skip
+    return found
 
 
 def human_controller(

@@ -3,17 +3,35 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
+from sumo_eval.kernels import kernel
+from sumo_eval.trajectory import FloatArray
 
-class NoisePoint(NamedTuple):
-    """The noise at an instant, its rate (per s) and the rate of that (per s2)."""
 
-    value: float
-    rate: float
-    bend: float
+@kernel
+def noise_value(waves: Any, amplitude: float, time: float) -> float:
+    """n(time) of a `SmoothNoise`. waves: (8, 2)."""
+    value = 0.0
+    for k in range(len(waves)):
+        value += math.sin(waves[k, 0] * time + waves[k, 1])
+    return amplitude * value
+
+
+@kernel
+def noise_at(waves: Any, amplitude: float, time: float) -> tuple[float, float, float]:
+    """n, dn/dt and d2n/dt2 of a `SmoothNoise` at `time`, s. waves: (8, 2)."""
+    value = rate = bend = 0.0
+    for k in range(len(waves)):
+        frequency = waves[k, 0]
+        angle = frequency * time + waves[k, 1]
+        sine = math.sin(angle)
+        value += sine
+        rate += frequency * math.cos(angle)
+        bend -= frequency * frequency * sine
+    return amplitude * value, amplitude * rate, amplitude * bend
 
 
 class SmoothNoise:
@@ -23,7 +41,7 @@ class SmoothNoise:
 
     (Shinozuka, Jan, J. Sound Vib. 25, 111 (1972)). It can be differentiated, which an Ornstein-Uhlenbeck process
     cannot: that one would ask for unlimited lateral speed. deviation: s. correlation_time: l, s. waves: (w_k, p_k),
-    rad/s and rad. amplitude: s sqrt(2 / K).
+    rad/s and rad, (8, 2). amplitude: s sqrt(2 / K).
     """
 
     COMPONENTS = 8
@@ -31,27 +49,5 @@ class SmoothNoise:
     def __init__(self, stream: np.random.Generator, deviation: float, correlation_time: float) -> None:
         frequencies = stream.normal(0.0, 1.0 / correlation_time, self.COMPONENTS)
         phases = stream.uniform(0.0, math.tau, self.COMPONENTS)
-        self.waves = tuple(zip(frequencies.tolist(), phases.tolist(), strict=True))
-        self._bent_waves = tuple((frequency, phase, frequency * frequency) for frequency, phase in self.waves)
+        self.waves: FloatArray = np.stack((frequencies, phases), axis=1)
         self.amplitude = deviation * math.sqrt(2.0 / self.COMPONENTS)
-
-    def value(self, time: float) -> float:
-        """n(time)."""
-        value = 0.0
-        sin = math.sin
-        for frequency, phase in self.waves:  # `sum` rounds otherwise from Python 3.12 on
-            value += sin(frequency * time + phase)
-        return self.amplitude * value
-
-    def at(self, time: float) -> NoisePoint:
-        """n, dn/dt and d2n/dt2 at `time` (s)."""
-        value = rate = bend = 0.0
-        sin, cos = math.sin, math.cos
-        for frequency, phase, squared in self._bent_waves:
-            angle = frequency * time + phase
-            sine = sin(angle)
-            value += sine
-            rate += frequency * cos(angle)
-            bend -= squared * sine
-        amplitude = self.amplitude
-        return NoisePoint(amplitude * value, amplitude * rate, amplitude * bend)

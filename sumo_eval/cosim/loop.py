@@ -1,0 +1,487 @@
+"""The loop: the only one in which anything drives, one case or hundreds beside each other.
+
+A step: the driver commands, the vehicle model moves the egos and the scripts move the others, SUMO steps everything,
+the world takes in what SUMO shows. Who drives is one of four: `Rows` (rules that are kernels), `OneEach` (a policy in
+plain Python for each row), `Batch` (one policy over arrays), `OnTraci` (whoever needs the simulation to itself).
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import time as clock
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.actuation import Actuation
+from sumo_eval.cosim.compiled import Compiled
+from sumo_eval.cosim.contact import Body
+from sumo_eval.cosim.controller import Briefing, PolicyController
+from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
+from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.vehicle_model import Command, EgoState
+from sumo_eval.cosim.world import PLANT, REASONS, World, move_rows, see_rows, stop_rows
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.trajectory import EndReason
+
+_CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
+ASKS_SUMO = "Its ADS asks SUMO, which then has to hold its case alone."
+KEPT = 0.75  # share of the rows that must still be live, or the others are given up
+_body = Body._make
+SEEN_AS_IT_IS: dict[str, Any] = {
+    "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
+    "field_of_view_deg": None, "occlusion": False,
+}  # fmt: skip
+
+
+class Driver(Protocol):
+    """Who is at the wheel of all rows."""
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Before the first step."""
+
+    def step(self, world: World, time: float) -> None:
+        """Write the egos' commands, or fail rows."""
+
+    def after(self, world: World, now: float) -> None:
+        """SUMO has made its step to `now`, s."""
+
+    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+        """From now on these rows, in this order."""
+
+    def let_go(self, world: World, row: int) -> None:
+        """A row has ended."""
+
+
+def drive(world: World, driver: Driver, stage: Stage) -> None:
+    """Step until every case has ended."""
+    settings = world.settings
+    step, every = settings.step, round(settings.record_interval / settings.step)
+    as_read = int(stage.as_read)
+    moved = 0
+    try:
+        driver.begin(world, stage)
+        if world.errors:
+            _end_rows(world, driver, stage)
+        while world.going:
+            driver.step(world, world.steps * step)
+            closely = stage.closely(world.steps)
+            now = (world.steps + 1) * step
+            sampling = (world.steps + 1) % every == 0
+            world.room_for_samples(sampling)
+            count = move_rows(
+                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, now, int(closely)
+            )
+            moved = 1
+            stage.tell(world, count)
+            stage.step()
+            driver.after(world, now)
+            stage.read(world)
+            if closely:
+                stage.compare(world)
+            moved = 0
+            ended = see_rows(
+                world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
+                world.scenario, now, int(sampling), as_read,
+            )  # fmt: skip
+            world.steps += 1
+            if ended:
+                _end_rows(world, driver, stage)
+    except (ControllerError, SimulationError) as error:
+        if len(world.cases) > 1:
+            raise
+        break_off(world, error, moved)
+    except (stage.traci.TraCIException, stage.traci.FatalTraCIError) as error:
+        if len(world.cases) > 1:
+            raise
+        break_off(world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved)
+    finally:
+        for row in np.flatnonzero(world.egos["live"]).tolist():
+            driver.let_go(world, row)
+    for row in np.flatnonzero(world.egos["live"]).tolist():
+        world.end(row)
+
+
+def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
+    """A single case cannot go on. moved: within a step, of which nothing counts."""
+    world.fail(0, _fault(error), str(error))
+    world.room_for_samples(True)
+    stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
+
+
+def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
+    """Take down the rows that have ended, and give their arrays up once they are many."""
+    for row in np.flatnonzero((world.egos["reason"] != 0) & (world.egos["live"] != 0)).tolist():
+        case = int(world.rows[row])
+        if REASONS[int(world.egos["reason"][row])] == "ads_error" and case not in world.errors:
+            wanted, steering = world.egos["command"][row].tolist()
+            name, value = ("steering", steering) if np.isfinite(wanted) else ("acceleration", wanted)
+            time = float(world.egos["time"][row])
+            world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, got {value!r} "
+                       f"at {time:.2f} s.")  # fmt: skip
+        driver.let_go(world, row)
+        stage.remove(world, row)
+        world.end(row)
+    if not world.going:
+        return
+    rows = np.flatnonzero(world.egos["live"])
+    if len(rows) < KEPT * len(world.rows):
+        world.keep(rows)
+        driver.keep(world, rows)
+        stage.keep(world)
+    else:
+        stage.without(world)
+
+
+def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float) -> Briefing:
+    """What a controller is told before a case."""
+    revealed = settings.conditions.reveal_scenario
+    road = concrete.road
+    return Briefing(
+        concrete.scenario if revealed else "",
+        road if revealed else replace(road, name="road"),
+        settings.vehicle,
+        settings.step,
+        concrete.values if revealed else None,
+        step_timeout,
+    )
+
+
+class _Delayed:
+    """The way that commands take under the conditions, and the plant in place of the vehicle model; all rows'."""
+
+    def __init__(self, world: World, plant: FmuPlant | None) -> None:
+        conditions = world.settings.conditions
+        self._direct = conditions.actuation_delay == 0.0 and conditions.step_budget is None
+        self._plant = plant
+        self._of = [
+            Actuation(conditions, lambda what, asked, got, case=case: world.note(case, what, asked, got))  # type: ignore[misc]
+            for case in range(0 if self._direct else len(world.cases))
+        ]
+
+    def pass_on(self, world: World, time: float, took: Callable[[int], float]) -> None:
+        """Put the commands that reach the vehicles in place of those that were given. took: of a case, s."""
+        if not self._direct:
+            for row in np.flatnonzero(world.egos["live"]).tolist():
+                case = int(world.rows[row])
+                arrived = self._of[case].pass_on(Command(*world.egos["command"][row].tolist()), time, took(case))
+                assert arrived is not None
+                world.egos["command"][row] = (arrived.acceleration, arrived.steering)
+        if self._plant is not None:
+            advance_plant(self._plant, world, Command(*world.egos["command"][0].tolist()))
+
+
+def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
+    """Ask the plant for the next state of the single ego, which the coming step then has."""
+    ego = world.egos[0]
+    state = EgoState(*(float(ego[name]) for name in ("x", "y", "heading", "speed", "acceleration", "steering")))
+    state, clips = plant.advance(state, command, world.settings.step)
+    for what, requested, applied in clips:
+        world.note(0, what, requested, applied)
+    world.egos["next"][0] = tuple(state)
+    world.egos["placed"][0] = PLANT
+
+
+class Rows:
+    """Rules that are kernels, one object a case, all of one class."""
+
+    def __init__(self, ads: Sequence[Compiled], plant: FmuPlant | None = None, step_timeout: float = np.inf) -> None:
+        self._ads, self._plant = ads, plant
+        self._loop = type(ads[0]).loop
+        self._step_timeout = step_timeout
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Make the memory of every row."""
+        stage.take_charge(world)
+        conditions = world.settings.conditions
+        if any(getattr(conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
+            for case in range(len(world.cases)):
+                world.note(case, "perception_not_limited", 1.0, 0.0)  # a rule sees the world
+        self._arrays = type(self._ads[0]).arrays(self._ads, world.scenario, world.seen.shape[1])
+        self._delayed = _Delayed(world, self._plant)
+        self._usual = world.settings.plant is None and conditions == ConditionSettings()
+
+    def step(self, world: World, time: float) -> None:
+        """One call for all."""
+        asked = clock.perf_counter()
+        self._loop(world.egos, world.seen, *self._arrays, world.scenario, time)
+        took = (clock.perf_counter() - asked) / world.going
+        world.shared_latency(took)
+        if not self._usual:
+            self._delayed.pass_on(world, time, lambda case: took)
+
+    def after(self, world: World, now: float) -> None:
+        """Nothing."""
+
+    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+        """Keep the memory of these rows."""
+        self._arrays = tuple(array[rows] for array in self._arrays)
+
+    def let_go(self, world: World, row: int) -> None:
+        """Nothing is held but the plant."""
+        if self._plant is not None:
+            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
+
+
+def let_go(world: World, row: int, who: str, close: Callable[[], None], fault: EndReason) -> None:
+    """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
+    try:
+        close()
+    except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+        sentence, log = f"{who} raised in close: {said(error)}.", "".join(traceback.format_exception(error))
+        contact = REASONS[int(world.egos["reason"][row])] == "contact"
+        world.fail(row, "contact" if contact else fault, sentence, log)  # nobody undoes a collision afterwards
+
+
+class Policies:
+    """What plain Python policies share, one in each row or one for all."""
+
+    def __init__(self, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None) -> None:
+        self._step_timeout, self._seeds, self._plant = step_timeout, seeds, plant
+
+    def _begin(self, world: World, stage: Stage) -> None:
+        self._alone, self._traci = len(world.cases) == 1, stage.traci
+        stage.take_charge(world)
+        conditions = world.settings.conditions
+        GUARD.begin(
+            (actor.name for actor in world.cases[0].actors) if self._alone else (), world.settings.step,
+            conditions.interference,
+        )  # fmt: skip
+        self._usual = all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
+        self._direct = world.settings.plant is None and conditions == ConditionSettings()
+        self._delayed = _Delayed(world, self._plant)
+        self._senses = [
+            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}")
+            for it, seed in zip(world.cases, self._seeds, strict=True)
+            if not self._usual
+        ]
+        self._took = [0.0] * len(world.cases)
+        self.keep(world, world.rows)
+
+    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+        """Look at these rows."""
+        n, m = world.seen.shape
+        self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
+        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :7]
+
+    def after(self, world: World, now: float) -> None:
+        """Nothing."""
+
+    def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
+        body = _body(me[:7])
+        if self._usual:
+            look = Look(body, tuple([(j, _body(other)) for j, other in enumerate(others, 1)]))
+            return Observation(time, world.cases[case].road, body, me[7], look)
+        senses = self._senses[case]
+        names = [actor.name for actor in world.cases[case].actors]
+        senses.take_in(time, body, me[7], {name: _body(other) for name, other in zip(names, others, strict=True)})
+        return senses.observe()
+
+
+class OneEach(Policies):
+    """A policy in plain Python for each row: its own exception, time and state."""
+
+    def __init__(
+        self, policies: Sequence[PolicyController], step_timeout: float, seeds: Sequence[int],
+        plant: FmuPlant | None = None,
+    ) -> None:  # fmt: skip
+        super().__init__(step_timeout, seeds, plant)
+        self._policies = policies
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Reset each of them."""
+        self._begin(world, stage)
+        for case, policy in enumerate(self._policies):
+            if case in world.errors:
+                continue
+            try:
+                policy.reset(told(world.cases[case], world.settings, self._step_timeout), TRACI, EGO)
+            except ControllerError as error:
+                world.fail(case, _fault(error), f"{error} in reset.")
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+                log = "".join(traceback.format_exception(error))
+                world.fail(case, "ads_error", f"The ADS raised in reset: {said(error)}.", log)
+        self._check(world, 0.0)
+        self._settled = [
+            getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
+            for policy in self._policies
+        ]
+        self._any_settles = any(self._settled)
+
+    def _check(self, world: World, time: float) -> None:
+        """A policy that has the simulation to itself may have done things there."""
+        if not self._alone:
+            return
+        try:
+            check_clock(self._traci, time, world.settings.step)
+        except ControllerError as error:
+            world.fail(0, "ads_error", str(error))
+
+    def step(self, world: World, time: float) -> None:
+        """Ask each of them."""
+        egos, others = self._ego_values.tolist(), self._other_values.tolist()
+        given, asked_rows = [], []
+        now = clock.perf_counter
+        for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
+            case = int(world.rows[row])
+            policy = self._policies[case]
+            asked = now()
+            try:
+                GUARD.heard()
+                seen = self._observation(world, case, time, egos[row], others[row])
+                command = checked(policy.command(seen), time)
+                took = now() - asked
+                if took > self._step_timeout:
+                    raise ControllerTimeoutError(
+                        f"The ADS must answer within {self._step_timeout:g} s, took longer"
+                    )
+            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+                self._count(world, case, now() - asked)
+                self._fail(world, row, error, time)
+                continue
+            self._count(world, case, took)
+            given.append((command.acceleration, command.steering))
+            asked_rows.append(row)
+            if self._any_settles and (settled := self._settled[case]) is not None:
+                world.egos["settled"][row] = bool(settled())
+        if given:
+            world.egos["command"][asked_rows] = given
+        self._check(world, time)
+        if not self._direct:
+            self._delayed.pass_on(world, time, self._took.__getitem__)
+
+    def _count(self, world: World, case: int, took: float) -> None:
+        self._took[case] = took
+        latency = world.latency[case]
+        latency[0] += took
+        latency[2] += 1
+        if took > latency[1]:
+            latency[1] = took
+
+    def _fail(self, world: World, row: int, error: BaseException, time: float) -> None:
+        """What a policy did wrong costs its row; one that asks SUMO has its case to itself, later."""
+        log = "".join(traceback.format_exception(error))
+        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
+            world.leave(row, ASKS_SUMO)
+            return
+        if isinstance(error, RefusedCallError):  # the check says what it was
+            world.logs[0] = world.logs.get(0, "") + log
+            return
+        if isinstance(error, ControllerError):
+            sentence = str(error) if str(error).endswith(".") else f"{error} at {time:.2f} s."
+            world.fail(row, _fault(error), sentence, log)
+        else:
+            world.fail(row, "ads_error", f"The ADS raised at {time:.2f} s: {said(error)}.", log)
+
+    def let_go(self, world: World, row: int) -> None:
+        """Close the row's policy."""
+        let_go(world, row, "The ADS", self._policies[int(world.rows[row])].close, "ads_error")
+        if self._alone:
+            let_go(world, row, "The ADS", GUARD.end, "ads_error")
+            world.touched(GUARD.touched)
+        if self._plant is not None:
+            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
+
+
+def check_clock(traci: Any, time: float, step: float) -> None:
+    """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it."""
+    if GUARD.refusal is not None:
+        deed, why = GUARD.refusal
+        raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
+    try:
+        now = traci.simulation.getTime()
+    except (traci.TraCIException, traci.FatalTraCIError) as error:
+        raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
+    ahead = now - time - step  # SUMO has made one step more, the one that inserted the vehicles
+    if abs(ahead) > _CLOCK_TOLERANCE:
+        raise ControllerError(
+            f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
+        )
+
+
+def checked(answer: object, time: float) -> Command:
+    """The ADS's answer, if it is a command that a vehicle can be given."""
+    if not isinstance(answer, Command):
+        raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
+    acceleration, steering = answer.acceleration, answer.steering
+    if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
+        return answer
+    for name, value in (("acceleration", acceleration), ("steering", steering)):
+        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+            raise ControllerError(
+                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
+            )
+    return Command(float(acceleration), float(steering))
+
+
+def _fault(error: ControllerError | SimulationError) -> EndReason:
+    if isinstance(error, SimulationError):
+        return "sim_error"
+    return "ads_timeout" if isinstance(error, ControllerTimeoutError) else "ads_error"
+
+
+class Batch(Policies):
+    """One policy for all rows, which takes arrays of observations and gives arrays of commands.
+
+    Its numbers may depend on how many rows there are and which (those of a network do, in the last bit): what is driven
+    together is part of what it is given.
+    """
+
+    def __init__(self, policy: PolicyController, step_timeout: float, seeds: Sequence[int]) -> None:
+        super().__init__(step_timeout, seeds)
+        self._policy = policy
+        self._held = 0
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Reset it once for all rows."""
+        self._begin(world, stage)
+        self._held = len(world.cases)
+        briefing = told(world.cases[0], world.settings, self._step_timeout)
+        try:
+            self._policy.reset(replace(briefing, values=None), TRACI, EGO)
+        except Exception as error:
+            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
+
+    def step(self, world: World, time: float) -> None:
+        """One call for all."""
+        live = np.flatnonzero(world.egos["live"])
+        seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
+                            world.others[live])  # fmt: skip
+        asked = clock.perf_counter()
+        try:
+            answer = np.asarray(self._policy.act(seen), dtype=np.float64)
+        except Exception as error:
+            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
+        took = clock.perf_counter() - asked
+        if took > self._step_timeout * len(live):
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self._step_timeout:g} s a case, took longer at {time:.2f} s."
+            )
+        if answer.shape not in ((len(live),), (len(live), 1), (len(live), 2)):
+            raise ControllerError(
+                f"The actions of the ADS must have the shape ({len(live)},) or ({len(live)}, 2), got {answer.shape} "
+                f"at {time:.2f} s."
+            )
+        world.shared_latency(took / len(live))
+        command = world.egos["command"]
+        answer = answer.reshape(len(live), -1)
+        command["acceleration"][live] = answer[:, 0]
+        command["steering"][live] = answer[:, 1] if answer.shape[1] == 2 else 0.0
+        if not self._direct:
+            self._delayed.pass_on(world, time, lambda case: took / len(live))
+
+    def let_go(self, world: World, row: int) -> None:
+        """Close it when the last row has ended."""
+        self._held -= 1
+        if self._held == 0:
+            let_go(world, row, "The ADS", self._policy.close, "ads_error")

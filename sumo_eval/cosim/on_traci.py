@@ -1,0 +1,276 @@
+"""Whoever needs the simulation to itself: TraCI code, step listeners, programs, FMUs, SUMO's own models. One case.
+
+Such an ADS may command SUMO itself, a step, several or always; then SUMO moves the ego, and the harness watches that it
+moves as a vehicle can. What is called through TraCI is guarded (`traci_module`).
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+import traceback
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.actuation import Actuation
+from sumo_eval.cosim.contact import Body
+from sumo_eval.cosim.controller import Briefing, Controller, NativeModel, ObservingController
+from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, checked, let_go
+from sumo_eval.cosim.observation import Senses
+from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
+from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.world import MODEL, SUMO, World
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+
+_LIMIT_TOLERANCE = 1e-6  # m/s2
+_JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
+_SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
+_PLACE_TOLERANCE = 1e-3  # m
+
+
+class OnTraci:
+    """The one row of an ADS that has the simulation to itself."""
+
+    def __init__(
+        self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None
+    ) -> None:
+        self.ads, self.briefing, self.step_timeout, self.plant = ads, briefing, step_timeout, plant
+        self._seed = seed
+        self._waits = hasattr(ads, "took")  # for a program that drives in its own time
+        target = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
+        self._settled = getattr(target, "settled", None)
+        self._handed_over = False  # from the vehicle model back to SUMO, in this step
+        self._senses: Senses | None = None
+
+    # -- the ADS -------------------------------------------------------------------------------------------------------
+
+    def begin(self, world: World, stage: Stage) -> None:
+        """Take charge of the vehicles, and reset the ADS."""
+        self._world, self._calls, self._traci = world, stage.calls, stage.traci
+        concrete, settings = world.cases[0], world.settings
+        self._step, self._limits = settings.step, settings.vehicle
+        self._half = 0.5 * settings.vehicle.length
+        self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
+        self._state = world.egos.view(np.float64).reshape(-1)  # its first numbers: a body's, and the acceleration
+        self._others = world.others.view(np.float64).reshape(len(concrete.actors), -1)
+        self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
+        GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
+        self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+        self._calls.setLaneChangeMode(EGO, 0)
+        self._calls.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else concrete.ego.speed)
+        for actor in concrete.actors:
+            self._calls.setSpeedMode(actor.name, EXACT_SPEED_MODE)
+            self._calls.setLaneChangeMode(actor.name, 0)
+            self._calls.setSpeed(actor.name, actor.start.speed)
+        if isinstance(self.ads, ObservingController):
+            stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
+            self._senses = self.ads.senses = Senses(concrete.road, settings.conditions, stream)
+        elif any(getattr(settings.conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
+            world.note(0, "perception_not_limited", 1.0, 0.0)  # TraCI shows everything
+        self._reset()
+
+    def _reset(self) -> None:
+        try:
+            self.ads.reset(self.briefing, TRACI, EGO)
+        except RefusedCallError as error:
+            self._keep_traceback(error)
+        except ControllerError as error:
+            raise type(error)(f"{error} in reset.") from error
+        except (Exception, SystemExit) as error:
+            self._keep_traceback(error)
+            self._check(0.0)
+            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
+        self._check(0.0)
+
+    def step(self, world: World, time: float) -> None:
+        """One step of the ADS: an exception, an unusable answer or a slow one is its fault, and ends the case so."""
+        try:
+            command = self._ask(world, time)
+            if command is None:
+                self._leave_to_sumo()
+            else:
+                self._take_over(world, command)
+        except self._traci.TraCIException as error:
+            raise ControllerError(
+                f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
+            ) from error
+        if self._settled is not None and world.settings.end_when_decided:
+            world.egos["settled"][0] = bool(self._settled())
+
+    def _ask(self, world: World, time: float) -> Command | None:
+        if self._senses is not None:
+            names = [actor.name for actor in world.cases[0].actors]
+            here = {
+                name: Body(*values[:7])
+                for name, values, there in zip(
+                    names, self._others.tolist(), world.others["present"][0].tolist(), strict=True
+                )
+                if there
+            }
+            me = self._state[:8].tolist()
+            self._senses.take_in(time, Body(*me[:7]), me[7], here)
+        asked = clock.perf_counter()
+        latency = world.latency[0]
+        try:
+            GUARD.heard()
+            answer = self.ads.step(TRACI, EGO, time)
+        except RefusedCallError as error:
+            self._keep_traceback(error)
+            answer = None
+        except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
+            latency[1] = max(latency[1], clock.perf_counter() - asked)
+            self._keep_traceback(error)
+            raise type(error)(f"{error} at {time:.2f} s.") from error
+        except (Exception, SystemExit) as error:
+            self._keep_traceback(error)
+            self._check(time)
+            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
+        took = clock.perf_counter() - asked
+        if self._waits:
+            took += self.ads.took  # type: ignore[attr-defined]
+        latency[0] += took
+        latency[2] += 1
+        if took > latency[1]:
+            latency[1] = took
+        if took > self.step_timeout:
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
+            )
+        self._check(time)
+        command = None if answer is None else checked(answer, time)
+        return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
+
+    def _check(self, time: float) -> None:
+        check_clock(self._traci, time, self._step)
+
+    def _keep_traceback(self, error: BaseException) -> None:
+        self._world.logs[0] = self._world.logs.get(0, "") + "".join(traceback.format_exception(error))
+
+    # -- motion --------------------------------------------------------------------------------------------------------
+
+    def _leave_to_sumo(self) -> None:
+        world = self._world
+        if self.plant is not None:
+            world.note(0, "vehicle_model_not_used", 1.0, 0.0)
+        if world.egos["placed"][0] != SUMO:
+            self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+            world.egos["placed"][0] = SUMO
+            self._handed_over = True
+        elif not isinstance(self.ads, NativeModel):
+            mode = self._calls.getSpeedMode(EGO)
+            if mode != EGO_SPEED_MODE:
+                world.note(0, "speed_mode", mode, EGO_SPEED_MODE)
+                self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
+
+    def _take_over(self, world: World, command: Command) -> None:
+        ego = world.egos
+        if ego["placed"][0] == SUMO:
+            self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
+            if world.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
+                world.samples[0, 0, 6, 0] = 0.0
+            ego["steering"][0] = 0.0
+            ego["placed"][0] = MODEL
+        ego["stale"][0] = 1  # SUMO hears of the ego at every step
+        if self.plant is None:
+            ego["command"][0] = (command.acceleration, command.steering)
+        else:
+            advance_plant(self.plant, world, command)
+
+    def after(self, world: World, now: float) -> None:
+        """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the same."""
+        if world.egos["placed"][0] == SUMO:
+            self._read_driven_ego(now)
+        else:
+            self._check_placed_ego()
+
+    def _check_placed_ego(self) -> None:
+        ego = self._world.egos
+        self._lane_speed = float(ego["speed"][0])
+        front_x, front_y = float(ego["front_x"][0]), float(ego["front_y"][0])
+        x, y = self._calls.getPosition(EGO)
+        if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
+            raise SimulationError(
+                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
+            )
+
+    def _read_driven_ego(self, now: float) -> None:
+        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
+        calls, state = self._calls, self._state
+        front_x, front_y = calls.getPosition(EGO)
+        angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
+        last_x, last_y, last_heading = state[:3].tolist()
+        if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
+            x, y, heading = front_x - self._half, front_y, 0.0
+        else:
+            heading = math.remainder(math.radians(90.0 - angle), math.tau)
+            x, y = front_x - self._half * math.cos(heading), front_y - self._half * math.sin(heading)
+        if last_heading == 0.0:
+            moved_x, moved_y = front_x - last_x - self._half, front_y - last_y
+        else:
+            moved_x = front_x - last_x - self._half * math.cos(last_heading)
+            moved_y = front_y - last_y - self._half * math.sin(last_heading)
+        self._check_native_motion(moved_x, moved_y, speed, now)
+        acceleration = (speed - self._lane_speed) / self._step
+        self._lane_speed = speed
+        if self._handed_over:
+            self._handed_over = False
+            if abs(heading - last_heading) > 1e-3:
+                self._world.note(0, "heading", last_heading, heading)
+        across = calls.getLateralSpeed(EGO)
+        if across:
+            speed = math.hypot(speed, across)
+        state[:4] = x, y, heading, speed
+        state[7] = acceleration
+
+    def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
+        """TraCI calls can move the ego in ways no vehicle can. ahead, across: of the front bumper in the step, m.
+
+        speed: along the lane, m/s.
+        """
+        step, lane_speed = self._step, self._lane_speed
+        gained = (speed - lane_speed) / step
+        lowest, highest = -self._limits.max_deceleration, self._limits.max_acceleration
+        if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
+            self._unphysical(
+                "unphysical_acceleration", gained, min(max(gained, lowest), highest),
+                f"The ADS must drive its vehicle within {lowest:g}..{highest:g} m/s2, "
+                f"got {gained:.1f} m/s2 at {now:.2f} s.",
+            )  # fmt: skip
+        elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
+            self._world.note(0, "vtype_limit", gained, gained)
+        slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
+        least, most = slower * step - _JUMP_TOLERANCE, faster * step + _JUMP_TOLERANCE
+        if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
+            return
+        moved = math.hypot(ahead, across)
+        if not least <= moved <= most:
+            self._unphysical(
+                "jump", moved, min(max(moved, least), most),
+                f"The ADS moved its vehicle {moved:.2f} m in a step that its speed makes "
+                f"{max(least, 0.0):.2f}..{most:.2f} m long, at {now:.2f} s (moveToXY needs a setSpeed to go with it).",
+            )  # fmt: skip
+
+    def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
+        """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
+        if not isinstance(self.ads, NativeModel):
+            raise ControllerError(sentence)
+        self._world.note(0, what, requested, possible)
+
+    # -- the end -------------------------------------------------------------------------------------------------------
+
+    def keep(self, world: World, rows: NDArray[np.intp]) -> None:
+        """There is one row."""
+
+    def let_go(self, world: World, row: int) -> None:
+        """Close the ADS and remove its listeners."""
+        let_go(world, row, "The ADS", self.ads.close, "ads_error")
+        let_go(world, row, "The ADS", GUARD.end, "ads_error")
+        if self.plant is not None:
+            let_go(world, row, "The vehicle model", self.plant.close, "sim_error")
+        world.touched(GUARD.touched)
+

@@ -1,0 +1,168 @@
+"""SUMO's side of the cases that are driven: what it is told before a step, what it shows after it, whether both agree.
+
+SUMO steps the ego and every other vehicle of every case. Where nobody asks it for the ego, it hears of the egos that
+have turned or changed their speed at every tenth step, must then show every ego there, and every vehicle as its script
+has it; what follows a script in between is told when it begins to, then, and when SUMO takes over.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.cosim.session import check_start, vehicles
+from sumo_eval.cosim.shared_files import edge_name, vehicle_names
+from sumo_eval.cosim.world import MODEL, NOWHERE, STRAIGHT, World
+from sumo_eval.errors import SimulationError
+
+EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
+EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
+CHECKED_EVERY = 10  # steps
+_PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
+_MOTION_TOLERANCE = 1e-6  # m/s and deg
+_KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
+_KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
+
+
+class Stage:
+    """The running simulation of the cases of a world.
+
+    every: steps after which everything is told and compared. as_read: the other vehicles are as SUMO shows them in
+    every respect, whatever their scripts say.
+    """
+
+    def __init__(self, traci: Any, world: World, *, every: int = CHECKED_EVERY, as_read: bool = False) -> None:
+        self.traci, self.every, self.as_read = traci, every, as_read
+        self.calls = vehicles(traci)
+        self.names = vehicle_names(world.cases)
+        count, road = len(world.cases), world.cases[0].road
+        self._alone = count == 1
+        own = road.network is not None or as_read  # a network of many edges, or whatever the ADS has made of it
+        self._edges = [("" if own else edge_name(case, count)) for case in range(count)]
+        self._lane = -1 if own else 0
+        self._keep = _KEEPS_ROUTE if own else _KEEPS_ROUTE_OFF_ROAD
+        self._middle = 0.5 * (road.left_edge + road.right_edge)
+        self._half = 0.5 * (road.left_edge - road.right_edge)
+        self.keep(world)
+
+    def keep(self, world: World) -> None:
+        """From now on these rows, in this order."""
+        self._width = 1 + world.others.shape[1]
+        self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
+        self._edge = [self._edges[case] for case in world.rows.tolist()]
+        self.without(world)
+
+    def without(self, world: World) -> None:
+        """Some of the rows have ended."""
+        self._live = np.flatnonzero(world.egos["live"])
+        self._all = len(self._live) == len(world.rows)
+        self._others = [name for case in world.rows[self._live].tolist() for name in self.names[case][1:]]
+
+    def take_charge(self, world: World) -> None:
+        """Make SUMO obey, and fail the cases whose vehicles it has not placed as they are meant."""
+        calls = self.calls
+        for case, concrete in enumerate(world.cases):
+            try:
+                check_start(self.traci, concrete, world.settings, self.names[case])
+            except SimulationError as error:
+                world.fail(case, "sim_error", str(error))
+                continue
+            starts = [concrete.ego, *(actor.start for actor in concrete.actors)]
+            for name, start in zip(self.names[case], starts, strict=True):
+                calls.setSpeedMode(name, EXACT_SPEED_MODE)
+                calls.setLaneChangeMode(name, 0)
+                calls.setSpeed(name, start.speed)
+
+    def closely(self, steps: int) -> bool:
+        """Whether everything is told and compared in the step after so many."""
+        return steps == 0 or (steps + 1) % self.every == 0
+
+    def tell(self, world: World, count: int) -> None:
+        """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
+        if not count:
+            return
+        set_speed, move, names = self.calls.setSpeed, self.calls.moveToXY, self._flat
+        for vehicle, x, y, angle, speed in world.tell[:count].tolist():
+            number = int(vehicle)
+            set_speed(names[number], speed)
+            move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+
+    def step(self) -> None:
+        """One step of SUMO."""
+        self.traci.simulationStep()
+
+    def read(self, world: World) -> None:
+        """Where SUMO shows the other vehicles."""
+        if self.as_read:
+            self._read_closely(world)
+        elif self._others:
+            places = chain.from_iterable(map(self.calls.getPosition, self._others))
+            found = np.fromiter(places, np.float64, 2 * len(self._others)).reshape(len(self._live), -1, 2)
+            if self._all:
+                world.shown[:, :, :2] = found
+            else:
+                world.shown[self._live, :, :2] = found
+
+    def _read_closely(self, world: World) -> None:
+        """Every respect of the other vehicles of a single case."""
+        calls, values = self.calls, []
+        for j, name in enumerate(self._flat[1:]):
+            try:
+                x, y = calls.getPosition(name)
+                values.append((x, y, calls.getAngle(name), calls.getSpeed(name)))
+            except self.traci.TraCIException:
+                world.others["present"][0, j] = 0
+                now = world.time + world.settings.step
+                world.note(0, "actor_left_the_network", now, now)
+                values.append((0.0, 0.0, STRAIGHT, 0.0))
+        if values:
+            world.shown[0] = values
+
+    def compare(self, world: World) -> None:
+        """A case in which SUMO shows something else than it was told has come to its end."""
+        calls, live, egos = self.calls, self._live, world.egos
+        names = [self._flat[row * self._width] for row in live.tolist()]
+        half = 0.5 * world.settings.vehicle.length
+        shown = np.array(list(map(calls.getPosition, names))).reshape(-1, 2)
+        heading = egos["heading"][live]
+        x, y = egos["x"][live] + half * np.cos(heading), egos["y"][live] + half * np.sin(heading)
+        off = (np.abs(shown[:, 0] - x) > _PLACE_TOLERANCE) | (np.abs(shown[:, 1] - y) > _PLACE_TOLERANCE)
+        off &= (egos["placed"][live] == MODEL) & (shown[:, 0] > NOWHERE)
+        for k in np.flatnonzero(off).tolist():
+            world.fail(
+                int(live[k]), "sim_error",
+                f"SUMO put the ego's front bumper at ({shown[k, 0]:.3f}, {shown[k, 1]:.3f}) m "
+                f"instead of ({x[k]:.3f}, {y[k]:.3f}) m.",
+            )  # fmt: skip
+        if self._others:
+            self._compare_others(world)
+
+    def _compare_others(self, world: World) -> None:
+        live, others = self._live, world.others[self._live]
+        shape = others.shape
+        shown = world.shown[live]
+        told, half = others["told"], 0.5 * others["width"]
+        off = np.abs(shown[:, :, 0] - others["front_x"]) > _PLACE_TOLERANCE
+        off |= np.abs(shown[:, :, 1] - others["front_y"]) > _PLACE_TOLERANCE
+        speed = np.array(list(map(self.calls.getSpeed, self._others))).reshape(shape)
+        angle = np.array(list(map(self.calls.getAngle, self._others))).reshape(shape)
+        moves_otherwise = np.abs(speed - others["speed"]) > _MOTION_TOLERANCE
+        moves_otherwise |= np.abs(angle - STRAIGHT) > _MOTION_TOLERANCE
+        off = np.where(told == 2, off, moves_otherwise & (told == 0))
+        off &= np.abs(shown[:, :, 1] - self._middle) < self._half + half  # beside every lane SUMO shows other motion
+        off &= shown[:, :, 0] > NOWHERE
+        for k, j in np.argwhere(off).tolist():
+            actor = world.cases[int(world.rows[live[k]])].actors[j]
+            world.fail(
+                int(live[k]), "sim_error",
+                f"SUMO showed vehicle `{actor.name}` at ({shown[k, j, 0]:.3f}, {shown[k, j, 1]:.3f}) m with "
+                f"{speed[k, j]:.3f} m/s and {angle[k, j]:.3f} deg, which its script does not say.",
+            )  # fmt: skip
+
+    def remove(self, world: World, row: int) -> None:
+        """Take the vehicles of a case that has ended off their road, while others go on."""
+        if not self._alone:
+            for name in self.names[int(world.rows[row])]:
+                self.traci.vehicle.remove(name)
