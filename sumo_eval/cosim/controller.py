@@ -147,6 +147,8 @@ class PolicyController(ObservingController):
 
 def as_command(action: Any) -> Command:
     """An action as a Command: a Command, an acceleration in m/s2, or a pair with the steering wheel angle in rad."""
+    if type(action) is float:
+        return Command(action)
     if isinstance(action, Command):
         return action
     if hasattr(action, "tolist"):

@@ -87,7 +87,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             stage.step()
             driver.after(world, now)
             stage.read(world)
-            if closely:
+            if stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
             ended = see_rows(
@@ -272,6 +272,8 @@ class Policies:
         """Look at these rows."""
         n, m = world.seen.shape
         self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
+        first = [name for name, _ in _numbers(world.egos.dtype)].index("command.acceleration")
+        self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, first : first + 2]
         self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :7]
 
     def after(self, world: World, now: float) -> None:
@@ -286,6 +288,15 @@ class Policies:
         names = [actor.name for actor in world.cases[case].actors]
         senses.take_in(time, body, me[7], {name: _body(other) for name, other in zip(names, others, strict=True)})
         return senses.observe()
+
+
+def _numbers(dtype: np.dtype[Any], within: str = "") -> list[tuple[str, int]]:
+    """The numbers of a record one behind the other, by their full names."""
+    found = []
+    for name in dtype.names or ():
+        inner = dtype[name]
+        found += _numbers(inner, f"{within}{name}.") if inner.names else [(f"{within}{name}", inner.itemsize)]
+    return found
 
 
 class OneEach(Policies):
@@ -332,12 +343,13 @@ class OneEach(Policies):
         egos, others = self._ego_values.tolist(), self._other_values.tolist()
         given, asked_rows = [], []
         now = clock.perf_counter
+        if self._alone:
+            GUARD.heard()
         for row in np.flatnonzero(world.egos["live"]).tolist() if len(egos) > 1 else (0,):
             case = int(world.rows[row])
             policy = self._policies[case]
             asked = now()
             try:
-                GUARD.heard()
                 seen = self._observation(world, case, time, egos[row], others[row])
                 command = checked(policy.command(seen), time)
                 took = now() - asked
@@ -355,7 +367,7 @@ class OneEach(Policies):
             if self._any_settles and (settled := self._settled[case]) is not None:
                 world.egos["settled"][row] = bool(settled())
         if given:
-            world.egos["command"][asked_rows] = given
+            self._commands[asked_rows] = given
         self._check(world, time)
         if not self._direct:
             self._delayed.pass_on(world, time, self._took.__getitem__)

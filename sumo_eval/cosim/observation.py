@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -26,8 +26,7 @@ NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
 
 
-@dataclass(frozen=True, slots=True)
-class SeenEgo:
+class SeenEgo(NamedTuple):
     """The ego's own state: centre x, y m, heading rad, speed m/s, acceleration m/s2, lane (0: right), body m."""
 
     x: float
@@ -40,8 +39,7 @@ class SeenEgo:
     width: float
 
 
-@dataclass(frozen=True, slots=True)
-class SeenVehicle:
+class SeenVehicle(NamedTuple):
     """Another vehicle, relative to the ego at the instant it was seen.
 
     number: 1, 2, ..., the same vehicle throughout a case. gap: free road along the road, m (ahead: from the ego's front
@@ -63,7 +61,23 @@ class SeenVehicle:
     width: float
 
 
-@dataclass(frozen=True)
+class _Worked:
+    """An attribute that is worked out when it is first asked for; `functools.cached_property` takes a lock for it."""
+
+    def __init__(self, work: Callable[[Any], Any]) -> None:
+        self._work, self.__doc__ = work, work.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: Any, kind: type | None = None) -> Any:
+        if owner is None:
+            return self
+        value = owner.__dict__[self._name] = self._work(owner)
+        return value
+
+
+@dataclass(eq=False)
 class Observation:
     """One instant, worked out when it is asked for. time: s since the start of the case. road: lanes and edges."""
 
@@ -73,26 +87,35 @@ class Observation:
     _acceleration: float
     _look: Look
 
-    @cached_property
+    @_Worked
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
         me = self._ego
         lane = _lane(me.y, self.road)
         return SeenEgo(me.x, me.y, me.heading, me.speed, self._acceleration, lane, me.length, me.width)
 
-    @cached_property
+    @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         me, others = self._look
         seen = [_seen(number, me, other, self.road) for number, other in others]
         return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
 
-    @cached_property
+    @_Worked
     def lead(self) -> SeenVehicle | None:
         """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps straight ahead."""
-        return min((v for v in self.vehicles if v.ahead and v.overlaps), key=lambda v: v.gap, default=None)
+        me, others = self._look
+        half_length, half_width = _extent(me)
+        nearest, least = None, math.inf
+        for number, other in others:
+            if other.x > me.x:
+                half, half_other = _extent(other)
+                gap = abs(other.x - me.x) - half - half_length
+                if gap < least and abs(other.y - me.y) < half_other + half_width:
+                    nearest, least = (number, other), gap
+        return None if nearest is None else _seen(nearest[0], me, nearest[1], self.road)
 
-    @cached_property
+    @_Worked
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
         """Nearest vehicles by lane: `left_ahead`, `left_behind`, `right_ahead`, `right_behind`, `behind`."""
         places = {"left": self.ego.lane + 1, "right": self.ego.lane - 1, "": self.ego.lane}
@@ -105,7 +128,7 @@ class Observation:
                     found[name] = min(here, key=lambda v: v.gap, default=None)
         return found
 
-    @cached_property
+    @_Worked
     def lanes(self) -> tuple[float, ...]:
         """The lanes' centre lines to the left of the ego's centre, m, the right-hand lane first."""
         return tuple(self.road.lane_centre(lane) - self._ego.y for lane in range(self.road.lanes))
@@ -124,8 +147,8 @@ class Observation:
         """Everything as plain values, ready for JSON."""
         lead = self.lead
         return {
-            "time": round(self.time, 6), "ego": asdict(self.ego), "lead": None if lead is None else asdict(lead),
-            "vehicles": [asdict(vehicle) for vehicle in self.vehicles], "lanes": list(self.lanes),
+            "time": round(self.time, 6), "ego": self.ego._asdict(), "lead": None if lead is None else lead._asdict(),
+            "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
             "left_edge": self.left_edge, "right_edge": self.right_edge,
         }  # fmt: skip
 
@@ -315,17 +338,13 @@ def _extent(body: Body) -> tuple[float, float]:
 def _seen(number: int, me: Body, other: Body, road: Road) -> SeenVehicle:
     half, half_width = _extent(other)
     my_half, my_half_width = _extent(me)
-    (along, across), (my_along, _) = other.velocity, me.velocity
+    if other.heading == 0.0:
+        along, across = other.speed, other.across
+    else:
+        along, across = other.velocity
+    my_along = me.speed if me.heading == 0.0 and me.across == 0.0 else me.velocity[0]
+    ahead, offset = other.x - me.x, other.y - me.y
     return SeenVehicle(
-        number=number,
-        ahead=other.x > me.x,
-        gap=abs(other.x - me.x) - half - my_half,
-        relative_speed=along - my_along,
-        offset=other.y - me.y,
-        overlaps=abs(other.y - me.y) < half_width + my_half_width,
-        speed=other.speed,
-        lateral_speed=across,
-        lane=_lane(other.y, road),
-        length=other.length,
-        width=other.width,
-    )
+        number, ahead > 0.0, abs(ahead) - half - my_half, along - my_along, offset,
+        abs(offset) < half_width + my_half_width, other.speed, across, _lane(other.y, road), other.length, other.width,
+    )  # fmt: skip

@@ -35,7 +35,7 @@ from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.session import running, session
 from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
-from sumo_eval.cosim.stage import CHECKED_EVERY, Stage
+from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.traci_module import TRACI, RefusedCallError, seen_as_traci
 from sumo_eval.cosim.traci_program import TraciProgram, served
 from sumo_eval.cosim.world import MODEL, SUMO, World
@@ -93,7 +93,7 @@ def simulate(
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
-            drive(world, driver, Stage(traci, world, every=1 if asks else CHECKED_EVERY, as_read=not alone))
+            drive(world, driver, Stage(traci, world, asked=asks, as_read=not alone))
     except (ControllerError, SimulationError) as error:  # before the first step
         break_off(world, error)
         world.end(0)

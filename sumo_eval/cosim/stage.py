@@ -29,12 +29,12 @@ _KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other,
 class Stage:
     """The running simulation of the cases of a world.
 
-    every: steps after which everything is told and compared. as_read: the other vehicles are as SUMO shows them in
-    every respect, whatever their scripts say.
+    asked: somebody else may ask SUMO, which is told everything at every step. as_read: the other vehicles are as SUMO
+    shows them in every respect, whatever their scripts say.
     """
 
-    def __init__(self, traci: Any, world: World, *, every: int = CHECKED_EVERY, as_read: bool = False) -> None:
-        self.traci, self.every, self.as_read = traci, every, as_read
+    def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
+        self.traci, self.asked, self.as_read = traci, asked, as_read
         self.calls = vehicles(traci)
         self.names = vehicle_names(world.cases)
         count, road = len(world.cases), world.cases[0].road
@@ -52,6 +52,7 @@ class Stage:
         self._width = 1 + world.others.shape[1]
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
+        self._places = world.shown[0, :, :2]
         self.without(world)
 
     def without(self, world: World) -> None:
@@ -76,8 +77,12 @@ class Stage:
                 calls.setSpeed(name, start.speed)
 
     def closely(self, steps: int) -> bool:
-        """Whether everything is told and compared in the step after so many."""
-        return steps == 0 or (steps + 1) % self.every == 0
+        """Whether everything is told in the step after so many."""
+        return self.asked or self.compares(steps)
+
+    def compares(self, steps: int) -> bool:
+        """Whether SUMO and the world are compared in the step after so many; one by one, whoever asks SUMO does."""
+        return not self.as_read and (steps == 0 or (steps + 1) % CHECKED_EVERY == 0)
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
@@ -97,6 +102,9 @@ class Stage:
         """Where SUMO shows the other vehicles."""
         if self.as_read:
             self._read_closely(world)
+        elif self._alone:
+            for j, name in enumerate(self._others):
+                self._places[j] = self.calls.getPosition(name)
         elif self._others:
             places = chain.from_iterable(map(self.calls.getPosition, self._others))
             found = np.fromiter(places, np.float64, 2 * len(self._others)).reshape(len(self._live), -1, 2)
