@@ -12,7 +12,7 @@ score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 campaign: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m campaign

@@ -1,0 +1,188 @@
+"""What small evaluations of every shipped scenario come to, kept in files, so that a change of behaviour is seen.
+
+    python tests/golden/golden.py            says what is different from the kept files
+    python tests/golden/golden.py --write    writes them again, and says what changed
+
+One file a scenario: a line for every drive of an ADS (how it ended, when, how hard it hit, a hash of all trajectories),
+a hash for every synthetic driver, and every number of the scores. Hashes are of the recorded channels to the bit; they
+hold for the versions that the file names, because other versions of the C library round a sine differently.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import json
+import math
+import platform
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import sumo_eval
+from sumo_eval.batch.run_folder import FACTS
+from sumo_eval.batch.store import Store, open_store
+from sumo_eval.cosim.controller import SHIPPED
+from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
+from sumo_eval.trajectory import CHANNELS
+
+FOLDER = Path(__file__).parent
+POINTS = 12
+DRIVERS = 4
+NATIVE = "sumo:IDM"
+TOLERANCE = 1e-9  # of scores, relative to 1 or to their own size where that is larger
+MADE_WITH = ("libsumo", "numpy")
+
+
+def evaluation(scenario: str) -> EvaluationSettings:
+    """The small evaluation of one scenario: all shipped ADSs and one of SUMO's models at a few points of the space."""
+    names = (*SHIPPED, NATIVE)
+    return EvaluationSettings(
+        name="golden",
+        scenario=(ScenarioSettings(scenario, SamplingSettings(method="sobol", count=POINTS)),),
+        ads=tuple(AdsSettings(name.replace(":", "_"), name) for name in names),
+        drivers=DriverSettings(count=DRIVERS),
+        run=RunSettings(workers=2),
+    )
+
+
+def measured(scenario: str, folder: Path) -> dict[str, Any]:
+    """What the evaluation of a scenario comes to today, in the shape of a golden file."""
+    done = sumo_eval.evaluate(evaluation(scenario), folder)
+    with open_store(folder / FACTS) as store:
+        drives = {fact.case: _drive(fact, store) for fact in store.facts("ads", scenario)}
+        people: dict[str, Any] = {}
+        for fact in store.facts("human", scenario):
+            people.setdefault(fact.driver, hashlib.sha256()).update(_hash(store, fact.case).encode())
+    return {
+        "made_with": made_with(),
+        "drives": drives,
+        "people": {name: found.hexdigest()[:16] for name, found in sorted(people.items())},
+        "scores": {score.ads: _numbers(score) for score in done.scores},
+    }
+
+
+def made_with() -> dict[str, str]:
+    """The versions on which the last bit of a trajectory depends."""
+    return {name: version(name) for name in MADE_WITH} | {
+        "c_library": " ".join(platform.libc_ver()),
+        "machine": platform.machine(),
+    }
+
+
+def kept(scenario: str) -> dict[str, Any]:
+    """The golden file of a scenario."""
+    content: dict[str, Any] = json.loads((FOLDER / f"{scenario}.json").read_text(encoding="utf-8"))
+    return content
+
+
+def write(scenario: str, content: Mapping[str, Any]) -> None:
+    """Keep it, a line a drive, so that a change shows in a diff."""
+    parts = []
+    for name, part in content.items():
+        lines = ",\n".join(f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in part.items())
+        parts.append(f"{json.dumps(name)}: {{\n{lines}\n}}")
+    (FOLDER / f"{scenario}.json").write_text("{" + ",\n".join(parts) + "}\n", encoding="utf-8")
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[str]:
+    """A sentence for everything that is not as it was: drives that end otherwise, hashes, scores."""
+    same_bits = old["made_with"] == new["made_with"]
+    for part in ("drives", "people", "scores"):
+        for name in sorted({*old[part], *new[part]}):
+            before, after = old[part].get(name), new[part].get(name)
+            if before is None or after is None:
+                yield f"{part}: {name} is {'new' if before is None else 'gone'}."
+            elif part == "people":
+                if same_bits and before != after:
+                    yield f"people: {name} drives otherwise."
+            else:
+                yield from _unequal(f"{part}: {name}", before, after, same_bits=same_bits)
+
+
+def _unequal(what: str, before: Mapping[str, Any], after: Mapping[str, Any], *, same_bits: bool) -> Iterator[str]:
+    for key in sorted({*before, *after}):
+        old, new = before.get(key), after.get(key)
+        if key == "trajectories":
+            if same_bits and old != new:
+                yield f"{what}: the trajectories differ in some bit."
+        elif not _close(old, new):
+            yield f"{what}: {key} was {old}, is {new}."
+
+
+def _close(old: object, new: object) -> bool:
+    if isinstance(old, list) and isinstance(new, list):
+        return len(old) == len(new) and all(map(_close, old, new))
+    if isinstance(old, float) and isinstance(new, int | float):
+        return math.isclose(old, new, rel_tol=TOLERANCE, abs_tol=TOLERANCE) or (math.isnan(old) and math.isnan(new))
+    return old == new
+
+
+def _drive(fact: Any, store: Store) -> dict[str, Any]:
+    hit = fact.collision
+    return {
+        "status": fact.status,
+        "end": fact.end_reason,
+        "time": fact.simulated_time,
+        "impact": None if hit is None else hit.relative_speed,
+        "clips": sum(clip.count for clip in fact.clips),
+        "trajectories": _hash(store, fact.case),
+    }
+
+
+def _hash(store: Store, case: str) -> str:
+    found = hashlib.sha256()
+    for name, drive in sorted(store.trajectories(case).items()):
+        found.update(name.encode())
+        for channel in CHANNELS:
+            found.update(np.ascontiguousarray(getattr(drive, channel)).tobytes())
+    return found.hexdigest()[:16]
+
+
+def _numbers(score: Any) -> dict[str, Any]:
+    """Every number of a score by name; texts are not kept here."""
+    plain = json.loads(json.dumps(dataclasses.asdict(score)))
+    return {name: value for name, value in plain.items() if _is_numeric(value)}
+
+
+def _is_numeric(value: object) -> bool:
+    if isinstance(value, list):
+        return bool(value) and all(map(_is_numeric, value))
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
+def main() -> int:
+    """Compare or write, and say what changed. Exit status 1: something differs and was not written."""
+    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments.add_argument("--write", action="store_true", help="write the files again")
+    arguments.add_argument("scenario", nargs="*", help="only these")
+    given = arguments.parse_args()
+    changed = False
+    for scenario in given.scenario or sorted(SCENARIOS):
+        with tempfile.TemporaryDirectory() as folder:
+            new = measured(scenario, Path(folder) / "run")
+        there = (FOLDER / f"{scenario}.json").is_file()
+        found = list(differences(kept(scenario), new)) if there else ["there is no golden file yet."]
+        print(f"{scenario}: {len(found) or 'no'} difference{'' if len(found) == 1 else 's'}", *found, sep="\n  ")
+        changed |= bool(found)
+        if given.write:
+            write(scenario, new)
+    return int(changed and not given.write)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
