@@ -26,8 +26,8 @@ from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import Command, simulate, simulate_many
 from sumo_eval.cosim.bare_libsumo import bare_seconds
 from sumo_eval.cosim.controller import load_controller
-from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
-from sumo_eval.cosim.session import command_line, packed_session, simulator_version
+from sumo_eval.cosim.session import command_line, running, simulator_version
+from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.method.anthropomorphic import anthropomorphic_index, lateral_position, slice_points, slice_positions
 from sumo_eval.method.trajectory_field import KERNEL, trajectory_field
@@ -190,11 +190,11 @@ def _bare_process() -> Iterator[ProcessPoolExecutor]:
 def _bare_pack(concretes: Sequence[ConcreteScenario], steps: Sequence[int]) -> None:
     """The same in one simulation; each case's vehicles are taken off when it ends."""
     settings = concretes[0].simulation(SETTINGS)
-    texts = packed_network_xml(concretes[0].road, len(concretes)), packed_routes_xml(concretes, settings.vehicle)
+    texts = shared_network_xml(concretes[0].road, len(concretes)), shared_routes_xml(concretes, settings.vehicle)
     ends: dict[int, list[int]] = {}
     for case, count in enumerate(steps):
         ends.setdefault(count, []).append(case)
-    with packed_session(*texts, settings) as traci:
+    with running(*texts, settings, collisions="none") as traci:
         for step in range(max(steps)):
             traci.simulationStep()
             for case in ends.get(step + 1, ()):

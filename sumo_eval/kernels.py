@@ -123,7 +123,8 @@ def _opened(argument: Any) -> Any:
 def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
     if depth:
         return [_records(value, dtype, depth - 1) for value in values]
-    assert dtype.names is not None and dtype.fields is not None
+    assert dtype.names is not None
+    assert dtype.fields is not None
     found = SimpleNamespace()
     for name, value in zip(dtype.names, values, strict=True):
         inner = dtype.fields[name][0]
@@ -134,7 +135,8 @@ def _records(values: Any, dtype: np.dtype[Any], depth: int) -> Any:
 def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
     if isinstance(records, list):
         return [_closed(record, dtype) for record in records]
-    assert dtype.names is not None and dtype.fields is not None
+    assert dtype.names is not None
+    assert dtype.fields is not None
     values = []
     for name in dtype.names:
         inner, value = dtype.fields[name][0], getattr(records, name)
@@ -151,6 +153,6 @@ def warm(scripts: Sequence[str], environment: dict[str, str] | None = None) -> N
     scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
     """
     given = {**os.environ, **(environment or {})}
-    children = [subprocess.Popen([sys.executable, "-c", script], env=given) for script in scripts]  # noqa: S603
+    children = [subprocess.Popen([sys.executable, "-c", script], env=given) for script in scripts]
     for child in children:
         child.wait()

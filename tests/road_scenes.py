@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
-from sumo_eval.ads.perception import Mover
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
@@ -17,9 +18,33 @@ ROAD = Road(name="test_road", length=600.0, lanes=2, lane_width=3.5, run_out=540
 BRIEFING = Briefing("test", ROAD, VehicleSettings(), 0.05)
 
 
+class Mover(SimpleNamespace):
+    """A vehicle as a rule sees it, outside of any loop: the fields of a `MOVER` record, and a name."""
+
+    @property
+    def speed(self) -> float:
+        """Along the heading, m/s."""
+        return math.hypot(self.along, self.across)
+
+    def _replace(self, **changes: float) -> Mover:
+        return Mover(**{**vars(self), **changes})
+
+
 def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: float = 0.0) -> Mover:
     """A vehicle of 4.5 m x 1.8 m, straight along the road."""
-    return Mover(name, x, y, 0.0, along, across, 2.25, 0.9)
+    return Mover(
+        name=name, x=x, y=y, heading=0.0, along=along, across=across, half_length=2.25, half_width=0.9, braking=0.0
+    )
+
+
+def fresh(layout: Any) -> Any:
+    """A record as a rule finds it at the start: nothing is known (nan), nothing has happened (0)."""
+    dtype = np.dtype(layout)
+    found = SimpleNamespace()
+    for name in dtype.names:
+        inner = dtype[name]
+        setattr(found, name, fresh(inner) if inner.names else (math.nan if inner == np.float64 else 0))
+    return found
 
 
 def case(*actors: Actor, speed: float = 20.0, road: Road = ROAD, **values: float) -> ConcreteScenario:
@@ -69,17 +94,3 @@ def cut_outs_at_the_edge(count: int, seed: int) -> list[ConcreteScenario]:
     safe = peak_inverse_ttc(logical, points) < 0.7
     hazardous_if_nearer = peak_inverse_ttc(logical, points * np.array([1.0, 1.0, 0.95])) >= 0.7
     return list(logical.concretes(points[safe & hazardous_if_nearer][:count]))
-
-
-class FakeTraci:
-    """As much of TraCI as a sensor asks for. vehicles: name -> (x, y of the front bumper, angle, speed)."""
-
-    def __init__(self, vehicles: dict[str, tuple[float, float, float, float]], length: float, width: float) -> None:
-        self.vehicle = SimpleNamespace(
-            getIDList=lambda: tuple(vehicles),
-            getPosition=lambda name: vehicles[name][:2],
-            getAngle=lambda name: vehicles[name][2],
-            getSpeed=lambda name: vehicles[name][3],
-            getLength=lambda name: length,
-            getWidth=lambda name: width,
-        )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields as fields_of
+from dataclasses import dataclass
+from dataclasses import fields as fields_of
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ def desired_gap(speed: float, closing_speed: float, idm: Any, headway: float | N
     """
     time = idm.headway if headway is None else headway
     braking = speed * closing_speed / (2.0 * math.sqrt(idm.acceleration * idm.deceleration))
-    return idm.standstill_gap + max(0.0, speed * time + braking)
+    return float(idm.standstill_gap + max(0.0, speed * time + braking))
 
 
 @kernel
@@ -60,7 +61,7 @@ def idm_acceleration(speed: float, desired_speed: float, gap: float, lead_speed:
     """
     free: float = (speed / max(desired_speed, MIN_SPEED)) ** EXPONENT
     crowding = desired_gap(speed, speed - lead_speed, idm) / max(gap, MIN_GAP)
-    return idm.acceleration * (1.0 - free - crowding * crowding)
+    return float(idm.acceleration * (1.0 - free - crowding * crowding))
 
 
 @kernel
@@ -90,7 +91,7 @@ def improved_idm_acceleration(
     z = desired_gap(speed, speed - lead_speed, idm, headway) / max(gap, MIN_GAP)
     if speed <= max(desired_speed, MIN_SPEED):
         if z >= 1.0:
-            return idm.acceleration * (1.0 - z * z)
+            return float(idm.acceleration * (1.0 - z * z))
         return float(free * (1.0 - z ** (2.0 * idm.acceleration / free))) if free > 0.0 else 0.0
     return free + (idm.acceleration * (1.0 - z * z) if z >= 1.0 else 0.0)
 
@@ -143,7 +144,7 @@ def enhanced_idm_acceleration(
     if plain >= needed:
         return plain
     b = idm.deceleration
-    return (1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b))
+    return float((1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b)))
 
 
 FOLLOWED = fields("accepted")

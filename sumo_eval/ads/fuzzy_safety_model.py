@@ -102,7 +102,7 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     if closing <= 0.0:
         return True
     lengths = 2.0 * (me.half_length + other.half_length)
-    return across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN
+    return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
 
 
 _MEMORY = np.dtype([("brakes", BRAKES), ("motion", MOTION)])

@@ -102,9 +102,7 @@ def steering(memory: Any, me: Any, path_y: float, slope: float, bend: float, sce
     per_metre = RATE / max(speed, SLOW)
     wanted = math.atan(slope)
     c = math.cos(wanted)
-    memory.curvature = (
-        bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading)
-    )
+    memory.curvature = bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading)
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * memory.curvature))
 
 
@@ -131,9 +129,16 @@ class LanePath:
         return self.start + self.offset
 
 
-@kernel
 def share_of_duration(done: float) -> float:
-    """The share of a lane change's duration at which the share `done` (0..1) of its offset is covered, 0..1."""
+    """The share of a lane change's duration at which the share `done` of its offset is covered (0..1 -> 0..1)."""
+    if not 0.0 <= done <= 1.0:
+        raise must_be("`done`", "a lane change", "within 0..1", done)
+    return share_when_done(done)
+
+
+@kernel
+def share_when_done(done: float) -> float:
+    """`share_of_duration` of what is known to be within 0..1."""
     low, high = 0.0, 1.0
     for _ in range(40):
         middle = 0.5 * (low + high)

@@ -16,7 +16,7 @@ from sumo_eval.ads.lane_change import (
     keep_lane,
     lane_of,
     path_y,
-    share_of_duration,
+    share_when_done,
     shortest_duration,
     smooth_step,
 )
@@ -237,7 +237,7 @@ def _duration(me: Any, others: Any, watched: Any, shortest: float, habits: Any, 
         if smooth_step(reached / shortest) < share:
             return -1.0
         if smooth_step(reached / longest) < share:
-            longest = max(reached / share_of_duration(share), shortest)
+            longest = max(reached / share_when_done(share), shortest)
     return float(longest)
 
 
@@ -263,7 +263,5 @@ def _still_ahead(memory: Any, me: Any, other: Any, scenario: Any) -> bool:
     widths = 0.5 * scenario.vehicle.width + other.half_width
     target = memory.path.start + memory.path.offset
     return bool(
-        other.x > me.x - me.half_length
-        and abs(me.y - other.y) < widths + AT_EASE
-        and abs(target - other.y) >= widths
+        other.x > me.x - me.half_length and abs(me.y - other.y) < widths + AT_EASE and abs(target - other.y) >= widths
     )

@@ -100,7 +100,12 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
 def take(to: Any, other: Any) -> None:
     """Write a vehicle into another record."""
     to.x, to.y, to.heading, to.along, to.across = other.x, other.y, other.heading, other.along, other.across
-    to.half_length, to.half_width, to.speed, to.braking = other.half_length, other.half_width, other.speed, other.braking
+    to.half_length, to.half_width, to.speed, to.braking = (
+        other.half_length,
+        other.half_width,
+        other.speed,
+        other.braking,
+    )
 
 
 @kernel

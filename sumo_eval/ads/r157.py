@@ -41,7 +41,7 @@ def time_headway(me: Any, other: Any) -> float:
 @kernel
 def lateral_gap(me: Any, other: Any) -> float:
     """Edge to edge across the road, m; negative when the bodies share a strip of road."""
-    return abs(other.y - me.y) - me.half_width - other.half_width
+    return float(abs(other.y - me.y) - me.half_width - other.half_width)
 
 
 @kernel

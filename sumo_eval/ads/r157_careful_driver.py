@@ -60,17 +60,15 @@ _WATCHED = fields(
 )  # fmt: skip
 """What the driver remembers of another vehicle, nan where there is nothing.
 
-lane: y of the centre of the lane where it was first seen, m. offset, time, speed: of the last look. strayed: when it was
-further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when that
-exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when braking for it
-became necessary, s.
+lane: y of the centre of the lane where it was first seen, m. offset, time, speed: of the last look. strayed: when it
+was further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when
+that exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when braking
+for it became necessary, s.
 """
 
 
 @kernel
-def careful_driver(
-    me: Any, others: Any, memory: Any, watched: Any, p: Any, scenario: Any, time: float
-) -> float:
+def careful_driver(me: Any, others: Any, memory: Any, watched: Any, p: Any, scenario: Any, time: float) -> float:
     """Braking for the vehicle that made it necessary first, else the speed is kept; as an acceleration, m/s2.
 
     The command is the ramp's value at the middle of the coming step: its mean over the step.
@@ -186,9 +184,7 @@ def _judge_path(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time:
 
 
 @kernel
-def _judge_lead(
-    me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
-) -> None:
+def _judge_lead(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, scenario: Any, time: float) -> None:
     """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
     known = watched[j]
     if math.isnan(known.evaluated):
@@ -201,10 +197,12 @@ def _judge_lead(
 def _perceived(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, time: float) -> float:
     """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing does."""
     other, known = others[j], watched[j]
+    near = within_headway(me, other, FOLLOWING_HEADWAY)
     if leaves >= 0 and me.along > other.along and not math.isnan(watched[leaves].strayed):
-        if within_headway(me, others[leaves], FOLLOWING_HEADWAY) or within_headway(me, other, FOLLOWING_HEADWAY):
+        near_lead = within_headway(me, others[leaves], FOLLOWING_HEADWAY)
+        if near_lead or near:
             return float(max(watched[leaves].strayed, time - p.evaluation))
-    if not math.isnan(known.braked) and within_headway(me, other, FOLLOWING_HEADWAY):
+    if not math.isnan(known.braked) and near:
         return float(max(known.braked, time - p.evaluation))
     delay = p.evaluation + p.reaction
     needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)

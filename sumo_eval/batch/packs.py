@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from itertools import islice
 
 from sumo_eval.batch.cases import Case
-from sumo_eval.cosim.packed import probable_end
+from sumo_eval.cosim.simulate import probable_end
 
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str]

@@ -7,12 +7,21 @@ import threading
 
 # signal.getsignal looks the handler up in an Enum first, which costs more than a system call
 from _signal import getsignal  # type: ignore[import-not-found]
+from collections.abc import Callable
 from types import FrameType
 from typing import Any, cast
 
-from sumo_eval.cosim.controller import Briefing, Controller, NativeModel, ObservingController
+from sumo_eval.cosim.compiled import Compiled
+from sumo_eval.cosim.controller import (
+    Briefing,
+    Controller,
+    NativeModel,
+    ObjectController,
+    ObservingController,
+    PolicyController,
+)
 from sumo_eval.cosim.json_lines import JsonLinesProgram
-from sumo_eval.cosim.observation import Senses
+from sumo_eval.cosim.observation import Observation, Senses
 from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
@@ -26,9 +35,15 @@ class _OverdueError(BaseException):
 
 
 def watched(controller: Controller, limits: RunSettings) -> Controller:
-    """The controller under watch. SUMO's own models need none, and programs are watched where they are talked to."""
+    """The controller under watch. SUMO's own models and what ships need none, and programs are watched where they are
+    talked to.
+    """
     if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
         return controller
+    if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
+        return controller
+    if isinstance(controller, PolicyController):
+        return WatchedPolicy(controller, limits.step_timeout, limits.memory_limit)
     if isinstance(controller, ObservingController):
         return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
     return WatchedController(controller, limits.step_timeout, limits.memory_limit)
@@ -59,12 +74,16 @@ class WatchedController:
 
     def step(self, traci: Any, ego: str, time: float) -> Command | None:
         """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
+        command: Command | None = self._in_time(self._controller.step, traci, ego, time)
+        return command
+
+    def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
         try:
             self._stepping = True
             if self._armed:  # again and again: an ADS may swallow the first
                 signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
             try:
-                return self._controller.step(traci, ego, time)
+                return ask(*arguments)
             finally:
                 self._stepping = False
                 # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
@@ -105,3 +124,19 @@ class WatchedObserver(WatchedController, ObservingController):
     @senses.setter
     def senses(self, lent: Senses) -> None:
         self._observer.senses = lent
+
+
+class WatchedPolicy(WatchedController):
+    """The same for a policy, which is asked about what is seen."""
+
+    is_policy = True
+
+    def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
+        super().__init__(policy, step_timeout, memory_limit)
+        self._policy = policy
+        self.act = policy.act
+
+    def command(self, seen: Observation) -> Command:
+        """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
+        command: Command = self._in_time(self._policy.command, seen)
+        return command

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from sumo_eval.batch.cases import Case, Outcome, Setup, Status
 from sumo_eval.batch.kept import KeptRecording, keep
 from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.controller import find_controller, load_controller
-from sumo_eval.cosim.packed import NO_PACKED_FORM, NOT_FOR_PACKS, simulate_packed
+from sumo_eval.cosim.controller import load_controller
+from sumo_eval.cosim.simulate import ALONE_BY_NATURE, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
@@ -34,6 +34,9 @@ _STATUS: dict[EndReason, Status] = {
     "ads_timeout": "ads_timeout",
     "sim_error": "sim_error",
 }
+
+
+DRAWS = "The ADS draws from the global random generators, so that its cases have to follow one another."
 
 
 def run_case(case: Case, setup: Setup) -> Outcome:
@@ -66,10 +69,10 @@ def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | No
         kept = keep(recording) if isinstance(recording, Recording) else recording
         return [Result(outcome.status, kept, outcome.error, outcome.log)]
     try:
-        found = list(_simulate_packed(cases, setup))
+        found = list(_simulate_together(cases, setup))
     except InputError:  # each of them says why when it runs alone
         return None
-    if all(one in (NO_PACKED_FORM, NOT_FOR_PACKS) for one in found):
+    if all(one in ALONE_BY_NATURE or one == DRAWS for one in found):
         return None
     return [
         one if isinstance(one, str) else Result(_STATUS[one.end_reason], keep(one), one.error, one.log) for one in found
@@ -109,20 +112,30 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     )
 
 
-def _simulate_packed(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
+def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
     """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
     settings = _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]
     role = cases[0].role
     if role == "human":
-        return simulate_packed(concretes, [_driver(case) for case in cases], settings)
+        return simulate_together(concretes, [_driver(case) for case in cases], settings)
     if role == "ideal":
-        return simulate_packed(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
-    if not hasattr(find_controller(cases[0].controller, setup.folder), "packed"):  # do not make one in vain
-        return [NO_PACKED_FORM] * len(cases)
-    return simulate_packed(
-        concretes, cases[0].controller, settings, folder=setup.folder, step_timeout=setup.run.step_timeout
+        return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+    _seed_global_generators(cases[0])
+    before = _states_of_global_generators()
+    found = list(
+        simulate_together(
+            concretes,
+            cases[0].controller,
+            settings,
+            folder=setup.folder,
+            step_timeout=setup.run.step_timeout,
+            seeds=[case.seed for case in cases],
+            wrap=lambda ads: watched(ads, setup.run),
+            batches=False,
+        )
     )
+    return found if _states_of_global_generators() == before else [DRAWS] * len(cases)
 
 
 def _driver(case: Case) -> SyntheticDriver:
@@ -145,3 +158,9 @@ def _seed_global_generators(case: Case) -> None:
     stream = random_stream(case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver)
     random.seed(int(stream.integers(2**63)))
     np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the generator that such an ADS uses
+
+
+def _states_of_global_generators() -> tuple[object, ...]:
+    """What tells whether somebody has drawn from them."""
+    legacy: Any = np.random.get_state()  # noqa: NPY002 - the generator that such an ADS uses
+    return random.getstate(), legacy[1].tobytes(), legacy[2:]

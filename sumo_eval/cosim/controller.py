@@ -16,7 +16,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.observation import Observation, Senses
@@ -122,6 +122,7 @@ class ObservingController:
 class PolicyController(ObservingController):
     """A policy: a function `(observation)`, or an object with `act(observation)`."""
 
+    is_policy: ClassVar[bool] = True
     act: Callable[[Observation], Any]
     target: Any
     senses: Senses = field(init=False, repr=False)

@@ -24,8 +24,8 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.controller import Briefing, PolicyController
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
-from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import PLANT, REASONS, World, move_rows, see_rows, stop_rows
@@ -83,7 +83,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
                 world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, now, int(closely)
             )
             moved = 1
-            stage.tell(world, count)
+            _tell(world, stage, count)
             stage.step()
             driver.after(world, now)
             stage.read(world)
@@ -107,9 +107,29 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         break_off(world, SimulationError(f"SUMO stopped at {world.time:.2f} s: {said(error)}."), moved)
     finally:
         for row in np.flatnonzero(world.egos["live"]).tolist():
-            driver.let_go(world, row)
+            _let_go(world, driver, row)
     for row in np.flatnonzero(world.egos["live"]).tolist():
         world.end(row)
+
+
+def _let_go(world: World, driver: Driver, row: int) -> None:
+    """Let the driver of a row go, once, whatever comes of it."""
+    case = int(world.rows[row])
+    if case not in world.let_go:
+        world.let_go.add(case)
+        driver.let_go(world, row)
+
+
+def _tell(world: World, stage: Stage, count: int) -> None:
+    """Hand the motion to SUMO; where SUMO no longer has a vehicle, the ADS that asks it has just taken it away."""
+    try:
+        stage.tell(world, count)
+    except stage.traci.TraCIException as error:
+        if not stage.asked:
+            raise
+        raise ControllerError(
+            f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
+        ) from error
 
 
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
@@ -129,7 +149,7 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
             time = float(world.egos["time"][row])
             world.fail(row, "ads_error", f"`{name}` of the ADS's Command must be a finite number, got {value!r} "
                        f"at {time:.2f} s.")  # fmt: skip
-        driver.let_go(world, row)
+        _let_go(world, driver, row)
         stage.remove(world, row)
         world.end(row)
     if not world.going:
@@ -354,9 +374,7 @@ class OneEach(Policies):
                 command = checked(policy.command(seen), time)
                 took = now() - asked
                 if took > self._step_timeout:
-                    raise ControllerTimeoutError(
-                        f"The ADS must answer within {self._step_timeout:g} s, took longer"
-                    )
+                    raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s, took longer")
             except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
                 self._count(world, case, now() - asked)
                 self._fail(world, row, error, time)
@@ -452,6 +470,7 @@ class Batch(Policies):
     def __init__(self, policy: PolicyController, step_timeout: float, seeds: Sequence[int]) -> None:
         super().__init__(step_timeout, seeds)
         self._policy = policy
+        self._act: Callable[[Any], Any] = policy.act
         self._held = 0
 
     def begin(self, world: World, stage: Stage) -> None:
@@ -471,7 +490,7 @@ class Batch(Policies):
                             world.others[live])  # fmt: skip
         asked = clock.perf_counter()
         try:
-            answer = np.asarray(self._policy.act(seen), dtype=np.float64)
+            answer = np.asarray(self._act(seen), dtype=np.float64)
         except Exception as error:
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
         took = clock.perf_counter() - asked

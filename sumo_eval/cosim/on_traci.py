@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import time as clock
 import traceback
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +56,7 @@ class OnTraci:
         self._half = 0.5 * settings.vehicle.length
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         self._state = world.egos.view(np.float64).reshape(-1)  # its first numbers: a body's, and the acceleration
-        self._others = world.others.view(np.float64).reshape(len(concrete.actors), -1)
+        self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
         GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -273,4 +272,3 @@ class OnTraci:
         if self.plant is not None:
             let_go(world, row, "The vehicle model", self.plant.close, "sim_error")
         world.touched(GUARD.touched)
-

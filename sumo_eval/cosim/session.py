@@ -32,6 +32,7 @@ _XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12Pan
 """Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
 _COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
 SPEED_TOLERANCE = 1e-3  # m/s
+NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
 
 
 def simulator_version() -> str:
@@ -217,6 +218,8 @@ def check_start(
             speed = calls.getSpeed(known)
         except traci.TraCIException as error:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
+        if x < NOWHERE:
+            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "

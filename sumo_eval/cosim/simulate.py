@@ -36,7 +36,7 @@ from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.session import running, session
 from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.traci_module import TRACI, RefusedCallError, seen_as_traci
+from sumo_eval.cosim.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.traci_program import TraciProgram, served
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, SimulationError, must_be, said
@@ -55,6 +55,10 @@ TOGETHER = 512  # cases in one simulation: enough to share a step's fixed cost, 
 ON_TRACI = "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU or a model of SUMO's)."
 ONE_OBJECT = "The ADS is one object for all cases, and may hold something of each."
 NOT_TOGETHER = "The case or its settings allow no company (its road's network, its conditions, its vehicle model)."
+BATCH = "The ADS's numbers depend on which cases are driven together."
+ALONE_BY_NATURE = (ON_TRACI, ONE_OBJECT, NOT_TOGETHER, ASKS_SUMO, BATCH)
+"""Why cases are driven alone whatever happens in them."""
+
 
 def simulate(
     concrete: ConcreteScenario,
@@ -110,7 +114,7 @@ def _target(ads: Controller) -> Any:
 
 def is_policy(ads: Controller) -> bool:
     """Whether it looks through observations and nothing else."""
-    return hasattr(ads, "command")
+    return getattr(ads, "is_policy", False) is True
 
 
 def _policies(ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None) -> Driver:
@@ -185,20 +189,23 @@ def simulate_together(
     step_timeout: float = math.inf,
     seeds: Sequence[int] | None = None,
     wrap: Callable[[Controller], Controller] = lambda ads: ads,
+    batches: bool = True,
 ) -> Iterator[Recording | str]:
     """As `simulate_many`, but for cases that have to be driven alone: the reason, for the caller to see to them.
 
-    seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case.
+    seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
+    whether a policy over arrays may see many cases at once; its numbers may depend on which.
     """
     basis = settings or SimulationSettings()
     check_intervals(basis)
     given = seeds or [0] * len(cases)
     if isinstance(controller, list | tuple):
         if len(controller) != len(cases):
-            raise must_be("The controllers", "`simulate_many`", f"one for each of the {len(cases)} cases", len(controller))  # fmt: skip
+            each = f"one for each of the {len(cases)} cases"
+            raise must_be("The controllers", "`simulate_many`", each, len(controller))
         riders, why = _given_riders(controller, folder), ""
     else:
-        riders, why = _riders(controller, folder, wrap)
+        riders, why = _riders(controller, folder, wrap, batches)
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(index: int) -> tuple[object, ...] | None:
@@ -237,18 +244,22 @@ class _Riders:
 
 
 def _riders(
-    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller]
+    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller], batches: bool
 ) -> tuple[_Riders, str]:
     """What makes the drivers of one ADS, and why it cannot drive many, "" where it can."""
     nobody = _Riders(lambda index: None, lambda index: None)
     found = find_controller(controller, folder) if isinstance(controller, str) else controller
     described = controller if isinstance(controller, str) else repr(controller)
+    if isinstance(found, type) and not issubclass(found, Compiled) and not callable(getattr(found, "act", None)):
+        return nobody, ON_TRACI  # none is made in vain
     ads = adapted(found, described)
     target = _target(ads)
     if Compiled.rides(target):
         return _Riders(lambda index: type(target), lambda index: target), ""
     if not is_policy(ads):
         return nobody, ON_TRACI
+    if getattr(ads.target, "batch", False) is True:  # type: ignore[attr-defined]
+        return (_Riders(lambda index: controller, lambda index: ads), "") if batches else (nobody, BATCH)
     if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
         return nobody, ASKS_SUMO
     if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
@@ -306,7 +317,9 @@ def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
     return bool(concrete.actors) and road.right_edge <= concrete.ego.y <= road.left_edge
 
 
-def _together(cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings) -> Sequence[Recording | str]:  # fmt: skip
+def _together(
+    cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings
+) -> Sequence[Recording | str]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
     texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, settings.vehicle)

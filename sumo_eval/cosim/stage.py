@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.session import check_start, vehicles
+from sumo_eval.cosim.session import NOWHERE, check_start, vehicles
 from sumo_eval.cosim.shared_files import edge_name, vehicle_names
-from sumo_eval.cosim.world import MODEL, NOWHERE, STRAIGHT, World
+from sumo_eval.cosim.world import MODEL, STRAIGHT, World
 from sumo_eval.errors import SimulationError
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -137,7 +137,7 @@ class Stage:
         heading = egos["heading"][live]
         x, y = egos["x"][live] + half * np.cos(heading), egos["y"][live] + half * np.sin(heading)
         off = (np.abs(shown[:, 0] - x) > _PLACE_TOLERANCE) | (np.abs(shown[:, 1] - y) > _PLACE_TOLERANCE)
-        off &= (egos["placed"][live] == MODEL) & (shown[:, 0] > NOWHERE)
+        off &= (egos["placed"][live] == MODEL) & (egos["reason"][live] == 0) & (shown[:, 0] > NOWHERE)
         for k in np.flatnonzero(off).tolist():
             world.fail(
                 int(live[k]), "sim_error",
@@ -160,7 +160,7 @@ class Stage:
         moves_otherwise |= np.abs(angle - STRAIGHT) > _MOTION_TOLERANCE
         off = np.where(told == 2, off, moves_otherwise & (told == 0))
         off &= np.abs(shown[:, :, 1] - self._middle) < self._half + half  # beside every lane SUMO shows other motion
-        off &= shown[:, :, 0] > NOWHERE
+        off &= (shown[:, :, 0] > NOWHERE) & (world.egos["reason"][live] == 0)[:, None]
         for k, j in np.argwhere(off).tolist():
             actor = world.cases[int(world.rows[live[k]])].actors[j]
             world.fail(

@@ -181,13 +181,11 @@ def _limit_acceleration(requested: float, lateral: float, limits: Any, time: flo
     held = min(max(granted, -left), left)
     if abs(held - granted) > _GRANTED:
         count_clip(clips, _FRICTION, time, granted, held)
-    return held
+    return float(held)
 
 
 @kernel
-def drive(
-    speed: float, acceleration: float, target: float, limits: Any, step: float
-) -> tuple[float, float, float]:
+def drive(speed: float, acceleration: float, target: float, limits: Any, step: float) -> tuple[float, float, float]:
     """(acceleration, speed) at the end of the step and the distance driven in it, exactly; no vehicle reverses."""
     distance, left, a, v = 0.0, step, acceleration, speed
     while left > 0.0:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, between, describe, keeps_apart, share_at_touch, within_a_turn
+from sumo_eval.cosim.session import NOWHERE
 from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
@@ -101,7 +102,6 @@ _CONTACT, _STANDSTILL, _ROAD_END, _OFF_ROAD, _TIME_LIMIT, _DECIDED, _ADS_ERROR, 
 WHATS = (*LIMITED, "actor_off_its_script")
 _OFF_SCRIPT = len(LIMITED)
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
-NOWHERE = -1e6  # m; beside every lane SUMO loses a vehicle's place, and shows one far beyond
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
 _ALONG = 1e-9  # rad, a heading smaller than this is none
 _DEGREES = 180.0 / math.pi
@@ -186,9 +186,7 @@ def _script_acceleration(other: Any, moves: Any, time: float) -> float:
 
 
 @kernel
-def _sample(
-    samples: Any, vehicle: Any, time: float, acceleration: float, steering: float
-) -> None:
+def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steering: float) -> None:
     """Record a vehicle as it is now, unless it has been at this instant. samples: (channels, instants)."""
     count = vehicle.samples
     if count > 0 and time - samples[0, count - 1] < 1e-9:
@@ -409,9 +407,7 @@ def see_rows(
             other = others[i][j]
             if other.present == 0:
                 continue
-            _place(
-                other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], now, as_read
-            )
+            _place(other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], now, as_read)
             was = other.before
             there = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
             here = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
@@ -480,6 +476,7 @@ class World:
         self.logs: dict[int, str] = {}
         self.notes: dict[int, Any] = {}
         self.left: dict[int, str] = {}
+        self.let_go: set[int] = set()
         self._shared: list[float] = [0.0, 0.0, 0]  # latency: sum, longest, number of answers
         self.latency: list[list[float]] = [[0.0, 0.0, 0] for _ in cases]
         self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
@@ -578,9 +575,7 @@ class World:
             latency = total / max(answers, 1), longest
             recording = self.ended[case]
             found.append(
-                recording(
-                    self.errors.get(case), self.logs.get(case, ""), latency, wall_time / len(self.cases)
-                )
+                recording(self.errors.get(case), self.logs.get(case, ""), latency, wall_time / len(self.cases))
             )
         return found
 

@@ -105,6 +105,10 @@ class Driver:
         """The speed at which he settles over the one at which a case begins: faster drivers gain, slower ones lose."""
         return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
 
+    def desired_speed(self, speed: float) -> float:
+        """The speed at which he settles when a case begins at `speed`, m/s."""
+        return speed * self.gain
+
 
 def draw_population(count: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> tuple[Driver, ...]:
     """The first `count` drivers of the population `seed`: a larger population begins with the same drivers."""

@@ -51,17 +51,15 @@ CROSSING_SPEED = 0.3  # m/s across the road: a vehicle ahead that begins to chan
 CLOSING_SPEED = 2.0  # m/s: one that is being approached (the rule by which the recorded approaches were chosen)
 
 
-_LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
-_LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
+LOOK = np.dtype([*fields("time"), ("mover", MOVER)])
+LOOKS = [*fields("first_seen"), *flags("begun", "first", "count")]
 """Of the looks at a vehicle, which are written round and round: when the first was, which is the oldest that counts,
 and how many there have been."""
-_ATTENTION = [*fields("delay"), *flags("attends")]
+ATTENTION = [*fields("delay"), *flags("attends")]
 
 
 @kernel
-def attend(
-    attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float
-) -> None:
+def attend(attention: Any, me: Any, others: Any, looks: Any, memories: Any, known: Any, p: Any, time: float) -> None:
     """Look at the true scene at `time`, and write what the driver acts upon to `known`; nan: not known.
 
     He knows each vehicle as it was one reaction time ago, carried on to now as it moved then. So a steady vehicle is
@@ -102,7 +100,7 @@ def attend(
         carry_on(known[j], time - look.time)
 
 
-_MEMORY = np.dtype([*OVERTAKING, *_ATTENTION, *fields("clock", "ease")])
+_MEMORY = np.dtype([*OVERTAKING, *ATTENTION, *fields("clock", "ease")])
 _PARAMETERS = np.dtype(
     [
         *fields("reaction_time", "alerted_reaction_time", "gain", "lane_offset", "wander_amplitude", "pedal_amplitude"),
@@ -202,8 +200,8 @@ class SyntheticDriver(Compiled):
         longest = max(max(it.driver.reaction_time, it.driver.alerted_reaction_time) for it in together)
         return (
             np.zeros(count, _MEMORY),
-            np.zeros((count, others, math.ceil(longest / step) + 3), _LOOK),
-            np.zeros((count, others), _LOOKS),
+            np.zeros((count, others, math.ceil(longest / step) + 3), LOOK),
+            np.zeros((count, others), LOOKS),
             np.zeros((count, others), MOVER),
             unknown(count, others, WATCHED),
             np.array([(it.wander.waves, it.pedal.waves) for it in together]),

@@ -18,6 +18,7 @@ from sumo_eval.scenario import motion
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
+
 @dataclass(frozen=True, slots=True)
 class NetworkFile:
     """A SUMO network of the user's. edges: those of its edges that are driven along, in order; together straight.

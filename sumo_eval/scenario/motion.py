@@ -15,19 +15,19 @@ SMOOTH, CONSTANT = 0, 1  # kinds of lateral moves
 
 
 @kernel
-def quintic(s: float) -> float:
+def quintic(s: Any) -> Any:
     """10 s^3 - 15 s^4 + 6 s^5, from 0 to 1 over 0..1, at rest at both ends."""
     return s * s * s * (10.0 + s * (-15.0 + 6.0 * s))
 
 
 @kernel
-def quintic_rate(s: float) -> float:
+def quintic_rate(s: Any) -> Any:
     """Derivative of `quintic`: 30 s^2 (1 - s)^2."""
     return 30.0 * s * s * (1.0 - s) * (1.0 - s)
 
 
 @kernel
-def quintic_bend(s: float) -> float:
+def quintic_bend(s: Any) -> Any:
     """Second derivative of `quintic`: 60 s (1 - s) (1 - 2 s)."""
     return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
 
@@ -35,7 +35,7 @@ def quintic_bend(s: float) -> float:
 @kernel
 def share_done(move: Any, time: float) -> float:
     """Share of a move's duration that has gone by, 0..1."""
-    return min(max((time - move.begin) / move.duration, 0.0), 1.0)
+    return float(min(max((time - move.begin) / move.duration, 0.0), 1.0))
 
 
 @kernel
@@ -79,7 +79,7 @@ def braked_speed_at(brake: Any, speed: float, time: float) -> float:
     t = min(max(time - brake.begin, 0.0), time_to_stand(brake, speed))
     rising = min(t, rise)
     share = rising / rise if rise > 0.0 else 0.0
-    return max(speed - brake.deceleration * (rising * share / 2.0 + (t - rising)), 0.0)
+    return float(max(speed - brake.deceleration * (rising * share / 2.0 + (t - rising)), 0.0))
 
 
 @kernel
@@ -104,7 +104,7 @@ def braking_acceleration(brake: Any, speed: float, time: float) -> float:
         return 0.0
     if math.isinf(brake.jerk):
         return float(-brake.deceleration)
-    return -min(brake.jerk * (time - brake.begin), brake.deceleration)
+    return -float(min(brake.jerk * (time - brake.begin), brake.deceleration))
 
 
 @kernel

@@ -4,15 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from road_scenes import actor, case, cut_outs_at_the_edge, low_speed, safe_cut_outs
+from road_scenes import actor, case, cut_outs_at_the_edge, fresh, low_speed, safe_cut_outs
 
 from sumo_eval.ads.car_following import (
-    Follower,
+    FOLLOWED,
     IdmParameters,
     constant_acceleration_heuristic,
     constant_speed_heuristic,
     desired_gap,
     enhanced_idm_acceleration,
+    follow,
     free_acceleration,
     idm_acceleration,
     improved_idm_acceleration,
@@ -82,21 +83,21 @@ def test_the_enhanced_idm_brakes_at_least_as_needed_and_at_most_b_more(speed, ga
 
 
 def test_a_follower_accepts_the_short_headway_it_finds_and_lets_it_grow_back():
-    follower = Follower(IDM, step=0.05)
-    first = follower.acceleration("lead", 25.0, 25.0, 12.0, 25.0)
+    known = fresh(FOLLOWED)
+    first = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     assert first == pytest.approx(0.0, abs=1e-9)
     assert enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM) < -1.5
     for _ in range(int(25.0 / 0.05) - 1):
-        follower.acceleration("lead", 25.0, 25.0, 12.0, 25.0)
+        follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     accepted = 1.2 - (1.2 - 0.4) * math.exp(-1.0)
-    later = follower.acceleration("lead", 25.0, 25.0, 12.0, 25.0)
+    later = follow(known, 25.0, 25.0, 12.0, 25.0, 0.0, IDM, 0.05)
     assert later == pytest.approx(enhanced_idm_acceleration(25.0, 25.0, 12.0, 25.0, IDM, accepted), abs=1e-2)
 
 
 def test_a_follower_with_room_keeps_its_own_headway():
-    follower = Follower(IDM, step=0.05)
+    known = fresh(FOLLOWED)
     expected = enhanced_idm_acceleration(25.0, 30.0, 60.0, 22.0, IDM)
-    assert follower.acceleration("lead", 25.0, 30.0, 60.0, 22.0) == expected
+    assert follow(known, 25.0, 30.0, 60.0, 22.0, 0.0, IDM, 0.05) == expected
 
 
 @pytest.mark.parametrize("name", ["headway", "standstill_gap", "acceleration", "deceleration"])

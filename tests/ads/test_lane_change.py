@@ -1,6 +1,7 @@
 """The smooth step over the road, and a single-track vehicle that is steered along it."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,12 +9,15 @@ from road_scenes import BRIEFING, mover
 
 from sumo_eval.ads.lane_change import (
     LanePath,
-    Steering,
+    path_at,
+    path_y,
+    rear_axle_next,
     share_of_duration,
     shortest_duration,
     smooth_step,
     smooth_step_bend,
     smooth_step_rate,
+    steering,
 )
 from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import InputError
@@ -60,16 +64,19 @@ def test_slope_and_bend_of_a_path_are_its_derivatives():
     path = LanePath(start=0.0, offset=3.5, begin=100.0, length=80.0)
     step = 1e-4
     for x in np.linspace(101.0, 179.0, 14).tolist():
-        before, here, after = (path.at(x + shift) for shift in (-step, 0.0, step))
-        assert here.y == path.y(x)
+        before, here, after = (
+            SimpleNamespace(**dict(zip(("y", "slope", "bend"), path_at(path, x + shift), strict=True)))
+            for shift in (-step, 0.0, step)
+        )
+        assert here.y == path_y(path, x)
         assert here.slope == pytest.approx((after.y - before.y) / (2 * step), abs=1e-9)
         assert here.bend == pytest.approx((after.slope - before.slope) / (2 * step), abs=1e-9)
 
 
 def test_a_path_is_straight_before_and_after_its_lane_change():
     path = LanePath(start=0.0, offset=3.5, begin=100.0, length=80.0)
-    assert path.at(99.0) == (0.0, 0.0, 0.0)
-    assert path.at(181.0) == (path.target, 0.0, 0.0) == (3.5, 0.0, 0.0)
+    assert path_at(path, 99.0) == (0.0, 0.0, 0.0)
+    assert path_at(path, 181.0) == (path.target, 0.0, 0.0) == (3.5, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, math.nan])
@@ -80,13 +87,13 @@ def test_a_lane_change_without_length_is_refused(length):
 
 def drive(path: LanePath, speed: float, duration: float, *, y: float = 0.0, acceleration: float = 0.0):
     """x, y and steering wheel angle of a vehicle that starts at x = 0, y, and is steered along a path."""
-    steering = Steering(BRIEFING.vehicle, BRIEFING.step)
+    memory = SimpleNamespace(curvature=0.0)
     state = EgoState(0.0, y, 0.0, speed)
     rows = []
     for _ in range(round(duration / BRIEFING.step)):
         along, across = state.speed * math.cos(state.heading), state.speed * math.sin(state.heading)
         me = mover("ego", state.x, state.y, along, across)._replace(heading=state.heading)
-        angle = steering.angle(me, path.at(steering.rear_axle_next(me)))
+        angle = steering(memory, me, *path_at(path, rear_axle_next(me, BRIEFING)), BRIEFING)
         state, clips = advance(state, Command(acceleration, angle), BRIEFING.vehicle, BRIEFING.step)
         assert not any(what.startswith(("steering", "lateral")) for what, _, _ in clips)
         rows.append((state.x, state.y, state.steering_wheel_angle))
@@ -98,7 +105,7 @@ def drive(path: LanePath, speed: float, duration: float, *, y: float = 0.0, acce
 def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
     path = LanePath(start=0.0, offset=3.5, begin=speed, length=duration * speed)
     x, y, _ = drive(path, speed, duration + 4.0)
-    assert np.abs(y - [path.y(each) for each in x.tolist()]).max() < 0.05
+    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.05
     assert y.max() < 3.5 + 0.01
     assert y.min() > -0.01
     assert abs(y[-1] - 3.5) < 0.005
@@ -108,13 +115,13 @@ def test_a_lane_change_is_tracked_to_5_cm_without_overshoot(speed, duration):
 def test_an_evasion_is_tracked_to_10_cm(speed):
     path = LanePath(start=0.0, offset=3.5, begin=speed, length=shortest_duration(3.5, 4.0) * speed)
     x, y, _ = drive(path, speed, 6.0)
-    assert np.abs(y - [path.y(each) for each in x.tolist()]).max() < 0.10
+    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.10
 
 
 def test_braking_in_a_lane_change_does_not_leave_the_path():
     path = LanePath(start=0.0, offset=3.5, begin=10.0, length=100.0)
     x, y, _ = drive(path, 25.0, 6.0, acceleration=-4.0)
-    assert np.abs(y - [path.y(each) for each in x.tolist()]).max() < 0.05
+    assert np.abs(y - [path_y(path, each) for each in x.tolist()]).max() < 0.05
 
 
 @pytest.mark.parametrize("speed", [2.0, 10.0, 35.0])

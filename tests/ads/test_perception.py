@@ -1,55 +1,56 @@
-"""The sensor turns SUMO's poses into bodies on the road, and hides what is hidden."""
+"""What rules see of bodies on the road, and what is hidden."""
 
 import math
 
 import numpy as np
 import pytest
-from road_scenes import FakeTraci, mover
+from road_scenes import fresh, mover
 
+from sumo_eval.ads.car_following import Idm
 from sumo_eval.ads.perception import (
-    Sensor,
     bumper_gap,
+    carry_on,
     gap_behind,
+    is_visible,
     lateral_overlap,
     lead_in_path,
     neighbours,
-    visible,
+    next_ahead,
 )
-from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.world import MOVER, show
 from sumo_eval.scenario import catalogue
 
 
-def test_the_front_bumper_and_the_compass_angle_become_a_body_centre_and_a_heading():
-    traci = FakeTraci({"ego": (100.0, 0.0, 90.0, 20.0), "other": (200.0, 3.0, 60.0, 10.0)}, length=4.0, width=2.0)
-    me, (other,) = Sensor().look(traci, "ego")
-    assert me == ("ego", 98.0, 0.0, 0.0, 20.0, 0.0, 2.0, 1.0, 0.0)
-    assert other.heading == pytest.approx(math.radians(30.0))
-    assert (other.x, other.y) == pytest.approx((200.0 - 2.0 * math.cos(math.pi / 6), 3.0 - 2.0 * math.sin(math.pi / 6)))
+def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_road():
+    other = fresh(MOVER)
+    show(other, 198.0, 2.0, math.radians(30.0), 10.0, 4.0, 2.0)
+    assert (other.x, other.y, other.heading) == (198.0, 2.0, pytest.approx(math.radians(30.0)))
     assert (other.along, other.across) == pytest.approx((10.0 * math.cos(math.pi / 6), 5.0))
     assert other.half_length == pytest.approx(2.0 * math.cos(math.pi / 6) + 0.5)
     assert other.half_width == pytest.approx(1.0 + math.cos(math.pi / 6))
+    show(other, 98.0, 0.0, 0.0, 20.0, 4.0, 2.0)
+    straight = {"x": 98.0, "y": 0.0, "heading": 0.0, "along": 20.0, "across": 0.0, "half_length": 2.0,
+                "half_width": 1.0, "speed": 20.0, "braking": 0.0}  # fmt: skip
+    assert vars(other) == straight
 
 
-def test_the_sensor_sees_what_the_harness_records():
-    seen = {}
+def test_a_rule_sees_what_sumo_shows_and_the_harness_records():
+    """Through TraCI and in the loop the same rule drives the same."""
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=5.0, gap=60.0)
 
-    class Watcher:
+    class ThroughTraci:
         def reset(self, scenario, traci, ego):
-            self.sensor = Sensor()
+            self.ads = Idm()
+            self.ads.reset(scenario, traci, ego)
 
         def step(self, traci, ego, time):
-            seen[round(time, 3)] = self.sensor.look(traci, ego)
-            return Command(-1.0, 0.1)
+            return self.ads.step(traci, ego, time)
 
-    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20.0, obstacle_speed=5.0, gap=60.0)
-    recording = simulate(concrete, Watcher())
-    tracks = {"ego": recording.ego, **recording.actors}
-    for index, time in enumerate(recording.ego.time[:-1]):
-        me, others = seen[round(float(time), 3)]
-        for body in (me, *others):
-            track = tracks[body.name]
-            recorded = [track.x[index], track.y[index], track.heading[index], track.speed[index]]
-            assert [body.x, body.y, body.heading, body.speed] == pytest.approx(recorded, abs=1e-6)
+    recording, expected = simulate(concrete, ThroughTraci()), simulate(concrete, "idm")
+    assert recording.end_reason == expected.end_reason
+    assert recording.ego.x == pytest.approx(expected.ego.x, abs=1e-6)
+    assert recording.ego.y == pytest.approx(expected.ego.y, abs=1e-6)
 
 
 def test_gaps_run_from_bumper_to_bumper():
@@ -73,9 +74,18 @@ def test_the_lead_is_the_nearest_vehicle_in_the_strip_ahead():
     me = mover("ego", 100.0)
     behind, beside = mover("behind", 90.0), mover("beside", 110.0, 3.5)
     lead, obstacle = mover("lead", 130.0, 1.7), mover("obstacle", 160.0)
-    assert lead_in_path(me, (obstacle, behind, lead, beside)) is lead
-    assert lead_in_path(me, (obstacle, lead._replace(y=1.81))) is obstacle
-    assert lead_in_path(me, (behind, beside)) is None
+    assert lead_in_path(me, (obstacle, behind, lead, beside)) == 2
+    assert lead_in_path(me, (obstacle, lead._replace(y=1.81))) == 0
+    assert lead_in_path(me, (behind, beside)) == -1
+
+
+def test_those_ahead_come_one_after_the_other_the_nearest_first():
+    me = mover("ego", 100.0)
+    others = [mover("far", 180.0), mover("behind", 90.0), mover("near", 120.0), mover("abreast", 120.0, 3.5)]
+    found, last = [], -1
+    while (last := next_ahead(me, others, last)) >= 0:
+        found.append(others[last].name)
+    assert found == ["near", "abreast", "far"]
 
 
 @pytest.mark.parametrize(
@@ -84,12 +94,12 @@ def test_the_lead_is_the_nearest_vehicle_in_the_strip_ahead():
 )
 def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
     lead, obstacle = mover("lead", 130.0, lead_y), mover("obstacle", 160.0)
-    assert (obstacle in visible(mover("ego", 100.0), (obstacle, lead), share)) is seen
+    assert is_visible(mover("ego", 100.0), (obstacle, lead), 0, share) is seen
 
 
 def test_nothing_behind_the_ego_hides_what_is_ahead():
     behind, ahead = mover("behind", 80.0), mover("ahead", 160.0)
-    assert visible(mover("ego", 100.0), (behind, ahead), 0.0) == (behind, ahead)
+    assert [is_visible(mover("ego", 100.0), (behind, ahead), j, 0.0) for j in (0, 1)] == [True, True]
 
 
 def test_neighbours_are_the_nearest_in_the_strip_and_one_beside_is_both():
@@ -100,14 +110,13 @@ def test_neighbours_are_the_nearest_in_the_strip_and_one_beside_is_both():
         mover("r", 60.0, 3.5),
         mover("x", 110.0),
     )
-    found = neighbours(me, (far, right, near, rear), centre=3.5, width=2.2)
-    assert (found.ahead, found.behind) == (near, rear)
+    assert neighbours(me, (far, right, near, rear), centre=3.5, width=2.2) == (2, 3)
     beside = mover("beside", 103.0, 3.5)
-    found = neighbours(me, (far, beside, rear), centre=3.5, width=2.2)
-    assert (found.ahead, found.behind) == (beside, beside)
-    assert neighbours(me, (right,), centre=3.5, width=2.2) == (None, None)
+    assert neighbours(me, (far, beside, rear), centre=3.5, width=2.2) == (1, 1)
+    assert neighbours(me, (right,), centre=3.5, width=2.2) == (-1, -1)
 
 
 def test_a_vehicle_carried_on_moves_at_its_velocity():
-    later = mover("a", 10.0, 1.0, along=20.0, across=-0.5).after(2.0)
+    later = mover("a", 10.0, 1.0, along=20.0, across=-0.5)
+    carry_on(later, 2.0)
     assert np.allclose((later.x, later.y, later.along), (50.0, 0.0, 20.0))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from road_scenes import actor, case, mover
+from road_scenes import actor, case, fresh, mover
 
 from sumo_eval.ads.fuzzy_safety_model import (
     FuzzySafetyModel,
@@ -13,7 +13,17 @@ from sumo_eval.ads.fuzzy_safety_model import (
     demanded_braking,
     proactive_fuzzy_safety,
 )
-from sumo_eval.ads.r157 import BrakeRamp, Motion, SafetyBraking, lateral_gap, time_headway, time_to_collision
+from sumo_eval.ads.r157 import (
+    BRAKES,
+    MOTION,
+    brake_ramp,
+    brake_towards,
+    deceleration,
+    lateral_closing_speed,
+    lateral_gap,
+    time_headway,
+    time_to_collision,
+)
 from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
 from sumo_eval.ads.reg157 import Reg157, critical_ttc
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
@@ -26,9 +36,10 @@ DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157"]
 
 
 def test_the_ramp_rises_holds_and_is_nothing_before_it_begins():
-    ramp = BrakeRamp(6.0, build_up=0.6)
-    assert [ramp.at(since) for since in (-1.0, 0.0, 0.3, 0.6, 5.0)] == pytest.approx([0.0, 0.0, 3.0, 6.0, 6.0])
-    assert BrakeRamp(6.0, build_up=0.0).at(0.01) == 6.0
+    assert [brake_ramp(since, 6.0, 0.6) for since in (-1.0, 0.0, 0.3, 0.6, 5.0)] == pytest.approx(
+        [0.0, 0.0, 3.0, 6.0, 6.0]
+    )
+    assert brake_ramp(0.01, 6.0, 0.0) == 6.0
 
 
 def test_headways_by_hand():
@@ -90,19 +101,24 @@ def test_the_needed_deceleration_by_hand():
 
 
 def test_motion_is_told_from_one_step_to_the_next():
-    motion, me = Motion(0.1), mover("me", 0.0)
-    assert motion.deceleration(mover("other", 50.0, along=20.0)) == 0.0
-    assert motion.deceleration(mover("other", 52.0, along=19.5)) == pytest.approx(5.0)
-    assert motion.lateral_closing_speed(me, mover("other", 50.0, y=3.5, across=-0.3)) == pytest.approx(0.3)
-    assert motion.lateral_closing_speed(me, mover("other", 52.0, y=3.4)) == pytest.approx(1.0)
+    motion, me = fresh(MOTION), mover("me", 0.0)
+    assert deceleration(motion, mover("other", 50.0, along=20.0), 0.1) == 0.0
+    assert deceleration(motion, mover("other", 52.0, along=19.5), 0.1) == pytest.approx(5.0)
+    assert lateral_closing_speed(motion, me, mover("other", 50.0, y=3.5, across=-0.3), 0.1) == pytest.approx(0.3)
+    assert lateral_closing_speed(motion, me, mover("other", 52.0, y=3.4), 0.1) == pytest.approx(1.0)
 
 
 def test_safety_braking_waits_once_and_rises_with_its_jerk():
-    brakes = SafetyBraking(0.2, strongest=6.0, jerk=20.0, step=0.1)
-    levels = [brakes.towards(8.0, 0.1 * step) for step in range(7)]
+    brakes = fresh(BRAKES)
+    brakes.level = 0.0
+
+    def towards(demanded, time):
+        return brake_towards(brakes, demanded, time, reaction=0.2, strongest=6.0, jerk=20.0, step=0.1)
+
+    levels = [towards(8.0, 0.1 * step) for step in range(7)]
     assert levels == pytest.approx([0.0, 0.0, 2.0, 4.0, 6.0, 6.0, 6.0])
-    assert brakes.towards(0.0, 0.7) == 0.0
-    assert brakes.towards(8.0, 0.8) == pytest.approx(2.0)
+    assert towards(0.0, 0.7) == 0.0
+    assert towards(8.0, 0.8) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)

@@ -1,11 +1,12 @@
 """Named random streams, and a noise that can be driven."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sumo_eval.drivers.wander import SmoothNoise
+from sumo_eval.drivers.wander import SmoothNoise, noise_at, noise_value
 from sumo_eval.errors import InputError
 from sumo_eval.random_streams import random_stream
 
@@ -26,8 +27,17 @@ def test_a_seed_is_a_whole_number(seed):
         random_stream(seed, "a")
 
 
+def value(noise: SmoothNoise, time: float) -> float:
+    return noise_value(noise.waves, noise.amplitude, time)
+
+
+def at(noise: SmoothNoise, time: float) -> SimpleNamespace:
+    found = noise_at(noise.waves, noise.amplitude, time)
+    return SimpleNamespace(**dict(zip(("value", "rate", "bend"), found, strict=True)))
+
+
 def ensemble(time: float) -> np.ndarray:
-    return np.array([SmoothNoise(random_stream(number, "noise"), 0.25, 2.2).value(time) for number in range(4000)])
+    return np.array([value(SmoothNoise(random_stream(number, "noise"), 0.25, 2.2), time) for number in range(4000)])
 
 
 def test_the_noise_has_its_deviation_at_any_time_and_its_correlation():
@@ -43,7 +53,7 @@ def test_rate_and_bend_of_the_noise_are_its_derivatives():
     noise = SmoothNoise(random_stream(5, "noise"), 0.25, 2.2)
     step = 1e-4
     for time in (0.0, 3.7, 41.0):
-        before, here, after = (noise.at(time + shift) for shift in (-step, 0.0, step))
-        assert here.value == pytest.approx(noise.value(time), abs=1e-15)
+        before, here, after = (at(noise, time + shift) for shift in (-step, 0.0, step))
+        assert here.value == pytest.approx(value(noise, time), abs=1e-15)
         assert here.rate == pytest.approx((after.value - before.value) / (2 * step), abs=1e-7)
         assert here.bend == pytest.approx((after.rate - before.rate) / (2 * step), abs=1e-7)

@@ -1,0 +1,170 @@
+"""The rules that are compiled over rows: what may stand in them, and that compiling changes no bit."""
+
+import ast
+import hashlib
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sumo_eval
+from sumo_eval import kernels
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.world import World
+from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling import sample
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+PACKAGE = Path(sumo_eval.__file__).parent
+ADS = ("idm", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "no_reaction",
+       "ideal_braking", "people")  # fmt: skip
+SCENARIOS = {"cut_in": 331, "front_vehicle_cut_out": 67, "front_vehicle_braking": 97, "ncap_ccrb": 23}
+SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
+
+
+def points(name: str, every: int):
+    logical = catalogue.load(name)
+    return list(logical.concretes(sample(logical).points[::every]))
+
+
+def controllers(ads: str, cases):
+    """An ADS, or a driver for each case."""
+    if ads != "people":
+        return ads
+    return [human_controller(number % 10, 10, 1, concrete) for number, concrete in enumerate(cases)]
+
+
+def everything(recording: Recording) -> bytes:
+    """All of a recording that is no wall time, to the last bit."""
+    vehicles = {"ego": recording.ego, **recording.actors}
+    channels = b"".join(getattr(it, channel).tobytes() for it in vehicles.values() for channel in CHANNELS)
+    return repr((recording.end_reason, recording.error, recording.collision, recording.clips)).encode() + channels
+
+
+def digest(ads: str) -> str:
+    """What an ADS does in a few cases of every kind of script."""
+    found = hashlib.sha256()
+    for name, every in SCENARIOS.items():
+        cases = points(name, 4 * every)
+        for recording in simulate_many(cases, controllers(ads, cases), SETTINGS):
+            found.update(everything(recording))
+    return found.hexdigest()
+
+
+# -- what may stand in a kernel ----------------------------------------------------------------------------------------
+
+
+def kernels_of(path: Path) -> list[ast.FunctionDef]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    marks = {"kernel", "rows", "compiled_rows"}
+    return [
+        it for it in functions if any(isinstance(mark, ast.Name) and mark.id in marks for mark in it.decorator_list)
+    ]
+
+
+ALL = [
+    pytest.param(function, id=f"{path.stem}.{function.name}")
+    for path in sorted(PACKAGE.rglob("*.py"))
+    for function in kernels_of(path)
+]
+
+
+def test_there_are_kernels():
+    assert len(ALL) > 100
+
+
+@pytest.mark.parametrize("function", ALL)
+def test_a_kernel_holds_nothing_that_compiles_to_other_bits_or_not_at_all(function: ast.FunctionDef):
+    """`x ** 2` and math.hypot differ in the last bit; remainder and fmod, raise and try do not compile or lose rows."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
+            power = node.right.value if isinstance(node.right, ast.Constant) else None
+            assert not isinstance(power, int), "integer power"
+            assert power not in (2.0, 0.5), "a power that is a product or a root"
+        if isinstance(node, ast.Attribute):
+            assert node.attr not in ("hypot", "remainder", "fmod"), node.attr
+        assert not isinstance(node, ast.Raise | ast.Try | ast.Assert), "a kernel does not raise: a row would cost all"
+
+
+# -- bits --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ads", ADS)
+def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
+    for name, every in SCENARIOS.items():
+        cases = points(name, every)
+        drivers = controllers(ads, cases)
+        together = list(simulate_many(cases, drivers, SETTINGS))
+        for number in range(0, len(cases), 5):
+            its_own = drivers if isinstance(drivers, str) else drivers[number]
+            assert everything(simulate(cases[number], its_own, SETTINGS)) == everything(together[number])
+
+
+@pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
+def test_interpreted_and_compiled_rules_drive_alike_to_the_bit():
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
+        "print(*(it.digest(ads) for ads in it.ADS))"
+    )
+    environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
+    answer = subprocess.run(
+        [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert answer.stdout.split() == [digest(ads) for ads in ADS]
+
+
+# -- machine code ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+def test_every_loop_is_compiled_for_one_kind_of_arguments():
+    """Another type of array compiles a loop again: one and three other vehicles, one case and many are one type."""
+    for name in ("cut_in", "front_vehicle_cut_out"):
+        cases = points(name, 997)
+        for ads in ADS:
+            assert list(simulate_many(cases, controllers(ads, cases), SETTINGS))
+    world = importlib.import_module("sumo_eval.cosim.world")
+    for loop in (world.begin_rows, world.move_rows, world.see_rows):
+        assert len(loop.signatures) == 1, loop.__name__
+
+
+def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):
+    """numba looks at the file of a loop alone; an edited rule in another file must not go on as before."""
+    before = kernels.cache_folder()
+    copy = tmp_path / "sumo_eval"
+    for room in kernels._ROOMS:
+        for path in [PACKAGE / room] if room.endswith(".py") else (PACKAGE / room).rglob("*.py"):
+            there = copy / path.relative_to(PACKAGE)
+            there.parent.mkdir(parents=True, exist_ok=True)
+            there.write_bytes(path.read_bytes())
+    monkeypatch.setattr(kernels, "_PACKAGE", copy)
+    kernels.cache_folder.cache_clear()
+    assert kernels.cache_folder() == before
+    rule = copy / "ads" / "perception.py"
+    rule.write_text(rule.read_text() + "# another\n")
+    kernels.cache_folder.cache_clear()
+    assert kernels.cache_folder() != before
+    monkeypatch.undo()
+    kernels.cache_folder.cache_clear()
+
+
+def test_records_are_written_back_when_a_loop_is_interpreted():
+    def loop(rows, times):
+        for i in range(len(rows)):
+            rows[i].start.x += times[i]
+            rows[i].told = i
+
+    world = World(points("cut_in", 997), SETTINGS)
+    rows = world.others[:, 0].copy()
+    expected = rows["start"]["x"] + 1.0
+    kernels._interpreted(loop)(rows, np.ones(len(rows)))
+    assert rows["start"]["x"].tolist() == expected.tolist()
+    assert rows["told"].tolist() == list(range(len(rows)))
