@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 
-from sumo_eval.batch import run_folder
+from sumo_eval.batch import loops, run_folder
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import Stopping, never, run_cases, run_packs
 from sumo_eval.batch.human_reference import prepared_meanwhile
@@ -115,6 +115,7 @@ def record_facts(
 
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
+    loops.ready()  # on a machine's first run
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)

@@ -59,7 +59,7 @@ def child_context() -> BaseContext:
     """Where process pools get their children from."""
     context = _Context()
     if _KIND == "forkserver":
-        context.set_forkserver_preload(["sumo_eval.batch.worker"])
+        context.set_forkserver_preload(["sumo_eval.batch.worker", "sumo_eval.batch.loaded_loops"])
     return cast("BaseContext", context)
 
 

@@ -30,6 +30,14 @@ from sumo_eval.settings import RunSettings
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
+_ASKED = [False]  # whether an ADS is at its step; one at a time, however many are driven
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if _ASKED[0]:
+        raise _OverdueError
+
+
 class _OverdueError(BaseException):
     """Raised in the middle of a step that is over its time. No `except Exception` of the ADS catches it."""
 
@@ -61,16 +69,14 @@ class WatchedController:
         self._controller = controller
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
-        self._stepping = False
         self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
-        self._handler = self._interrupt
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
         self._controller.reset(scenario, traci, ego)
         if self._armed:  # after the ADS's own reset, which may have set handlers
-            signal.signal(signal.SIGALRM, self._handler)
+            signal.signal(signal.SIGALRM, _interrupt)
 
     def step(self, traci: Any, ego: str, time: float) -> Command | None:
         """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
@@ -79,15 +85,15 @@ class WatchedController:
 
     def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
         try:
-            self._stepping = True
+            _ASKED[0] = True
             if self._armed:  # again and again: an ADS may swallow the first
                 signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
             try:
                 return ask(*arguments)
             finally:
-                self._stepping = False
+                _ASKED[0] = False
                 # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
-                if self._armed and getsignal(_ALARM) is not self._handler:
+                if self._armed and getsignal(_ALARM) is not _interrupt:
                     signal.setitimer(signal.ITIMER_REAL, 0.0)
         except _OverdueError as overdue:
             raise ControllerTimeoutError(
@@ -103,10 +109,6 @@ class WatchedController:
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
         self._controller.close()
-
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        if self._stepping:
-            raise _OverdueError
 
 
 class WatchedObserver(WatchedController, ObservingController):
