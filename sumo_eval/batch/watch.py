@@ -21,7 +21,7 @@ from sumo_eval.cosim.controller import (
     PolicyController,
 )
 from sumo_eval.cosim.json_lines import JsonLinesProgram
-from sumo_eval.cosim.observation import Observation, Senses
+from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
@@ -135,10 +135,8 @@ class WatchedPolicy(WatchedController):
 
     def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
         super().__init__(policy, step_timeout, memory_limit)
-        self._policy = policy
-        self.act = policy.act
+        self._act = policy.act
 
-    def command(self, seen: Observation) -> Command:
+    def act(self, seen: Any) -> Any:
         """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
-        command: Command = self._in_time(self._policy.command, seen)
-        return command
+        return self._in_time(self._act, seen)

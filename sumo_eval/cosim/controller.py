@@ -132,13 +132,9 @@ class PolicyController(ObservingController):
         if hasattr(self.target, "reset"):
             self.target.reset(scenario)
 
-    def command(self, seen: Observation) -> Command:
-        """The policy's action as a command."""
-        return as_command(self.act(seen))
-
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """Show what is seen, take the action."""
-        return self.command(self.senses.observe())
+        return as_command(self.act(self.senses.observe()))
 
     def close(self) -> None:
         """Pass on, when the object has one."""

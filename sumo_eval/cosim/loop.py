@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.controller import Briefing, PolicyController
+from sumo_eval.cosim.controller import Briefing, PolicyController, as_command
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
 from sumo_eval.cosim.stage import Stage
@@ -270,6 +270,7 @@ class Policies:
         self._step_timeout, self._seeds, self._plant = step_timeout, seeds, plant
 
     def _begin(self, world: World, stage: Stage) -> None:
+        self._road = world.cases[0].road
         self._alone, self._traci = len(world.cases) == 1, stage.traci
         stage.take_charge(world)
         conditions = world.settings.conditions
@@ -300,13 +301,15 @@ class Policies:
         """Nothing."""
 
     def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
-        body = _body(me[:7])
+        acceleration = me.pop()
         if self._usual:
-            look = Look(body, tuple([(j, _body(other)) for j, other in enumerate(others, 1)]))
-            return Observation(time, world.cases[case].road, body, me[7], look)
+            return Observation(time, self._road, me, acceleration, Look(me, list(enumerate(others, 1))))
+        body = _body(me)
         senses = self._senses[case]
         names = [actor.name for actor in world.cases[case].actors]
-        senses.take_in(time, body, me[7], {name: _body(other) for name, other in zip(names, others, strict=True)})
+        senses.take_in(
+            time, body, acceleration, {name: _body(other) for name, other in zip(names, others, strict=True)}
+        )
         return senses.observe()
 
 
@@ -371,16 +374,26 @@ class OneEach(Policies):
             asked = now()
             try:
                 seen = self._observation(world, case, time, egos[row], others[row])
-                command = checked(policy.command(seen), time)
+                action = policy.act(seen)
+                if type(action) is float and -math.inf < action < math.inf:
+                    answer = action, 0.0
+                else:
+                    command = checked(as_command(action), time)
+                    answer = command.acceleration, command.steering
                 took = now() - asked
                 if took > self._step_timeout:
                     raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s, took longer")
             except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
-                self._count(world, case, now() - asked)
+                world.latency[case][1] = max(world.latency[case][1], now() - asked)
                 self._fail(world, row, error, time)
                 continue
-            self._count(world, case, took)
-            given.append((command.acceleration, command.steering))
+            latency = world.latency[case]
+            latency[0] += took
+            latency[2] += 1
+            if took > latency[1]:
+                latency[1] = took
+            self._took[case] = took
+            given.append(answer)
             asked_rows.append(row)
             if self._any_settles and (settled := self._settled[case]) is not None:
                 world.egos["settled"][row] = bool(settled())
@@ -389,14 +402,6 @@ class OneEach(Policies):
         self._check(world, time)
         if not self._direct:
             self._delayed.pass_on(world, time, self._took.__getitem__)
-
-    def _count(self, world: World, case: int, took: float) -> None:
-        self._took[case] = took
-        latency = world.latency[case]
-        latency[0] += took
-        latency[2] += 1
-        if took > latency[1]:
-            latency[1] = took
 
     def _fail(self, world: World, row: int, error: BaseException, time: float) -> None:
         """What a policy did wrong costs its row; one that asks SUMO has its case to itself, later."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -22,6 +22,7 @@ from sumo_eval.cosim.contact import Body, within_a_turn
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import ConditionSettings
 
+_tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
 
@@ -83,20 +84,19 @@ class Observation:
 
     time: float
     road: Road
-    _ego: Body
+    _ego: Sequence[float]
     _acceleration: float
     _look: Look
 
-    def __init__(self, time: float, road: Road, ego: Body, acceleration: float, look: Look) -> None:
+    def __init__(self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look) -> None:
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
         own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
 
     @_Worked
     def ego(self) -> SeenEgo:
         """The ego's own state, now."""
-        me = self._ego
-        lane = _lane(me.y, self.road)
-        return SeenEgo(me.x, me.y, me.heading, me.speed, self._acceleration, lane, me.length, me.width)
+        x, y, heading, speed, length, width, _ = self._ego
+        return _tuple(SeenEgo, (x, y, heading, speed, self._acceleration, _lane(y, self.road), length, width))
 
     @_Worked
     def vehicles(self) -> tuple[SeenVehicle, ...]:
@@ -109,13 +109,15 @@ class Observation:
     def lead(self) -> SeenVehicle | None:
         """The nearest vehicle ahead that reaches into the strip of road that the ego's body sweeps straight ahead."""
         me, others = self._look
+        my_x, my_y = me[0], me[1]
         half_length, half_width = _extent(me)
         nearest, least = None, math.inf
         for number, other in others:
-            if other.x > me.x:
+            x = other[0]
+            if x > my_x:
                 half, half_other = _extent(other)
-                gap = abs(other.x - me.x) - half - half_length
-                if gap < least and abs(other.y - me.y) < half_other + half_width:
+                gap = abs(x - my_x) - half - half_length
+                if gap < least and abs(other[1] - my_y) < half_other + half_width:
                     nearest, least = (number, other), gap
         return None if nearest is None else _seen(nearest[0], me, nearest[1], self.road)
 
@@ -135,17 +137,17 @@ class Observation:
     @_Worked
     def lanes(self) -> tuple[float, ...]:
         """The lanes' centre lines to the left of the ego's centre, m, the right-hand lane first."""
-        return tuple(self.road.lane_centre(lane) - self._ego.y for lane in range(self.road.lanes))
+        return tuple(self.road.lane_centre(lane) - self._ego[1] for lane in range(self.road.lanes))
 
     @property
     def left_edge(self) -> float:
         """From the ego's centre to the left edge of the road, m."""
-        return self.road.left_edge - self._ego.y
+        return self.road.left_edge - self._ego[1]
 
     @property
     def right_edge(self) -> float:
         """From the ego's centre to the right edge of the road, m."""
-        return self._ego.y - self.road.right_edge
+        return self._ego[1] - self.road.right_edge
 
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
@@ -246,10 +248,10 @@ class Observations:
 
 
 class Look(NamedTuple):
-    """The ego and the numbered others as they were perceived at one instant."""
+    """The ego and the numbered others as they were perceived at one instant, in the numbers of a `Body`."""
 
-    me: Body
-    others: tuple[tuple[int, Body], ...]
+    me: Sequence[float]
+    others: Sequence[tuple[int, Sequence[float]]]
 
 
 class Senses:
@@ -331,24 +333,30 @@ def _lane(y: float, road: Road) -> int:
     return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
-def _extent(body: Body) -> tuple[float, float]:
+def _extent(body: Sequence[float]) -> tuple[float, float]:
     """Half the extent of a turned body along and across the road, m."""
-    if body.heading == 0.0:
-        return 0.5 * body.length, 0.5 * body.width
-    c, s = abs(math.cos(body.heading)), abs(math.sin(body.heading))
-    return 0.5 * (body.length * c + body.width * s), 0.5 * (body.length * s + body.width * c)
+    heading, length, width = body[2], body[4], body[5]
+    if heading == 0.0:
+        return 0.5 * length, 0.5 * width
+    c, s = abs(math.cos(heading)), abs(math.sin(heading))
+    return 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
 
 
-def _seen(number: int, me: Body, other: Body, road: Road) -> SeenVehicle:
+def _velocity(body: Sequence[float]) -> tuple[float, float]:
+    """Speeds along and across the road, m/s."""
+    _, _, heading, speed, _, _, across = body
+    if heading == 0.0:
+        return speed, across
+    c, s = math.cos(heading), math.sin(heading)
+    return speed * c - across * s, speed * s + across * c
+
+
+def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road) -> SeenVehicle:
     half, half_width = _extent(other)
     my_half, my_half_width = _extent(me)
-    if other.heading == 0.0:
-        along, across = other.speed, other.across
-    else:
-        along, across = other.velocity
-    my_along = me.speed if me.heading == 0.0 and me.across == 0.0 else me.velocity[0]
-    ahead, offset = other.x - me.x, other.y - me.y
-    return SeenVehicle(
-        number, ahead > 0.0, abs(ahead) - half - my_half, along - my_along, offset,
-        abs(offset) < half_width + my_half_width, other.speed, across, _lane(other.y, road), other.length, other.width,
-    )  # fmt: skip
+    along, across = _velocity(other)
+    ahead, offset = other[0] - me[0], other[1] - me[1]
+    return _tuple(SeenVehicle, (
+        number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
+        abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road), other[4], other[5],
+    ))  # fmt: skip

@@ -72,17 +72,17 @@ class Start:
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
     """Share of a lateral move done after a share of its duration: 10 s^3 - 15 s^4 + 6 s^5, at rest at both ends."""
-    return motion.quintic(np.clip(share, 0.0, 1.0))
+    return np.asarray(motion.quintic(np.clip(share, 0.0, 1.0)))
 
 
 def smooth_step_rate(share: FloatArray | float) -> FloatArray:
     """Derivative of `smooth_step` by its argument; peaks at 1.875."""
-    return motion.quintic_rate(np.clip(share, 0.0, 1.0))
+    return np.asarray(motion.quintic_rate(np.clip(share, 0.0, 1.0)))
 
 
 def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
     """Second derivative of `smooth_step` by its argument; peaks at 10/sqrt(3)."""
-    return motion.quintic_bend(np.clip(share, 0.0, 1.0))
+    return np.asarray(motion.quintic_bend(np.clip(share, 0.0, 1.0)))
 
 
 @dataclass(frozen=True, slots=True)
