@@ -48,7 +48,7 @@ def flags(*names: str) -> list[tuple[str, Any]]:
 
 
 MOVER = np.dtype(fields("x", "y", "heading", "along", "across", "half_length", "half_width", "speed", "braking"))
-"""A vehicle as rules see it, in the fields of `ads.perception.Mover`; x is nan where there is none."""
+"""A vehicle as rules see it: along and across the road; x is nan where there is none (`ads.perception`)."""
 _BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
 _BEFORE = fields("x", "y", "heading", "speed", "across")
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
