@@ -531,7 +531,7 @@ class _Run:
         """
         body = Body(*_read(self.vehicles, EGO, self.half_length), self.limits.length, self.limits.width)
         if not (abs(body.x) < _NOWHERE and abs(body.y) < _NOWHERE and abs(body.speed) < _NOWHERE):
-            if abs(body.x) >= _NOWHERE and self._leaves_the_lanes():
+            if self.vehicles.getPosition(EGO)[0] <= -_NOWHERE and self._leaves_the_lanes():
                 return None
             raise self._impossible(EGO, self.ego, now)
         self._check_native_motion(body, now)
