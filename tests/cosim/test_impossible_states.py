@@ -1,6 +1,7 @@
 """No impossible position: what SUMO answers for a vehicle that it has lost is never recorded as its state."""
 
 import math
+from collections import Counter
 from dataclasses import replace
 
 import libsumo
@@ -82,8 +83,8 @@ def test_who_stays_on_the_lanes_is_moved_no_longer_than_his_script_lasts():
 class Keeps:
     """Keeps its speed; packed too."""
 
-    def act(self, observation):
-        return 0.0
+    def step(self, traci, ego, time):
+        return Command(0.0)
 
     def packed(self, briefing):
         return PackedKeeps()
@@ -93,16 +94,15 @@ class PackedKeeps:
     def step(self, scene, time):
         return PackedCommand(np.zeros(len(scene.x)), np.zeros(len(scene.x)))
 
-    def settled(self):
-        return np.zeros(0, dtype=bool)
-
     def keep(self, rows):
         """Nothing is held."""
 
 
 def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
     cases = [case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())]
-    packed = list(simulate_many(cases, Keeps(), FOUR_SECONDS))
+    left = Counter()
+    packed = list(simulate_many(cases, Keeps(), FOUR_SECONDS, alone=left))
+    assert not left
     for concrete, together in zip(cases, packed, strict=True):
         single = simulate(concrete, Keeps(), FOUR_SECONDS)
         assert physical(together)
