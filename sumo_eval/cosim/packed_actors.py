@@ -15,14 +15,14 @@ from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.packed_files import edge_name, vehicle_name
 from sumo_eval.cosim.packed_senses import STRAIGHT, Seen, as_seen, read_headings
 from sumo_eval.cosim.session import vehicles
-from sumo_eval.cosim.simulate import scripted_spans
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, ConstantLateral
+from sumo_eval.cosim.simulate import moved_spans, scripted_spans
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, ConstantLateral, Road
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Index = NDArray[np.intp]
 KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
 _SCRIPT_TOLERANCE = 0.02  # m, less than in `simulate`
-_NOWHERE = -1e6  # m, SUMO's places that are none are far beyond
+_NOWHERE = 1e6  # m and m/s, SUMO's places and speeds that are none are far beyond
 
 
 @dataclass(slots=True)
@@ -118,21 +118,22 @@ class PackedActors:
         self.scripted_until = np.array(
             [max((end for a in row for _, end in scripted_spans(a, step)), default=0.0) for row in self.actors]
         )
-        self._sort_scripts()
+        self._sort_scripts(cases[0].road)
         self._moved: list[tuple[int, int]] = []  # by the last step, and turning or changing their speed
         self._changing: list[tuple[int, int]] = []
         self.surprised = np.zeros(len(cases), dtype=bool)
         self.set_live(np.arange(len(cases)))
         self.seen = self._shown_to_a_sensor()
 
-    def _sort_scripts(self) -> None:
+    def _sort_scripts(self, road: Road) -> None:
         slides: list[tuple[int, int, Actor]] = []
         scripts: dict[Actor, _Script] = {}
         for case, row in enumerate(self.actors):
             for index, actor in enumerate(row):
-                if _only_slides(actor):
+                spans = moved_spans(actor, self._step, road)
+                if _only_slides(actor) and math.isfinite(spans[-1][1]):
                     slides.append((case, index, actor))
-                elif spans := scripted_spans(actor, self._step):
+                elif spans:
                     scripts.setdefault(actor, _Script(actor, spans, [])).who.append((case, index))
         self._slides = _Slides.of(slides)
         self._all_scripts = list(scripts.values())
@@ -254,9 +255,10 @@ class PackedActors:
     def _read_fronts(self, traci: Any) -> None:
         places = chain.from_iterable(map(vehicles(traci).getPosition, self._shown))
         read = np.fromiter(places, np.float64, 2 * len(self._shown)).reshape(len(self._live), -1, 2)
-        if read.min() < _NOWHERE:  # beside every lane SUMO does not move a vehicle, and loses its place
+        if not (read.min() > -_NOWHERE and read.max() < _NOWHERE):  # on no lane SUMO loses a place; no nan is within
+            there = (read > -_NOWHERE) & (read < _NOWHERE)
             self.surprised = self.surprised.copy()
-            self.surprised[self._live[read.min(axis=(1, 2)) < _NOWHERE]] = True
+            self.surprised[self._live[~there.all(axis=(1, 2))]] = True
         if self._all:
             self.front_x, self.front_y = read[:, :, 0].copy(), read[:, :, 1].copy()
             return
@@ -321,7 +323,7 @@ class PackedActors:
             place = script.actor.x(time), script.actor.y(time)
             for case, index in script.who:
                 x[self._row[case], index], y[self._row[case], index] = place
-        off = (np.abs(self.x - x) > _SCRIPT_TOLERANCE) | (np.abs(self.y - y) > _SCRIPT_TOLERANCE)
+        off = ~((np.abs(self.x - x) <= _SCRIPT_TOLERANCE) & (np.abs(self.y - y) <= _SCRIPT_TOLERANCE))  # as nan is
         return np.asarray(off.any(axis=1))
 
     def accelerations(self, time: float) -> Iterator[tuple[int, int, float]]:

@@ -120,7 +120,8 @@ class PackedRun:
             ]
             for name, start, length in starts:
                 x, y = vehicle.getPosition(name)
-                if abs(x - 0.5 * length - start.x) > _PLACE_TOLERANCE or abs(y - start.y) > _PLACE_TOLERANCE:
+                ahead, left = abs(x - 0.5 * length - start.x), abs(y - start.y)
+                if not (ahead <= _PLACE_TOLERANCE and left <= _PLACE_TOLERANCE):  # which no nan is
                     self.left[case] = NOT_AT_ITS_START
                 vehicle.setSpeedMode(name, EXACT_SPEED_MODE)
                 vehicle.setLaneChangeMode(name, 0)
@@ -174,7 +175,9 @@ class PackedRun:
         x, y = np.array(list(map(vehicle.getPosition, names)), dtype=np.float64).reshape(-1, 2).T
         front_x, front_y = fronts(self.egos, self.half_length)
         off = np.zeros(len(self.live), dtype=bool)
-        off[rows] = (np.abs(x - front_x[rows]) > _PLACE_TOLERANCE) | (np.abs(y - front_y[rows]) > _PLACE_TOLERANCE)
+        off[rows] = ~(
+            (np.abs(x - front_x[rows]) <= _PLACE_TOLERANCE) & (np.abs(y - front_y[rows]) <= _PLACE_TOLERANCE)
+        )  # as nan is
         off[rows] |= np.array(list(map(vehicle.getSpeed, names))) != self.egos.speed[rows]
         off |= self.others.surprised | self.others.off_their_scripts(self.steps * self.settings.step)
         self._leave(traci, np.flatnonzero(off & self.live).tolist(), NOT_AS_TOLD)

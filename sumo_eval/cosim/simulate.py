@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import numbers
 import time as clock
 import traceback
 from collections.abc import Callable
@@ -29,10 +28,11 @@ from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.session import session, vehicles
 from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError, seen_as_traci
+from sumo_eval.cosim.traci_numbers import finite_number, shown
 from sumo_eval.cosim.traci_program import TraciProgram, served
 from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
 
@@ -44,6 +44,10 @@ _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
+_FASTEST = 1000.0  # m/s, what SUMO shows beyond it is no motion of a vehicle
+_BACKWARDS = -1.0  # m/s, no speed of SUMO's is below 0
+_NOWHERE = 1e9  # m and m/s; a vehicle that is on no lane has the place and the speed -1073741824
+_BESIDE = 0.05  # m, nearer than this to where SUMO loses a vehicle it is kept
 _NEAR = 0.02  # m, along and across, as near to it as nobody need look closer
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long, and a step makes several
 _SEEN_AS_IT_IS: dict[str, Any] = {
@@ -131,21 +135,22 @@ class _Script:
     """What another vehicle's script says, and when it says no more than: straight on, at one speed."""
 
     __slots__ = (
-        "actor", "after", "before", "begin", "end", "half_length", "length", "reach", "slides", "spans", "width",
+        "actor", "after", "before", "begin", "end", "half_length", "length", "moved", "reach", "slides", "width",
     )  # fmt: skip
 
-    def __init__(self, actor: Actor, step: float, ego: VehicleSettings) -> None:
+    def __init__(self, actor: Actor, step: float, ego: VehicleSettings, road: Road) -> None:
         self.actor = actor
         self.length, self.width, self.slides = actor.length, actor.width, actor.slides
         self.half_length = 0.5 * actor.length
         self.reach = 0.5 * (ego.length + ego.width + actor.length + actor.width)  # m, of `first_touch`
-        self.spans = scripted_spans(actor, step)
-        self.begin = min((begin for begin, _ in self.spans), default=math.inf)
-        self.end = max((end for _, end in self.spans), default=-math.inf)
+        spans = scripted_spans(actor, step)
+        self.moved = moved_spans(actor, step, road)
+        self.begin = min((begin for begin, _ in spans), default=math.inf)
+        self.end = max((end for _, end in spans), default=-math.inf)
         start = actor.start
         # x = offset + speed * time, and y, before and after everything that the script has the vehicle do
         self.before = self.after = (start.x, start.speed, start.y)
-        if self.spans:
+        if spans:
             x, speed = (start.x, start.speed) if actor.brake is None else (actor.x(self.end), 0.0)
             self.after = (x, speed, actor.y(self.end))
 
@@ -181,6 +186,7 @@ class _Run:
         self.limits = vehicle
         self.half_length = 0.5 * vehicle.length
         self.edges = road.right_edge, road.left_edge
+        self.far = _FASTEST * settings.step  # m, further than anything drives in a step
         self.time = 0.0  # s, what `ego` and `actors` stand for
         self.ego = Body(start.x, start.y, 0.0, start.speed, vehicle.length, vehicle.width)
         self.lane_speed = start.speed  # m/s, the ego's as SUMO counts it, without the sideways part
@@ -201,8 +207,10 @@ class _Run:
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors
         }
-        self.scripts = {actor.name: _Script(actor, settings.step, vehicle) for actor in concrete.actors}
+        self.scripts = {actor.name: _Script(actor, settings.step, vehicle, road) for actor in concrete.actors}
         self.scripted_until = max((script.end for script in self.scripts.values()), default=-math.inf)
+        moved = (end for script in self.scripts.values() for _, end in script.moved)
+        self.moved_until = max(moved, default=-math.inf)
         self.tracks = {EGO: _Track(vehicle.length, vehicle.width, 7)}
         self.tracks |= {actor.name: _Track(actor.length, actor.width, 6) for actor in concrete.actors}
         self.sampled = -math.inf  # s, when last
@@ -223,7 +231,7 @@ class _Run:
                 command = self._ask(traci, self.time)
                 self._move_ego(traci, command, step)
                 coming = self.time + step
-                if coming < self.scripted_until:
+                if coming < self.moved_until:
                     self._move_actors(coming)
                 traci.simulationStep()
                 self.steps += 1
@@ -389,6 +397,7 @@ class _Run:
             state, clips = advance(before, command, self.limits, step)
         else:
             state, clips = self.plant.advance(before, command, step)
+            self._check_plant(before, state)
         for what, requested, applied in clips:
             self.clip(what, requested, applied)
         x, y, heading, speed, _, _ = state
@@ -396,10 +405,19 @@ class _Run:
         self.placed_at = _place(self.vehicles, EGO, x, y, heading, self.half_length)
         self.state = state
 
+    def _check_plant(self, before: EgoState, state: EgoState) -> None:
+        """A vehicle model of the user's may answer any finite number; SUMO takes it for a place."""
+        moved = math.hypot(state.x - before.x, state.y - before.y)
+        if not (moved < self.far and _BACKWARDS < state.speed < _FASTEST):
+            raise SimulationError(
+                f"The vehicle model moved `{EGO}` {moved:g} m in the step after {self.time:.2f} s, to the speed "
+                f"{state.speed:g} m/s; no vehicle is faster than {_FASTEST:g} m/s."
+            )
+
     def _move_actors(self, time: float) -> None:
         """Scripted motion of those that have any to do at a time."""
         for script in self.scripts.values():
-            for begin, end in script.spans:
+            for begin, end in script.moved:
                 if begin < time < end:
                     self._move_actor(script.actor, time)
                     break
@@ -420,7 +438,11 @@ class _Run:
     def _observe(self, traci: Any, now: float) -> None:
         """Read every vehicle at the end of the step, and see whether anything touched the ego or ended the case."""
         was, before = self.ego, self.actors
-        body = self._read_placed_ego() if self.state is not None else self._read_driven_ego(now)
+        body = self._read_placed_ego(now) if self.state is not None else self._read_driven_ego(now)
+        if body is None:
+            self.end("off_road")
+            return
+        far = self.far
         was_x, was_y = was.x, was.y
         moved_x, moved_y = body.x - was_x, body.y - was_y
         actors: dict[str, Body] = {}
@@ -436,6 +458,12 @@ class _Run:
             other = _tuple(Body, (x, y, heading, speed, script.length, script.width, across))
             actors[name] = other
             last_x, last_y = last.x, last.y
+            if not (abs(x - last_x) < far and abs(y - last_y) < far and _BACKWARDS < speed < _FASTEST):
+                if self._is_past_the_road(script, now):
+                    self.clip("actor_left_the_network", now, now)
+                    del actors[name]
+                    continue
+                raise self._impossible(name, last, now)
             shift_x, shift_y = (x - last_x) - moved_x, (y - last_y) - moved_y
             reach = script.reach + abs(shift_x) + abs(shift_y)
             if abs(last_x - was_x) > reach or abs(last_y - was_y) > reach:
@@ -481,7 +509,7 @@ class _Run:
             return False
         return all(keeps_apart(ego, other) for other in self.actors.values())
 
-    def _read_placed_ego(self) -> Body:
+    def _read_placed_ego(self, now: float) -> Body:
         """The ego as the vehicle model moved it; SUMO must show the same."""
         assert self.state is not None
         x, y, heading, speed, self.acceleration, _ = self.state
@@ -489,15 +517,23 @@ class _Run:
         body = _tuple(Body, (x, y, heading, speed, self.limits.length, self.limits.width, 0.0))
         x, y = self.vehicles.getPosition(EGO)
         front_x, front_y = self.placed_at
-        if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
+        if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):  # which no nan is
             raise SimulationError(
-                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
+                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m "
+                f"at {now:.2f} s."
             )
         return body
 
-    def _read_driven_ego(self, now: float) -> Body:
-        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart."""
+    def _read_driven_ego(self, now: float) -> Body | None:
+        """The ego as SUMO moved it, with its ground speed: SUMO counts the motion along and across the lane apart.
+
+        None: SUMO has lost it, because it has left the road.
+        """
         body = Body(*_read(self.vehicles, EGO, self.half_length), self.limits.length, self.limits.width)
+        if not (abs(body.x) < _NOWHERE and abs(body.y) < _NOWHERE and abs(body.speed) < _NOWHERE):
+            if self.vehicles.getPosition(EGO)[0] <= -_NOWHERE and self._leaves_the_lanes():
+                return None
+            raise self._impossible(EGO, self.ego, now)
         self._check_native_motion(body, now)
         self.acceleration = (body.speed - self.lane_speed) / self.step
         self.lane_speed = body.speed
@@ -506,7 +542,42 @@ class _Run:
             if abs(body.heading - self.ego.heading) > 1e-3:
                 self.clip("heading", self.ego.heading, body.heading)
         across = self.vehicles.getLateralSpeed(EGO)
+        if not abs(across) < _FASTEST:
+            raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
         return body._replace(speed=math.hypot(body.speed, across)) if across else body
+
+    def _leaves_the_lanes(self) -> bool:
+        """Whether the ego is, or within a step gets, where SUMO has no lane for it: its centre beside the road, or its
+        front bumper's centre half a width beside it or beyond its ends.
+        """
+        ego, (right, left), road = self.ego, self.edges, self.concrete.road
+        ahead = ego.speed * self.step
+        coming = ego._replace(x=ego.x + ahead * math.cos(ego.heading), y=ego.y + ahead * math.sin(ego.heading))
+        reach = 0.5 * ego.width - _BESIDE
+        for body in (ego, coming):
+            x, y = _front(body)
+            on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.length + road.run_out
+            if not (on_lanes and right <= body.y <= left):
+                return True
+        return False
+
+    def _is_past_the_road(self, script: _Script, now: float) -> bool:
+        """Whether a script has its vehicle's front bumper beyond the last lane."""
+        road = self.concrete.road
+        return script.actor.x(now) + script.half_length > road.length + road.run_out - _BESIDE
+
+    def _impossible(self, name: str, last: Body, now: float) -> SimulationError:
+        """What SUMO shows of a vehicle is the state of none: which of its quantities."""
+        x, y = self.vehicles.getPosition(name)
+        angle, speed = self.vehicles.getAngle(name), self.vehicles.getSpeed(name)
+        front_x, front_y = _front(last)
+        if not max(abs(x - front_x), abs(y - front_y)) < self.far:
+            what = f"the place ({x:g}, {y:g}) m, a step after ({front_x:.2f}, {front_y:.2f}) m,"
+        elif not _BACKWARDS < speed < _FASTEST:
+            what = f"the speed {speed:g} m/s"
+        else:
+            what = f"the angle {angle:g} deg"
+        return SimulationError(f"SUMO gave vehicle `{name}` {what} at {now:.2f} s, which no vehicle can have.")
 
     def _check_native_motion(self, body: Body, now: float) -> None:
         """TraCI calls can move the ego in ways no vehicle can. `body` has the speed along the lane."""
@@ -539,6 +610,8 @@ class _Run:
         """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
         if not isinstance(self.ads, NativeModel):
             raise ControllerError(sentence)
+        if what == "jump" and not requested < self.far:
+            raise SimulationError(f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after {self.time:.2f} s.")
         self.clip(what, requested, possible)
 
     # -- records -------------------------------------------------------------------------------------------------------
@@ -610,29 +683,57 @@ def scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
     return spans
 
 
+def moved_spans(actor: Actor, step: float, road: Road) -> list[tuple[float, float]]:
+    """Between which times the harness has SUMO put an actor where its script has it.
+
+    As `scripted_spans`; an actor that its script leaves beside the lanes is put there for good: SUMO does not move
+    a vehicle that is on no lane, and answers -1073741824 for its place and speed.
+    """
+    spans = scripted_spans(actor, step)
+    reach = 0.5 * actor.width - _BESIDE
+
+    def beside(time: float) -> bool:
+        return not road.right_edge - reach <= actor.y(time) <= road.left_edge + reach
+
+    if beside(0.0):
+        return [(0.0, math.inf)]
+    leaving = [move.begin for move in actor.lane_changes if beside(move.begin + move.duration)]
+    if not leaving:
+        return spans
+    return [span for span in spans if span[0] < min(leaving)] + [(min(leaving), math.inf)]
+
+
 def _checked(answer: object, time: float) -> Command:
     """The ADS's answer, if it is a command that a vehicle can be given."""
     if not isinstance(answer, Command):
         raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
-    acceleration, steering = answer.acceleration, answer.steering
+    try:
+        acceleration, steering = answer.acceleration, answer.steering
+    except Exception as error:  # what a Command of the ADS's own making may do
+        raise ControllerError(f"The ADS's Command cannot be read at {time:.2f} s: {said(error)}.") from error
     if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
         return answer
+    found = []
     for name, value in (("acceleration", acceleration), ("steering", steering)):
-        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+        number = finite_number(value)
+        if number is None:
             raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
+                f"`{name}` of the ADS's Command must be a finite number, got {shown(value)} at {time:.2f} s."
             )
-    return Command(float(acceleration), float(steering))
+        found.append(number)
+    return Command(*found)
 
 
 def _read(vehicle: Any, name: str, half_length: float) -> tuple[float, float, float, float]:
     """A vehicle's centre, heading and speed from SUMO, which reports the front bumper's centre and an angle clockwise
-    from north.
+    from north. An angle that is none makes a place that is none.
     """
     x, y = vehicle.getPosition(name)
     angle = vehicle.getAngle(name)
     if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
         return x - half_length, y, 0.0, vehicle.getSpeed(name)
+    if not 0.0 <= angle <= 360.0:  # no angle of SUMO's
+        return math.nan, math.nan, math.nan, vehicle.getSpeed(name)
     heading = math.remainder(math.radians(90.0 - angle), math.tau)
     x, y = x - half_length * math.cos(heading), y - half_length * math.sin(heading)
     return x, y, heading, vehicle.getSpeed(name)

@@ -7,6 +7,7 @@ finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`),
 
 from __future__ import annotations
 
+import math
 import shutil
 import socket
 import subprocess
@@ -21,7 +22,8 @@ from typing import Any
 
 from sumo_eval.cosim.child_program import ChildProgram, split_command
 from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.session import check_start, command_line, quoted
+from sumo_eval.cosim.session import check_start, command_line, libsumo, quoted
+from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
@@ -29,6 +31,16 @@ from sumo_eval.settings import SimulationSettings
 START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
 _BETWEEN_TRIES = 0.01  # s
 _PORT = "SUMO_EVAL_PORT"
+_SETTINGS = {
+    name: getattr(libsumo.constants, f"VAR_{variable}")
+    for name, variable in (
+        ("maxSpeed", "MAXSPEED"), ("accel", "ACCEL"), ("decel", "DECEL"), ("apparentDecel", "APPARENT_DECEL"),
+        ("emergencyDecel", "EMERGENCY_DECEL"), ("tau", "TAU"), ("minGap", "MINGAP"), ("speedFactor", "SPEED_FACTOR"),
+        ("sigma", "IMPERFECTION"), ("maxSpeedLat", "MAXSPEED_LAT"), ("minGapLat", "MINGAP_LAT"), ("length", "LENGTH"),
+        ("width", "WIDTH"),
+    )
+}  # fmt: skip
+"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's numbers of them."""
 
 
 @dataclass(slots=True)
@@ -92,10 +104,23 @@ class ServedSimulation:
         """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits until both are there."""
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
+        self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
 
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
         self._wait(self._connection.simulationStep, self._step_timeout)
+        self._check_settings()
+
+    def _check_settings(self) -> None:
+        """What the program writes goes past the harness, which sees what has become of the ego's settings."""
+        shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
+        for name, variable in _SETTINGS.items():
+            if not math.isfinite(shown.get(variable, 0.0)):
+                now = self.simulation.getTime() - self.simulation.getDeltaT()  # SUMO's clock is one step ahead
+                raise ControllerError(
+                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at {now:.2f} s; it must be a "
+                    "finite number."
+                )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
         """The program's turn: SUMO answers when it is over. A connection that waited too long reports itself closed."""
