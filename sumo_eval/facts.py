@@ -125,6 +125,7 @@ def record_facts(
             _check_shard(store, shard, folder)
             refuse_to_lose_cases(store, spaces, evaluation, folder)
             store.note(_COMPLETE, "")
+            store.unseal()
             store.note(_SHARD, f"{shard[0]}/{shard[1]}")
             try:
                 with prepared_meanwhile():
@@ -134,6 +135,7 @@ def record_facts(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
                     "the same command with --resume goes on."
                 ) from None
+            store.seal()
             store.note(_COMPLETE, "yes")
             return _counted(store, folder, shard)
 
@@ -180,6 +182,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             for shard in sorted(found):
                 store.take_over(found[shard] / run_folder.FACTS)
             store.note(_SHARD, "1/1")
+            store.seal()
             store.note(_COMPLETE, "yes")
             return _counted(store, out, WHOLE)
 
