@@ -160,12 +160,13 @@ def _only_one(history: Path) -> Iterator[None]:
 
 def _refuse_without_history(history: Path) -> None:
     """A history that got lost is not begun anew beside its nights: each of them would look like nobody's."""
-    nights = [path.name for path in (history / NIGHTS).glob("*")]
+    nights = sorted((history / NIGHTS).glob("*"))
     if nights and not is_begun(history):
+        count = f"{len(nights)} night{'s' if len(nights) > 1 else ''}"
         raise InputError(
-            f"The night was not begun: {history / NIGHTS} holds {len(nights)} night{'s' if len(nights) > 1 else ''} and {history / HISTORY} is "
-            "missing or empty. Put a copy of it back, begin in another folder, or make a new one of these nights: "
-            f"sumo-eval trend {history} --import {history / NIGHTS / sorted(nights)[-1]}. Nothing was removed."
+            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} is missing or empty. "
+            "Put a copy of it back, begin in another folder, or make a new one of these nights: "
+            f"sumo-eval trend {history} --import {nights[-1]}. Nothing was removed."
         )
 
 

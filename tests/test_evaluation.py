@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from batch.edited_store import edit
 
 import sumo_eval
-from batch.edited_store import edit
 from sumo_eval.batch.store import FORMAT_VERSION, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.errors import InputError

@@ -197,8 +197,8 @@ class Store:
     def _read(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> Iterator[Any]:
         """The rows of a query; what SQLite cannot read is a sentence that names the file."""
         try:
-            for row in self._connection.execute(query, values):
-                yield row  # noqa: UP028 - `yield from` would close the cursor of a file that is closed already
+            for row in self._connection.execute(query, values):  # noqa: UP028 - `yield from` would close the cursor
+                yield row
         except sqlite3.Error as error:
             raise InputError(f"{self.path} cannot be read: {error}. {_MEND}") from error
 
@@ -387,11 +387,10 @@ def open_store(path: Path, *, create: bool = False, checked: bool = False) -> It
 def _check_once(store: Store) -> None:
     if not store.path.is_file():
         return  # in memory
-    if store.path.with_name(store.path.name + "-wal").exists():
-        return store.check()  # somebody writes, or was stopped: the file's own time does not tell when
     state = store.path.stat()
     key = (str(store.path.resolve()), state.st_size, state.st_mtime_ns)
-    if key not in _checked:
+    writing = store.path.with_name(store.path.name + "-wal").exists()  # then the file's own time does not tell when
+    if writing or key not in _checked:
         store.check()
         _checked.add(key)
 

@@ -14,10 +14,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from batch.edited_store import edit
 from batch.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
 
 import sumo_eval
-from batch.edited_store import edit
 from sumo_eval.batch.run_folder import only_writer
 from sumo_eval.config import read_evaluation
 from sumo_eval.errors import InputError, StoppedError

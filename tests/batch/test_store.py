@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from batch.edited_store import edit
+
 from sumo_eval.batch.cases import Case, Outcome
 from sumo_eval.batch.kept import pack, unpack
 from sumo_eval.batch.store import open_store
