@@ -12,7 +12,7 @@ from typing import NoReturn
 import click
 
 from sumo_eval.commands.exit_status import DONE, GATE_FAILED, INPUT_WRONG
-from sumo_eval.settings import EvaluationSettings, RunSettings, ScenarioSettings
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 
 _RUN = RunSettings()
 
@@ -62,7 +62,9 @@ def _check_scenario(path: Path) -> NoReturn:
     from sumo_eval.facts import space_of
     from sumo_eval.scenario.file import check_file
 
-    space_of(ScenarioSettings(path.name), EvaluationSettings(), path.parent.resolve())
+    scenario = ScenarioSettings(path.name)
+    alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
+    space_of(scenario, alone, path.parent.resolve())
     for sentence in check_file(path):
         click.echo(sentence)
     sys.exit(DONE)
