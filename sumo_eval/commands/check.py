@@ -52,9 +52,13 @@ def _is_scenario(path: Path) -> bool:
     import tomllib
 
     try:
-        return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(tomllib.loads(path.read_text(encoding="utf-8")))
+        text = path.read_text(encoding="utf-8")
     except (OSError, ValueError):
         return False
+    try:
+        return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(tomllib.loads(text))
+    except ValueError:
+        return "[[parameter]]" in text
 
 
 def _check_scenario(path: Path) -> NoReturn:
