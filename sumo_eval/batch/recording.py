@@ -126,6 +126,9 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
     if settings.drivers.source == RECORDED:
+        from sumo_eval.drivers.reference import open_people  # pandas, which synthetic drivers do not need
+
+        open_people(settings.drivers, source)  # a file that cannot be read must not be found out after the simulation
         identities[RECORDED] = people_identity(settings.drivers, source)
     return Planner(settings, source, harness, identities)
 

@@ -220,9 +220,7 @@ def check_file(path: Path) -> tuple[str, ...]:
     chosen = sample(logical)
     if not len(chosen.points):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none of {len(chosen.refused)}.")
-    for concrete in logical.concretes(chosen.points):
-        _check_place(logical, concrete.ego, concrete.actors, concrete.label)
-    logical.approach(logical.columns(chosen.points))
+    check_points(logical, chosen.points)
     ranges = ", ".join(f"{item.name} {item.low:g}..{item.high:g} {item.unit}" for item in logical.parameters)
     return (
         f"Logical scenario `{logical.name}`: {ranges}.",
@@ -230,6 +228,14 @@ def check_file(path: Path) -> tuple[str, ...]:
         f"Exposure: {logical.exposure_about}.",
         *chosen.notes,
     )
+
+
+def check_points(logical: LogicalScenario, points: FloatArray) -> None:
+    """Place every vehicle at every point (n, k), and work out the approach there. InputError at the first fault."""
+    for row in points.tolist():
+        concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
+        _check_place(logical, concrete.ego, concrete.actors, concrete.label)
+    logical.approach(logical.columns(points))
 
 
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:

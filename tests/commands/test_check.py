@@ -30,7 +30,20 @@ def test_a_bad_controller(tmp_path):
     assert done.returncode == 1
     assert "FAIL" in done.stdout
     assert "-> forget everything in reset" in done.stdout
-    assert "mine.py:acc: breaks the contract in 2 point(s)" in done.stdout
+    failed = done.stdout.count("FAIL  ")
+    assert failed == done.stdout.count("the second drive differs from") >= 8  # every one of the edge cases
+    assert f"mine.py:acc: breaks the contract in {failed} point(s)" in done.stdout
+
+
+def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
+    """A first step of 0.3 s where 0.1 s are allowed."""
+    (tmp_path / "mine.py").write_text(
+        "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return 0.0\n"
+    )
+    done = CliRunner().invoke(main, ["check", f"{tmp_path}/mine.py:acc", "--step-timeout", "0.1"])
+    assert done.exit_code == 1
+    assert "FAIL  `run` would lose" in done.output
+    assert "cases to step_timeout = 0.1 s" in done.output
 
 
 def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
