@@ -13,6 +13,7 @@ from sumo_eval.locators import load_object
 from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.request import Drawn, Request
+from sumo_eval.text import clean, from_cell
 
 EXPOSURE = "exposure"
 
@@ -25,7 +26,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
-            header = [str(name).strip() for name in reader.fieldnames or ()]
+            header = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
             reader.fieldnames = header
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -43,7 +44,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
     ignored = [name for name in header if name not in columns]
-    notes = (f"Columns of {path.name} that are no parameters: {', '.join(ignored)}.",) if ignored else ()
+    notes = (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
     return Drawn(points, exposure=exposure, notes=notes)
 
 
