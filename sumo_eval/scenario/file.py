@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.config import mistakes
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
@@ -442,6 +442,8 @@ class _Builder:
         definitions = Definitions(tuple(entries))
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
+        for item in vehicles:
+            check_name("`name`", f"a vehicle of {self.where}", item.name)
         constraints = tuple(
             Constraint(
                 item.about or f"one where {item.require}",

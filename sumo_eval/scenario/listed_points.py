@@ -57,7 +57,9 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     try:
         found = function(logical, count, random_stream(request.seed, "sampling", logical.name, locator))
         points = np.asarray(found, dtype=np.float64)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
     if points.ndim != 2 or points.shape[1] != len(logical.names) or not len(points):
         wanted = f"an (n, {len(logical.names)}) array with a column for each of {', '.join(logical.names)}"
