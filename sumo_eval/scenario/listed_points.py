@@ -13,7 +13,7 @@ from sumo_eval.locators import load_object
 from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.request import Drawn, Request
-from sumo_eval.text import clean, from_cell
+from sumo_eval.text import clean, from_cell, shown
 
 EXPOSURE = "exposure"
 
@@ -36,6 +36,12 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
             raise InputError(f"The points {path} must have a column `{name}`.{did_you_mean(name, header)}")
     if not rows:
         raise InputError(f"The points {path} must have at least one row.")
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"The points {path} must have every column once, got {shown(name)} twice.")
+    for number, row in enumerate(rows, 2):
+        if None in row:  # where DictReader puts what is too much
+            raise InputError(f"Line {number} of the points {path} must have {len(header)} values, got more.")
     columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
     table = np.array([[_real(row[name], name, number, path) for name in columns] for number, row in enumerate(rows, 2)])
     points = table[:, : len(logical.names)]
