@@ -89,5 +89,5 @@ def _connect(address: str) -> Any:
         raise InputError("The engine `dask` needs the extra `cluster`: pip install 'sumo_eval[cluster]'.") from error
     try:
         return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"There is no Dask scheduler at {address}: {error}.") from error
+    except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: `tls://` without certificates
+        raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error
