@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -49,16 +50,15 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
 
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
-    import tomllib
+    from sumo_eval.errors import InputError
+    from sumo_eval.toml_file import read_toml
 
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError):
+        return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(read_toml(path, "file"))
+    except InputError:
+        with suppress(OSError):
+            return b"[[parameter]]" in path.read_bytes()
         return False
-    try:
-        return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(tomllib.loads(text))
-    except ValueError:
-        return "[[parameter]]" in text
 
 
 def _check_scenario(path: Path) -> NoReturn:
