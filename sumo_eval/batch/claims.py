@@ -57,9 +57,14 @@ Results = list[Result | str] | None
 
 
 def home(case: Case, setup: Setup) -> str:
-    """Which cases may share a process: those of one locator of a user's; all of our own drivers. A plant is a user's."""
-    ours = case.role != "ads" or case.controller in SHIPPED or case.controller.startswith("sumo:")
-    return OURS if ours and (case.role != "ads" or setup.simulation.plant is None) else f"ADS {case.controller}"
+    """Which cases may share a process: those of one locator of a user's, and all of our own drivers."""
+    return home_of_ads(case.controller, setup) if case.role == "ads" else OURS
+
+
+def home_of_ads(locator: str, setup: Setup) -> str:
+    """The home of an ADS under test. A vehicle model of the user's drives with each, and makes ours the user's."""
+    ours = locator in SHIPPED or locator.startswith("sumo:")
+    return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
 def as_message(results: Results) -> Message:

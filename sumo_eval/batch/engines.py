@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup, Status
-from sumo_eval.batch.claims import OURS, Result, Results, believed, bound, home
+from sumo_eval.batch.claims import OURS, Result, Results, believed, bound, home, home_of_ads
 from sumo_eval.batch.identity import IDENTITY_BOUND, read_identity, tell_identity
 from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.batch.pool import Ended, Pool, Work
@@ -70,6 +70,8 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     Raises InputError for one that cannot be loaded.
     Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is not another's.
     """
+    if setup.run.engine == "serial":
+        refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
     identities: dict[str, str] = {}
     work: Work[tuple[str, str]] = Work(
         tell_identity, setup.folder, lambda _, message: read_identity(message), lambda _: IDENTITY_BOUND, str

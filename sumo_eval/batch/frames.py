@@ -58,6 +58,11 @@ class FrameReader:
         self._text = 0
         self._checksum = 0
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether anything of the frame is here."""
+        return bool(self._came)
+
     def feed(self, data: bytes) -> Message | None:
         """The message when the frame is complete. Raises FrameError as soon as it cannot become one."""
         self._came += data

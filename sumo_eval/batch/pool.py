@@ -39,6 +39,7 @@ from sumo_eval.batch.hygiene import (
     shared_memory,
     supervise,
 )
+from sumo_eval.batch.watch import COPY
 from sumo_eval.errors import InputError
 
 Item = TypeVar("Item")
@@ -49,7 +50,6 @@ Task = Callable[[Any, Any], Message]
 How = Literal["done", "died", "overdue", "overfull", "garbled"]
 
 LOG_END = 8_000  # bytes that are kept of the beginning, and of the end, of what an item printed
-COPY = 87  # exit code of a copy of a child, made by a fork in an item, that goes on with the item as the child does
 _READS_AT_ONCE = 16  # of one child's output, before another one's turn
 _LEAVE_TIME = 5.0  # s for a killed process to be gone
 _CLOSED_TIME = 1.0  # s for a child that has closed its results to be gone; it had nothing else to do
@@ -204,12 +204,9 @@ class Pool:
             if end is None:
                 continue
             how, result, exitcode, why, last = end
-            if not last:
-                log = child.take_log()
-            else:
+            if last:
                 self._drop(child)
-                log = child.take_log()
-            found.append((child, Ended(item, how, result, exitcode, log, why)))
+            found.append((child, Ended(item, how, result, exitcode, child.take_log(), why)))
         return found
 
     def _drop(self, child: _Child) -> None:
@@ -312,10 +309,14 @@ class _Child:
         if self._fault:
             return "garbled", None, None, self._fault, True
         if self._reported:
+            if self._reader is not None and self._reader.has_begun:
+                return "garbled", None, None, "ended amid its result", True
             if self._ended is not None and self._ended.held:
                 return "overfull", None, None, f"{self._ended.held:.0f}", True
             return "died", None, None if self._ended is None else self._ended.exitcode, "", True
         if self.deadline <= clock.monotonic():
+            if self._reader is not None and self._reader.has_begun:
+                return "garbled", None, None, "began a result and did not end it", True
             return ("died" if self._results.closed else "overdue"), None, None, "", True
         return None
 
