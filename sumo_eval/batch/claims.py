@@ -140,7 +140,7 @@ class _Reading:
                 raise ValueError("no recording")
             return Result("rejected", None, said, _text(log, "the log"))
         end_reason, collision, clips, latency, wall_time, simulated_time, names = _list(drive, "a drive", 7)
-        if not isinstance(end_reason, str) or end_reason not in STATUS or STATUS[end_reason] != status:  # type: ignore[index]
+        if not isinstance(end_reason, str) or end_reason not in STATUS or STATUS[end_reason] != status:
             raise ValueError(f"the status {status!r} after {end_reason!r}")
         expected = [EGO, *(actor.name for actor in case.concrete.actors)]
         if sorted(map(str, _list(names, "the vehicles", len(expected)))) != sorted(expected):
@@ -150,7 +150,7 @@ class _Reading:
         recording = KeptRecording(
             {name: self._drive(name, simulated_time) for name in names},
             None if collision is None else _collision(collision, expected),
-            end_reason,  # type: ignore[arg-type]
+            end_reason,
             tuple(_clip(clip) for clip in _list(clips, "the clips", range(_MOST_CLIPS))),
             (_positive(latency[0]), _positive(latency[1])) if _list(latency, "the latency", 2) else (0.0, 0.0),
             _positive(wall_time),

@@ -83,7 +83,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
             if isinstance(ended.result, InputError):
                 raise ended.result
             if ended.how != "done":
-                happened = _what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
+                happened = what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
@@ -121,7 +121,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         return [_outcome(ended, packs.remark(pack[0]), setup)]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
-        happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
+        happened = what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
         why = f"{ALONE}Its pack was lost. {happened}\n"
         packs.did_not_come_through(pack, why, printed, too_slow=ended.how == "overdue")
         return []
@@ -148,12 +148,13 @@ def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
     (case,) = ended.item
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(case, status, None, _what_happened(ended, setup), remark + ended.log)
+        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log)
     result: Result = ended.result[0]
     return Outcome(case, result.status, result.recording, result.error, remark + result.log + ended.log)
 
 
-def _what_happened(ended: Ended[Any], setup: Setup) -> str:
+def what_happened(ended: Ended[Any], setup: Setup) -> str:
+    """A sentence about an item that brought no result."""
     if ended.how == "overdue":
         return f"The case took longer than {setup.run.case_timeout:g} s of wall time."
     if ended.how == "overfull":

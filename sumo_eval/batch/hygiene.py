@@ -72,7 +72,7 @@ def _work_and_leave(work: Callable[[], object]) -> NoReturn:
     try:
         work()
         code = 0
-    except BaseException:
+    except BaseException:  # noqa: BLE001 - whatever comes: this process was not to go on
         traceback.print_exc()
     finally:
         os._exit(code)

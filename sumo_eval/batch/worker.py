@@ -24,6 +24,7 @@ from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.trajectory import Recording
 
+
 def run_case(case: Case, setup: Setup) -> Outcome:
     """Simulate a case. Whatever goes wrong in it is part of the outcome."""
     try:

@@ -45,14 +45,16 @@ def _check_scenario(path: Path) -> NoReturn:
 
 
 def _check_controller(locator: str, step_timeout: float) -> None:
-    from sumo_eval.cosim.contract import check_controller
+    from sumo_eval.batch.apart import check_apart
     from sumo_eval.scenario import catalogue
 
     cases = [
         catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0),
         catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=10.0, gap=60.0),
     ]
-    findings = check_controller(locator, cases, folder=Path.cwd(), step_timeout=step_timeout)
+    findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout)
+    if printed:
+        click.echo(f"It printed:\n{printed.rstrip()}", err=True)
     for finding in findings:
         click.echo(f"{finding.kind:4}  {finding.text}")
         if finding.mend:
@@ -64,7 +66,7 @@ def _check_controller(locator: str, step_timeout: float) -> None:
 
 def _check_evaluation(path: Path) -> None:
     """Parse the file; find its scenarios, ADSs and drivers; name every mistake, not only the first."""
-    from sumo_eval.cosim.controller import load_controller
+    from sumo_eval.batch.apart import check_apart
     from sumo_eval.cosim.fmu import FmuPlant
     from sumo_eval.drivers.reference import open_people
     from sumo_eval.errors import InputError
@@ -92,7 +94,9 @@ def _check_evaluation(path: Path) -> None:
         return f": {len(chosen.points)} points of {', '.join(p.name for p in logical.parameters)}"
 
     def controller(index: int) -> str:
-        load_controller(settings.ads[index].locator, source)
+        findings, _ = check_apart(settings.ads[index].locator, (), source)
+        if findings:
+            raise InputError(findings[0].text)
         return f": {settings.ads[index].controller}"
 
     def plant() -> str:

@@ -3,6 +3,7 @@
 The tables say what may become of the attacker's own row; every row beside it has to be what it is without it.
 """
 
+import contextlib
 import ctypes
 import json
 import math
@@ -25,27 +26,22 @@ from sumo_eval import Command
 ANY = {"ok", "collision", "off_road", "ads_error", "ads_timeout", "crashed", "sim_error"}
 LOST = {"crashed", "ads_error"}
 
-PROTOCOL = {
-    name: LOST
-    for name in (
-        "writes_text", "writes_a_pickle", "claims_a_gigabyte", "half_a_frame", "answers_for_another_case",
-        "answers_with_a_foreign_nonce", "answers_twice", "wrong_checksum", "no_json", "nested_deeply", "an_endless_number",
-        "unknown_status", "nan_for_a_time", "a_text_for_a_number", "a_bomb_of_zeros", "half_a_trajectory",
-        "other_vehicles", "halves_of_characters", "forks_in_a_step", "forks_often", "closes_descriptors",
-    )
-}  # fmt: skip
+_PROTOCOL = """
+    writes_text writes_a_pickle claims_a_gigabyte half_a_frame answers_for_another_case
+    answers_with_a_foreign_nonce answers_twice wrong_checksum no_json nested_deeply an_endless_number
+    unknown_status nan_for_a_time a_text_for_a_number a_bomb_of_zeros half_a_trajectory other_vehicles
+    halves_of_characters forks_in_a_step forks_often closes_descriptors
+"""
+PROTOCOL = dict.fromkeys(_PROTOCOL.split(), LOST)
 PROTOCOL["closes_descriptors"] = ANY  # a message that the supervisor cannot be told any more is the worst of it
 PROTOCOL["halves_of_characters"] = {"ok"}  # its own forged row, in characters that can be stored
 
-STATE = {
-    name: ANY
-    for name in (
-        "changes_rounding", "patches_math", "patches_random", "patches_numpy", "patches_command", "patches_traci",
-        "leaves_a_listener", "leaks_descriptors", "lowers_limits", "closes_stdout", "sets_a_timer", "traces",
-        "begins_a_thread", "begins_a_thread_in_c", "poisons_modules", "changes_folder", "ends_its_supervisor",
-        "ends_its_group", "stops_itself",
-    )
-}  # fmt: skip
+_STATE = """
+    changes_rounding patches_math patches_random patches_numpy patches_command patches_traci leaves_a_listener
+    leaks_descriptors lowers_limits closes_stdout sets_a_timer traces begins_a_thread begins_a_thread_in_c
+    poisons_modules changes_folder ends_its_supervisor ends_its_group stops_itself
+"""
+STATE = dict.fromkeys(_STATE.split(), ANY)
 STATE["stops_itself"] = {"timeout"}
 
 LEFTOVERS = {
@@ -246,7 +242,6 @@ def patches_numpy(traci, ego, now):
 def patches_command(traci, ego, now):
     sumo_eval.Command.__init__ = lambda self, *_: None
     sumo_eval.Command.acceleration = -9.0
-    return None
 
 
 def patches_traci(traci, ego, now):
@@ -290,10 +285,8 @@ def lowers_limits(traci, ego, now):
 
 def closes_stdout(traci, ego, now):
     for number in (1, 2):
-        try:
+        with contextlib.suppress(OSError):
             os.close(number)
-        except OSError:
-            pass
     sys.stdout = sys.stderr = None
     return Command(0.0)
 
@@ -390,15 +383,21 @@ def leaves_a_flood(traci, ego, now):
     return Command(0.0)
 
 
-_FILLS = "import mmap, time; a = mmap.mmap(-1, 800 << 20); [a.write(bytes(1 << 20)) for _ in range(800)]; time.sleep(60)"
+_FILLS = """
+import mmap, time
+hoard = mmap.mmap(-1, 800 << 20)
+for _ in range(800):
+    hoard.write(bytes(1 << 20))
+time.sleep(60)
+"""
+    "import mmap, time; a = mmap.mmap(-1, 800 << 20); [a.write(bytes(1 << 20)) for _ in range(800)]; time.sleep(60)"
+)
 
 
 def _wait_whatever_comes():
     while True:
-        try:
+        with contextlib.suppress(BaseException):
             time.sleep(10.0)
-        except BaseException:
-            pass
 
 
 def fills_shared_memory(traci, ego, now):

@@ -14,14 +14,14 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-
 from batch import hostile_ads
-from batch.runs import command, digest, write_evaluation
+from batch.runs import command, write_evaluation
+
 from sumo_eval.batch import hygiene
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import identify, run_cases
 from sumo_eval.batch.frames import FrameError, FrameReader, Message, Ticket, frame
-from sumo_eval.batch.kept import KeptRecording, keep
+from sumo_eval.batch.kept import keep
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
