@@ -390,8 +390,6 @@ for _ in range(800):
     hoard.write(bytes(1 << 20))
 time.sleep(60)
 """
-    "import mmap, time; a = mmap.mmap(-1, 800 << 20); [a.write(bytes(1 << 20)) for _ in range(800)]; time.sleep(60)"
-)
 
 
 def _wait_whatever_comes():
