@@ -58,13 +58,14 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
     [
         ("    os._exit(7)", "The process that drove it died with exit code 7."),
         ("    os.closerange(3, 100)", "The process that drove it"),
-        ("    [os.write(n, b'x' * 50) for n in range(3, 20) if stat.S_ISFIFO(mode(n))]", "something that is no result"),
+        ("    [shout(n) for n in range(3, 20)]", "something that is no result"),
     ],
 )
 def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(tmp_path, body, words):
     (tmp_path / "mine.py").write_text(
         "import os, stat\n\n"
-        "def mode(n):\n    try:\n        return os.fstat(n).st_mode\n    except OSError:\n        return 0\n\n"
+        "def shout(n):\n    try:\n        if stat.S_ISFIFO(os.fstat(n).st_mode):\n"
+        "            os.write(n, b'x' * 50)\n    except OSError:\n        pass\n\n"
         f"def acc(seen):\n{body}\n    return 0.0\n"
     )
     done = check("mine.py:acc", tmp_path)
