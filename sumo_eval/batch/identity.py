@@ -34,7 +34,8 @@ def harness_identity() -> str:
     Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
     """
     files = sorted(file for room in _ROOMS_THAT_MAKE_FACTS for file in (_PACKAGE / room).rglob("*.py"))
-    sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in (*files, _PACKAGE / "batch" / "worker.py")}
+    files += [_PACKAGE / "batch" / name for name in ("claims.py", "worker.py")]
+    sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in files}
     return _text({"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources})
 
 
