@@ -7,6 +7,7 @@ that it fits the others and the case. Whatever does not is a FrameError, and the
 from __future__ import annotations
 
 import math
+import struct
 import zlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args
@@ -15,7 +16,6 @@ from sumo_eval.batch.cases import Case, Setup, Status
 from sumo_eval.batch.frames import FrameError, Message
 from sumo_eval.batch.kept import EGO, KeptRecording, most_bytes, samples, unpack
 from sumo_eval.cosim.controller import SHIPPED
-from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Clip, Collision, EndReason, Side
 
@@ -108,7 +108,7 @@ def believed(message: Message, cases: Sequence[Case], setup: Setup) -> Results:
     """The results in a child's message about these cases. Raises FrameError for anything that cannot be."""
     try:
         return _Reading(message, setup, users=home(cases[0], setup) != OURS).results(cases)
-    except (InputError, ValueError, TypeError, ArithmeticError, zlib.error) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, struct.error, zlib.error) as error:
         raise FrameError(f"gave a result that cannot be: {_clean(str(error), 300)}") from error
 
 
@@ -143,16 +143,17 @@ class _Reading:
         if not isinstance(end_reason, str) or end_reason not in STATUS or STATUS[end_reason] != status:
             raise ValueError(f"the status {status!r} after {end_reason!r}")
         expected = [EGO, *(actor.name for actor in case.concrete.actors)]
-        if sorted(map(str, _list(names, "the vehicles", len(expected)))) != sorted(expected):
+        if sorted(map(repr, _list(names, "the vehicles", len(expected)))) != sorted(map(repr, expected)):
             raise ValueError("other vehicles than the case has")
         if (collision is not None) != (end_reason == "contact"):
             raise ValueError(f"a collision does not go with {end_reason!r}" if collision else "no collision")
+        mean, longest = _list(latency, "the latency", 2)
         recording = KeptRecording(
             {name: self._drive(name, simulated_time) for name in names},
             None if collision is None else _collision(collision, expected),
             end_reason,
             tuple(_clip(clip) for clip in _list(clips, "the clips", range(_MOST_CLIPS))),
-            (_positive(latency[0]), _positive(latency[1])) if _list(latency, "the latency", 2) else (0.0, 0.0),
+            (_positive(mean), _positive(longest)),
             _positive(wall_time),
             _positive(simulated_time),
         )

@@ -184,7 +184,8 @@ class Pool:
             self._drop(next(child for child in self._children if child not in busy))
         child = _Child(home, self._memory_limit, self._scratch)
         self._children.append(child)
-        child.give(work, item, next(self._numbers), self._deadline)
+        with suppress(OSError):  # it died at its beginning: the end of its results will say so
+            child.give(work, item, next(self._numbers), self._deadline)
         return child
 
     def _next_ended(self, busy: dict[_Child, Item], work: Work[Item]) -> list[tuple[_Child, Ended[Item]]]:
@@ -252,10 +253,12 @@ class _Child:
 
     def is_quiet(self) -> bool:
         """Whether a child with nothing to do is there, and has not said anything unasked."""
+        if self._results.closed:
+            return False
         poll = select.poll()
         poll.register(self._results.fileno(), select.POLLIN)
         poll.register(self._report.fileno(), select.POLLIN)
-        return not self._results.closed and not poll.poll(0)
+        return not poll.poll(0)
 
     def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
         """Send an item, as much of it as goes at once. Raises OSError when the child is no more."""

@@ -31,8 +31,10 @@ _PROTOCOL = """
     answers_with_a_foreign_nonce answers_twice wrong_checksum no_json nested_deeply an_endless_number
     unknown_status nan_for_a_time a_text_for_a_number a_bomb_of_zeros half_a_trajectory other_vehicles
     halves_of_characters forks_in_a_step forks_often closes_descriptors
+    closes_after_its_own_answer
 """
 PROTOCOL = dict.fromkeys(_PROTOCOL.split(), LOST)
+PROTOCOL["closes_after_its_own_answer"] = ANY
 PROTOCOL["closes_descriptors"] = ANY  # a message that the supervisor cannot be told any more is the worst of it
 PROTOCOL["halves_of_characters"] = {"ok"}  # its own forged row, in characters that can be stored
 
@@ -205,6 +207,12 @@ def forks_in_a_step(traci, ego, now):
 def forks_often(traci, ego, now):
     if now < 0.2:
         os.fork()
+    return Command(0.0)
+
+
+def closes_after_its_own_answer(traci, ego, now):
+    send(drive(time=1.0), (trajectory(), trajectory()))
+    os.close(serving()["results"])
     return Command(0.0)
 
 
