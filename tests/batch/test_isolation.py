@@ -302,7 +302,8 @@ def test_attacks_again_and_again(kind: str, capsys: pytest.CaptureFixture[str]) 
     beside = sum(outcome.case.controller in INNOCENT for outcome in found)
     with capsys.disabled():
         print(f"\n{kind:<10}{len(attacks):>6} attacks {dict(ends)}; {beside} rows beside them, all as alone")
+    late = {"timeout", "ads_timeout"}  # who has answered in advance and goes on is not there for its own next case
     for outcome in found:
         allowed = ATTACKS.get(outcome.case.driver)
-        assert allowed is None or outcome.status in allowed, (outcome.case.driver, outcome.status, outcome.error)
+        assert allowed is None or outcome.status in allowed | late | hostile_ads.LOST, (outcome.case, outcome.error)
     assert nothing_left()
