@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 
@@ -19,6 +20,7 @@ from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
 
+COPY = 87  # exit code of a copy of a process, made by a fork in a step, that goes on with the case as the process does
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
@@ -53,6 +55,7 @@ class WatchedController:
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
         self._stepping = False
+        self._process = os.getpid()
         self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
         self._handler = self._interrupt
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
@@ -77,6 +80,8 @@ class WatchedController:
             except KeyboardInterrupt as error:
                 raise interrupted(error) from error
             finally:
+                if os.getpid() != self._process:  # the step forked: this is the copy, which nobody asked for
+                    os._exit(COPY)
                 self._stepping = False
                 # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
                 if self._armed and getsignal(_ALARM) is not self._handler:

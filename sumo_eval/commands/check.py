@@ -75,7 +75,7 @@ def _check_scenario(path: Path) -> NoReturn:
 
 
 def _check_controller(locator: str, step_timeout: float, case_timeout: float, seed: int) -> None:
-    from sumo_eval.cosim.contract import check_controller
+    from sumo_eval.batch.apart import check_apart
     from sumo_eval.edge_cases import edge_cases
     from sumo_eval.scenario import catalogue
 
@@ -84,7 +84,9 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
         for case in edge_cases(catalogue.load(name), seed)
     ]
-    findings = check_controller(locator, cases, folder=Path.cwd(), step_timeout=step_timeout, case_timeout=case_timeout)
+    findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
+    if printed:
+        click.echo(f"It printed:\n{printed.rstrip()}", err=True)
     for finding in findings:
         click.echo(f"{finding.kind:4}  {finding.text}")
         if finding.mend:

@@ -34,7 +34,7 @@ from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings, VehicleSettings
-from sumo_eval.text import SENTENCE, clean, clean_log, shown, traceback_of, words_of
+from sumo_eval.text import SENTENCE, clean, clean_log, traceback_of, words_of
 from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide

@@ -64,3 +64,24 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
     assert done.exit_code == status
     assert words in done.output
     assert "scenario front_vehicle_low_speed: 19 points of ego_speed, lead_speed" in done.output
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("    os._exit(7)", "The process that drove it died with exit code 7."),
+        ("    os.closerange(3, 100)", "The process that drove it"),
+        ("    [shout(n) for n in range(3, 20)]", "something that is no result"),
+    ],
+)
+def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(tmp_path, body, words):
+    (tmp_path / "mine.py").write_text(
+        "import os, stat\n\n"
+        "def shout(n):\n    try:\n        if stat.S_ISFIFO(os.fstat(n).st_mode):\n"
+        "            os.write(n, b'x' * 50)\n    except OSError:\n        pass\n\n"
+        f"def acc(seen):\n{body}\n    return 0.0\n"
+    )
+    done = check("mine.py:acc", tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert words in done.stdout
+    assert not done.stderr or done.stderr.startswith("It printed:")  # the child's own traceback, as its words
