@@ -25,7 +25,8 @@ from sumo_eval.random_streams import random_stream
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings
+from sumo_eval.scenario.file import check_points
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 from sumo_eval.spaces import choose_points, zones_of
 
 Evaluable = EvaluationSettings | str | os.PathLike[str] | None
@@ -126,6 +127,7 @@ def record_facts(
             _check_shard(store, shard, folder)
             refuse_to_lose_cases(store, spaces, evaluation, folder)
             store.note(_COMPLETE, "")
+            store.unseal()
             store.note(_SHARD, f"{shard[0]}/{shard[1]}")
             try:
                 with prepared_meanwhile():
@@ -135,6 +137,7 @@ def record_facts(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
                     "the same command with --resume goes on."
                 ) from None
+            store.seal()
             store.note(_COMPLETE, "yes")
             return _counted(store, folder, shard)
 
@@ -181,6 +184,7 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             for shard in sorted(found):
                 store.take_over(found[shard] / run_folder.FACTS)
             store.note(_SHARD, "1/1")
+            store.seal()
             store.note(_COMPLETE, "yes")
             return _counted(store, out, WHOLE)
 
@@ -297,19 +301,44 @@ def _spaces(
     settings: EvaluationSettings, source: Path, shard: tuple[int, int], progress: Progress = quiet
 ) -> list[Space]:
     """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
-    spaces = []
+    spaces: list[Space] = []
     for offset, entry in enumerate(settings.scenario):
-        known = catalogue.find(entry.use, source)
-        exposure = exposure_of(known, entry.exposure, settings.drivers, source)
-        logical, points = choose_points(entry, source, settings, exposure.density)
-        for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
-            logical.column(name)
-        hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
-        index, count = shard
-        numbers = range((index - 1 - offset) % count, len(points.points), count)
-        spaces.append(Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)))
+        spaces.append(space_of(entry, settings, source, shard, offset))
+        refuse_doubles(spaces)
         progress("zones", len(spaces), len(settings.scenario))
     return spaces
+
+
+def space_of(
+    entry: ScenarioSettings,
+    settings: EvaluationSettings,
+    source: Path,
+    shard: tuple[int, int] = WHOLE,
+    offset: int = 0,
+) -> Space:
+    """The points of one scenario of an evaluation, with their zones.
+
+    Raises InputError for whatever makes the scenario impossible to run, at any of its points; `check` and `run` ask it
+    alike. offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
+    """
+    known = catalogue.find(entry.use, source)
+    exposure = exposure_of(known, entry.exposure, settings.drivers, source)
+    logical, points = choose_points(entry, source, settings, exposure.density)
+    check_points(logical, points.points)
+    for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
+        logical.column(name)
+    hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
+    index, count = shard
+    numbers = range((index - 1 - offset) % count, len(points.points), count)
+    return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))
+
+
+def refuse_doubles(spaces: Sequence[Space]) -> None:
+    """Cases are named by their scenario's name: two files that give the same name cannot be told apart."""
+    names = [space.logical.name for space in spaces]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"Logical scenarios of one evaluation must differ in their names, got `{name}` twice.")
 
 
 def _middle(space: Space) -> ConcreteScenario:

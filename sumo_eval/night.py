@@ -1,8 +1,9 @@
 """One night: evaluate, compare with the last good night, write what people and machines read, add a line of history.
 
 DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has its line, which is
-written last and in one transaction. A folder without a line is what a killed night left: the next start removes it and
-says so, so nothing half done is ever compared.
+written last and in one transaction, so nothing half done is ever compared. The history also notes which nights began:
+the folder of one that began and has no line is what a killed night left, and the next start removes it and says so.
+Only what the history knows to be a night of its own is ever removed.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import GateResult, failed, judge
-from sumo_eval.report.history import History, Night, open_history
+from sumo_eval.report.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
@@ -68,13 +69,16 @@ def run_night(
 ) -> NightResult:
     """Run a night. keep: newest nights whose folders stay. exit_statuses: good, a gate failed, cases not evaluated."""
     read_evaluation(evaluation)  # a mistake in the file is said before anything is locked, removed or simulated
+    _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as lines:
         taken = {night.night for night in lines.nights()} | {path.name for path in (history / NIGHTS).glob("*")}
+        taken |= lines.stopped()
         notes = _clear_away(history, lines)
         _room(history, lines)
         began, clock = datetime.now(UTC), time.monotonic()
         name = next(name for name in _names(began) if name not in taken)
         folder = history / NIGHTS / name
+        lines.begin(name)
         try:
             done = evaluate(evaluation, folder, workers=workers, progress=progress)
             base, why = _last_good(history, lines, done)
@@ -154,13 +158,45 @@ def _only_one(history: Path) -> Iterator[None]:
         yield
 
 
+def _refuse_without_history(history: Path) -> None:
+    """A history that got lost is not begun anew beside its nights: each of them would look like nobody's."""
+    nights = sorted((history / NIGHTS).glob("*"))
+    if nights and not is_begun(history):
+        count = f"{len(nights)} night{'s' if len(nights) > 1 else ''}"
+        raise InputError(
+            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} is missing or empty. "
+            "Put a copy of it back, begin in another folder, or make a new one of these nights: "
+            f"sumo-eval trend {history} --import {nights[-1]}. Nothing was removed."
+        )
+
+
 def _clear_away(history: Path, lines: History) -> list[str]:
-    """Remove what killed nights left. Their cases are not used: nobody knows what stopped them."""
-    known = {night.folder for night in lines.nights()}
-    left = [path for path in (history / NIGHTS).glob("*") if f"{NIGHTS}/{path.name}" not in known]
-    for path in left:
-        shutil.rmtree(path)
-    return [f"Night {path.name} was stopped before its end; its unfinished folder was removed." for path in left]
+    """Remove what killed nights left. Their cases are not used: nobody knows what stopped them.
+
+    A folder that the history does not know, as a night or as one that began, stays, and is named.
+    """
+    known = {(history / night.folder).resolve() for night in lines.nights()}
+    stopped = lines.stopped()
+    notes = []
+    for path in sorted((history / NIGHTS).glob("*")):
+        if path.resolve() in known:
+            continue
+        if path.name not in stopped:
+            notes.append(f"{path} is not in the history; it was left as it is.")
+        elif _removed(path):
+            notes.append(f"Night {path.name} was stopped before its end; its unfinished folder was removed.")
+        else:
+            notes.append(f"Night {path.name} was stopped before its end; its folder could not be removed.")
+    return notes
+
+
+def _removed(folder: Path) -> bool:
+    """Remove a folder, not what a link of its name points to. Whether that could be done."""
+    try:
+        shutil.rmtree(folder)
+    except OSError:
+        return False
+    return True
 
 
 def _names(moment: datetime) -> Iterator[str]:
@@ -214,6 +250,16 @@ def _prune(history: Path, lines: History, keep: int) -> list[str]:
     kept = {night.night for night in nights[-keep:]}
     kept |= {night.night for night in [night for night in nights if night.good][-1:]}
     old = [night for night in nights if night.night not in kept and (history / night.folder).is_dir()]
-    for night in old:
-        shutil.rmtree(history / night.folder)
-    return [f"The folders of {len(old)} old nights were removed; their lines stay in the history."] if old else []
+    own = [night for night in old if _is_own(history, night)]
+    removed = [night for night in own if _removed(history / night.folder)]
+    notes = [f"{history / n.folder} is no folder of night {n.night}; it was left." for n in old if n not in own]
+    notes += [f"The folder of night {n.night} could not be removed." for n in own if n not in removed]
+    if removed:
+        notes.append(f"The folders of {len(removed)} old nights were removed; their lines stay in the history.")
+    return notes
+
+
+def _is_own(history: Path, night: Night) -> bool:
+    """Whether a line names the folder that its night was run in: no other place is removed, whatever a line says."""
+    folder = history / NIGHTS / night.night
+    return night.folder == f"{NIGHTS}/{night.night}" and folder.parent == history / NIGHTS and not folder.is_symlink()

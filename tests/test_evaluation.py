@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sqlite3
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from batch.edited_store import edit
 
 import sumo_eval
 from sumo_eval.batch.store import FORMAT_VERSION, open_store
@@ -152,13 +152,8 @@ def test_scoring_refuses_changes_that_the_facts_depend_on(done: Evaluation) -> N
 def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(done.folder, folder)
-    connection = sqlite3.connect(folder / "facts.sqlite")
-    (case,) = connection.execute(
-        """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""
-    ).fetchone()
-    connection.execute("""UPDATE facts SET status = 'collision' WHERE "case" = ?""", (case,))
-    connection.commit()
-    connection.close()
+    one = """SELECT "case" FROM facts WHERE role = 'human' AND scenario = 'front_vehicle_low_speed' LIMIT 1"""
+    edit(folder / "facts.sqlite", f"""UPDATE facts SET status = 'collision' WHERE "case" = ({one})""", hashes=True)
     again = sumo_eval.score(folder)
     note = again.score("idm", "front_vehicle_low_speed").notes[0]
     assert "drives of the drivers are left out of the reference (1 collision)" in note

@@ -1,8 +1,9 @@
 """How child processes are made: warm ones with the simulator loaded, which cannot outlive the process that wants them.
 
-A child never runs the user's script again, leads a process group of its own (a Ctrl-C at the terminal is not its
-business, and what it starts can be ended with it), and is killed by the kernel when its owner's end of the lifeline
-closes, whatever it is doing: a thread that watched could not run while C code holds the interpreter's lock.
+A child never runs the user's script again. One that only computes leads a process group of its own (a Ctrl-C at the
+terminal is not its business) and is killed by the kernel when its owner's end of the lifeline closes, whatever it is
+doing: a thread that watched could not run while C code holds the interpreter's lock. One that runs users' code has a
+supervisor, see `hygiene`.
 """
 
 from __future__ import annotations

@@ -10,11 +10,13 @@ from functools import partial
 from typing import Any
 
 from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup, Status
-from sumo_eval.batch.identity import locator_identity
+from sumo_eval.batch.claims import OURS, Result, Results, believed, bound, home, home_of_ads
+from sumo_eval.batch.identity import IDENTITY_BOUND, read_identity, tell_identity
 from sumo_eval.batch.packs import Pack, Packs
-from sumo_eval.batch.pool import Ended, Pool
-from sumo_eval.batch.worker import Result, run_together
+from sumo_eval.batch.pool import Ended, Pool, Work
+from sumo_eval.batch.worker import answer, run_together
 from sumo_eval.errors import InputError
+from sumo_eval.text import clean
 
 Stopping = Callable[[], bool]
 """Asked before cases are begun: whether no more of them should be."""
@@ -48,9 +50,16 @@ def run_in_children(
 ) -> Generator[list[Outcome], None, None]:
     """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
     packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
+    work: Work[Pack] = Work(
+        answer,
+        setup,
+        read=lambda pack, message: believed(message, pack, setup),
+        bound=lambda pack: bound(pack, setup),
+        home=lambda pack: home(pack[0], setup),
+        size=len,
+    )
     with _pool(workers, setup, setup.run.cases_per_child) as pool:
-        settle = partial(_settled, packs=packs, setup=setup)
-        for outcomes in pool.run(run_together, packs.take, setup, settle, stopping, len):
+        for outcomes in pool.run(work, packs.take, partial(_settled, packs=packs, setup=setup), stopping):
             if outcomes:
                 yield outcomes
             packs.look_ahead()
@@ -62,23 +71,41 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
     Raises InputError for one that cannot be loaded.
     Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is not another's.
     """
+    if setup.run.engine == "serial":
+        refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
     identities: dict[str, str] = {}
+    work: Work[tuple[str, str]] = Work(
+        tell_identity, setup.folder, lambda _, message: read_identity(message), lambda _: IDENTITY_BOUND, str
+    )
     with _pool(1, setup, items_per_child=1) as pool:
         waiting = iter(named)
-        for ended in pool.run(locator_identity, lambda: next(waiting, None), setup.folder, lambda ended: ended):
+        for ended in pool.run(work, lambda: next(waiting, None), lambda ended: ended):
             kind, locator = ended.item
             if isinstance(ended.result, InputError):
                 raise ended.result
             if ended.how != "done":
-                happened = _what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
+                happened = what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
 
 
+def refuse_to_share(homes: Iterable[str]) -> None:
+    """The rule of the engine `serial`: one process, so at most one user's locator. Raises InputError for a second."""
+    users = sorted(set(homes) - {OURS})
+    if len(users) > 1:
+        raise InputError(
+            f"The engine `serial` runs everything in one process, which can serve one ADS of yours, got {users[0]} and "
+            f"{users[1]}. Run them one at a time, or with the engine `processes`."
+        )
+
+
 def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
     packs = Packs(cases, 1, setup.run.cases_per_pack)
+    served: set[str] = set()
     while not stopping() and (pack := packs.take()) is not None:
+        served.add(home(pack[0], setup))
+        refuse_to_share(served)
         outcomes = _settled(Ended(pack, "done", run_together(pack, setup), None, ""), packs, setup)
         if outcomes:
             yield outcomes
@@ -95,11 +122,11 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         return [_outcome(ended, packs.remark(pack[0]), setup)]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
-        happened = _what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
+        happened = what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
         why = f"{ALONE}Its pack was lost. {happened}\n"
         packs.did_not_come_through(pack, why, printed, too_slow=ended.how == "overdue")
         return []
-    results: list[Result | str] | None = ended.result
+    results: Results = ended.result
     if results is None:
         packs.never_together(pack)
         return []
@@ -122,14 +149,23 @@ def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
     (case,) = ended.item
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(case, status, None, _what_happened(ended, setup), remark + ended.log)
+        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log)
     result: Result = ended.result[0]
-    return Outcome(case, result.status, result.recording, result.error, remark + result.log + ended.log)
+    log = remark + result.log + ended.log
+    return Outcome(case, result.status, result.recording, result.error, log, result.error_place)
 
 
-def _what_happened(ended: Ended[Any], setup: Setup) -> str:
+def what_happened(ended: Ended[Any], setup: Setup) -> str:
+    """A sentence about an item that brought no result."""
     if ended.how == "overdue":
         return f"The case took longer than {setup.run.case_timeout:g} s of wall time."
+    if ended.how == "overfull":
+        return (
+            f"The process that ran the case and what it had started held {ended.why} MB, more than the "
+            f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
+        )
+    if ended.how == "garbled":
+        return f"The process that ran the case {ended.why}."
     if ended.exitcode is None:
         return "The process that ran the case closed its connection."
     name = ""
@@ -141,4 +177,4 @@ def _what_happened(ended: Ended[Any], setup: Setup) -> str:
 
 def _quoted(log: str) -> str:
     lines = [line.strip() for line in log.splitlines() if line.strip()]
-    return f" Its last words: {lines[-1]}" if lines else ""
+    return f" Its last words: {clean(lines[-1])}" if lines else ""

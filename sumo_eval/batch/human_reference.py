@@ -190,7 +190,7 @@ def _write(path: Path, bands: Mapping[str, HumanBand], left_out: Mapping[str, Le
 
 def _compute_part(part: tuple[Path, Sequence[PointJob], AnthropomorphicSettings]) -> list[PointResult]:
     facts, jobs, settings = part
-    with open_store(facts) as store:
+    with open_store(facts, checked=True) as store:
         return [_compute(job, store, settings) for job in jobs]
 
 

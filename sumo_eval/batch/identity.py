@@ -14,11 +14,15 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.batch.cases import Case
+from sumo_eval.batch.frames import FrameError, Message
 from sumo_eval.cosim.controller import find_controller
 from sumo_eval.errors import InputError
 from sumo_eval.locators import load_object
 from sumo_eval.settings import DriverSettings, SimulationSettings
+from sumo_eval.text import clean
 
+IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
+_LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
 _NOT_PYTHON = ("exec", "traci", "fmu", "sumo")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
@@ -31,10 +35,8 @@ def harness_identity() -> str:
     Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
     """
     files = sorted(file for room in _ROOMS_THAT_MAKE_FACTS for file in (_PACKAGE / room).rglob("*.py"))
-    sources = {
-        str(file.relative_to(_PACKAGE)): _hash(file)
-        for file in (*files, _PACKAGE / "kernels.py", _PACKAGE / "batch" / "worker.py")
-    }
+    files += [_PACKAGE / "kernels.py", *(_PACKAGE / "batch" / name for name in ("claims.py", "worker.py"))]
+    sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in files}
     return _text({"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources})
 
 
@@ -58,6 +60,21 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
     return _text({"locator": locator, "version": _version(base, module), "sources": sources})
+
+
+def tell_identity(named: tuple[str, str], folder: Path) -> Message:
+    """What `locator_identity` gives, as a child sends it."""
+    found = locator_identity(named, folder)
+    return Message(["refused", str(found)[:_LONGEST_REFUSAL]] if isinstance(found, InputError) else ["is", found])
+
+
+def read_identity(message: Message) -> str | InputError:
+    """The identity, or why there is none, in a child's message. Raises FrameError for anything else."""
+    plain = message.plain
+    if not isinstance(plain, list) or len(plain) != 2 or not all(isinstance(part, str) for part in plain):
+        raise FrameError("gave an identity that is none")
+    word, text = plain[0], clean(plain[1], len(plain[1]))
+    return InputError(text) if word == "refused" else text
 
 
 def people_identity(settings: DriverSettings, source: Path) -> str:

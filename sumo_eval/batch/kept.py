@@ -5,16 +5,18 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.errors import InputError
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, Recording, Trajectory
 
 EGO = "ego"
 
 _DOUBLE = ("time", "x")  # the others lose nothing that matters in single precision: 1e-7 of a lane, a speed, an angle
 _SINGLE = tuple(name for name in CHANNELS if name not in _DOUBLE)
+_SAMPLE_BYTES = 8 * len(_DOUBLE) + 4 * len(_SINGLE)
 _HEADER = struct.Struct("<Idd")
 
 
@@ -62,12 +64,29 @@ def pack(trajectory: Trajectory) -> bytes:
 def unpack(data: bytes) -> Trajectory:
     """The trajectory that `pack` wrote."""
     n, length, width = _HEADER.unpack_from(data)
-    body = np.frombuffer(zlib.decompress(data[_HEADER.size :]), dtype=np.uint8)
-    channels: dict[str, Any] = {}
-    offset = 0
-    for names, kind, size in ((_DOUBLE, "<f8", 8), (_SINGLE, "<f4", 4)):
-        for name in names:
-            plane = body[offset : offset + n * size].reshape(size, n)
-            channels[name] = np.ascontiguousarray(plane.T).view(kind).reshape(n).astype(np.float64)
-            offset += n * size
-    return Trajectory(**channels, length=length, width=width)
+    size = n * _SAMPLE_BYTES
+    inflating = zlib.decompressobj()
+    body = np.frombuffer(inflating.decompress(data[_HEADER.size :], size + 1), dtype=np.uint8)
+    if body.size != size or not inflating.eof or inflating.unused_data:
+        raise InputError(f"A recorded trajectory of {n} samples must be {size} bytes deflated, and is not.")
+    block = np.empty((len(CHANNELS), n))
+    row = offset = 0
+    for names, kind, width_of_one in ((_DOUBLE, "<f8", 8), (_SINGLE, "<f4", 4)):
+        for _ in names:
+            plane = body[offset : offset + n * width_of_one].reshape(width_of_one, n)
+            block[row] = np.ascontiguousarray(plane.T).view(kind).reshape(n)
+            row, offset = row + 1, offset + n * width_of_one
+    return Trajectory.of_block(block, length=length, width=width)
+
+
+def samples(data: bytes) -> int:
+    """How many samples a trajectory that `pack` wrote says it has. Raises InputError when it is none."""
+    if len(data) < _HEADER.size:
+        raise InputError(f"A recorded trajectory must begin with {_HEADER.size} bytes about it, got {len(data)}.")
+    return int(_HEADER.unpack_from(data)[0])
+
+
+def most_bytes(n: int) -> int:
+    """The bytes at most that `pack` makes of n samples: deflating may lengthen what cannot be shortened."""
+    size = n * _SAMPLE_BYTES
+    return _HEADER.size + size + size // 1000 + 64

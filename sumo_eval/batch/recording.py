@@ -126,6 +126,9 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
     if settings.drivers.source == RECORDED:
+        from sumo_eval.drivers.reference import open_people  # pandas, which synthetic drivers do not need
+
+        open_people(settings.drivers, source)  # a file that cannot be read must not be found out after the simulation
         identities[RECORDED] = people_identity(settings.drivers, source)
     return Planner(settings, source, harness, identities)
 
@@ -306,7 +309,9 @@ def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) ->
     reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
     try:
         trajectories = list(reference(concrete))
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(
             f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: {said(error)}."
         ) from error

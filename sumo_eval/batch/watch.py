@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 
@@ -26,7 +27,9 @@ from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
+from sumo_eval.text import kind_of
 
+COPY = 87  # exit code of a copy of a process, made by a fork in a step, that goes on with the case as the process does
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
 
@@ -57,6 +60,11 @@ def watched(controller: Controller, limits: RunSettings) -> Controller:
     return WatchedController(controller, limits.step_timeout, limits.memory_limit)
 
 
+def interrupted(error: KeyboardInterrupt) -> RuntimeError:
+    """What to raise in its place: nobody at a keyboard reaches a child, so the ADS raised it."""
+    return RuntimeError(f"it raised {kind_of(error)}")
+
+
 class WatchedController:
     """A controller whose steps end in time, by an exception raised in them, wherever Python code runs or waits.
 
@@ -69,12 +77,16 @@ class WatchedController:
         self._controller = controller
         self._step_timeout = step_timeout
         self._memory_limit = memory_limit
+        self._process = os.getpid()
         self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
         self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
-        self._controller.reset(scenario, traci, ego)
+        try:
+            self._controller.reset(scenario, traci, ego)
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
         if self._armed:  # after the ADS's own reset, which may have set handlers
             signal.signal(signal.SIGALRM, _interrupt)
 
@@ -90,7 +102,11 @@ class WatchedController:
                 signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
             try:
                 return ask(*arguments)
+            except KeyboardInterrupt as error:
+                raise interrupted(error) from error
             finally:
+                if os.getpid() != self._process:  # the step forked: this is the copy, which nobody asked for
+                    os._exit(COPY)
                 _ASKED[0] = False
                 # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
                 if self._armed and getsignal(_ALARM) is not _interrupt:
@@ -101,14 +117,15 @@ class WatchedController:
             ) from overdue
         except MemoryError as error:
             raise MemoryError(f"more than the {self._memory_limit:g} MB of `run.memory_limit`") from error
-        except (KeyboardInterrupt, GeneratorExit) as error:  # nobody at a keyboard reaches a child: the ADS raised it
-            raise RuntimeError(f"it raised {type(error).__name__}") from error
 
     def close(self) -> None:
         """Pass on, with no alarm set."""
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-        self._controller.close()
+        try:
+            self._controller.close()
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
 
 
 class WatchedObserver(WatchedController, ObservingController):

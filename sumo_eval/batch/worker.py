@@ -5,36 +5,26 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking
-from sumo_eval.batch.cases import Case, Outcome, Setup, Status
-from sumo_eval.batch.kept import KeptRecording, keep
+from sumo_eval.batch.cases import Case, Outcome, Setup
+from sumo_eval.batch.claims import STATUS, Result, Results, as_message
+from sumo_eval.batch.frames import Message
+from sumo_eval.batch.kept import keep
 from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.controller import load_controller
+from sumo_eval.cosim.fault_place import fault_place
 from sumo_eval.cosim.simulate import ALONE_BY_NATURE, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.random_streams import random_stream
 from sumo_eval.settings import ConditionSettings, SimulationSettings
-from sumo_eval.trajectory import EndReason, Recording
-
-_STATUS: dict[EndReason, Status] = {
-    "contact": "collision",
-    "standstill": "ok",
-    "road_end": "ok",
-    "time_limit": "ok",
-    "decided": "ok",
-    "off_road": "off_road",
-    "ads_error": "ads_error",
-    "ads_timeout": "ads_timeout",
-    "sim_error": "sim_error",
-}
-
+from sumo_eval.trajectory import Recording
 
 DRAWS = "The ADS draws from the global random generators, so that its cases have to follow one another."
 
@@ -44,20 +34,16 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     try:
         recording = _simulate(case, setup)
     except InputError as error:
-        return Outcome(case, "rejected", None, str(error))
-    return Outcome(case, _STATUS[recording.end_reason], recording, recording.error, recording.log)
+        return Outcome(case, "rejected", None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
+    return Outcome(case, STATUS[recording.end_reason], recording, recording.error, recording.log, recording.error_place)
 
 
-class Result(NamedTuple):
-    """An `Outcome` without its case, which whoever asked for it has."""
-
-    status: Status
-    recording: KeptRecording | None
-    error: str | None
-    log: str
+def answer(cases: Sequence[Case], setup: Setup) -> Message:
+    """What `run_together` gives, as a child sends it."""
+    return as_message(run_together(cases, setup))
 
 
-def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | None:
+def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
 
     A text in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
@@ -67,7 +53,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | No
         outcome = run_case(cases[0], setup)
         recording = outcome.recording
         kept = keep(recording) if isinstance(recording, Recording) else recording
-        return [Result(outcome.status, kept, outcome.error, outcome.log)]
+        return [Result(outcome.status, kept, outcome.error, outcome.log, outcome.error_place)]
     try:
         found = list(_simulate_together(cases, setup))
     except InputError:  # each of them says why when it runs alone
@@ -75,7 +61,8 @@ def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | No
     if all(one in ALONE_BY_NATURE or one == DRAWS for one in found):
         return None
     return [
-        one if isinstance(one, str) else Result(_STATUS[one.end_reason], keep(one), one.error, one.log) for one in found
+        one if isinstance(one, str) else Result(STATUS[one.end_reason], keep(one), one.error, one.log, one.error_place)
+        for one in found
     ]
 
 

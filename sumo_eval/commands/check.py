@@ -3,56 +3,90 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
 import click
 
 from sumo_eval.commands.exit_status import DONE, GATE_FAILED, INPUT_WRONG
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
+
+_RUN = RunSettings()
 
 
 @click.command()
 @click.argument("what", metavar="LOCATOR-or-FILE")
-@click.option("--step-timeout", type=click.FloatRange(min=0, min_open=True), default=1.0, show_default=True, help="s")
-def check(what: str, step_timeout: float) -> None:
-    """Check an ADS (two cases, each driven twice with one seed), an evaluation file or a scenario file (FILE.toml).
+@click.option(
+    "--step-timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    default=_RUN.step_timeout,
+    show_default=True,
+    help="Wall time a step may take in the run that is to be, s.",
+)
+@click.option(
+    "--case-timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    default=_RUN.case_timeout,
+    show_default=True,
+    help="Wall time a case may take in the run that is to be, s.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws two of the cases.")
+def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> None:
+    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file or a scenario file (FILE.toml).
 
-    Exit status: 0 all is well, 1 the ADS breaks the contract, 2 it cannot be loaded or the file is wrong.
+    Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the clock, 2 it cannot
+    be loaded or the file is wrong.
     """
     if what.endswith(".toml"):
         if _is_scenario(Path(what)):
             _check_scenario(Path(what))
         _check_evaluation(Path(what))
-    _check_controller(what, step_timeout)
+    _check_controller(what, step_timeout, case_timeout, seed)
 
 
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
-    import tomllib
+    from sumo_eval.errors import InputError
+    from sumo_eval.toml_file import read_toml
 
     try:
-        return "parameter" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(read_toml(path, "file"))
+    except InputError:
+        with suppress(OSError):
+            return b"[[parameter]]" in path.read_bytes()
         return False
 
 
 def _check_scenario(path: Path) -> NoReturn:
+    """By the function that a run of the scenario alone, on its own sample, asks first."""
+    from sumo_eval.facts import space_of
     from sumo_eval.scenario.file import check_file
 
+    scenario = ScenarioSettings(path.name)
+    alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
+    space_of(scenario, alone, path.parent.resolve())
     for sentence in check_file(path):
         click.echo(sentence)
     sys.exit(DONE)
 
 
-def _check_controller(locator: str, step_timeout: float) -> None:
-    from sumo_eval.cosim.contract import check_controller
+def _check_controller(locator: str, step_timeout: float, case_timeout: float, seed: int) -> None:
+    from sumo_eval.batch.apart import check_apart
+    from sumo_eval.edge_cases import edge_cases
     from sumo_eval.scenario import catalogue
 
     cases = [
-        catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0),
-        catalogue.load("front_vehicle_cut_out").concrete(ego_speed=25.0, obstacle_speed=10.0, gap=60.0),
+        case
+        for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
+        for case in edge_cases(catalogue.load(name), seed)
     ]
-    findings = check_controller(locator, cases, folder=Path.cwd(), step_timeout=step_timeout)
+    findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
+    if printed:
+        click.echo(f"It printed:\n{printed.rstrip()}", err=True)
     for finding in findings:
         click.echo(f"{finding.kind:4}  {finding.text}")
         if finding.mend:
@@ -63,56 +97,45 @@ def _check_controller(locator: str, step_timeout: float) -> None:
 
 
 def _check_evaluation(path: Path) -> None:
-    """Parse the file; find its scenarios, ADSs and drivers; name every mistake, not only the first."""
-    from sumo_eval.cosim.controller import load_controller
-    from sumo_eval.cosim.fmu import FmuPlant
-    from sumo_eval.drivers.reference import open_people
+    """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
+    from sumo_eval.batch.recording import planner
     from sumo_eval.errors import InputError
-    from sumo_eval.facts import resolve
-    from sumo_eval.locators import load_object
-    from sumo_eval.spaces import choose_points
+    from sumo_eval.facts import refuse_doubles, resolve, space_of
+    from sumo_eval.settings import DriverSettings
 
     settings, source = resolve(path, Path(), resume=False)
     click.echo(f"ok    {path}: the settings are valid")
     wrong = 0
 
-    def found(described: str, find: object) -> None:
+    def found(described: str, find: Callable[[], str]) -> None:
         nonlocal wrong
         try:
-            assert callable(find)
             said = find()
         except InputError as error:
             wrong += 1
             click.echo(f"FAIL  {described}: {error}")
         else:
-            click.echo(f"ok    {described}{said}")
+            click.echo(f"ok    {described}: {said}")
 
-    def points(index: int) -> str:
-        logical, chosen = choose_points(settings.scenario[index], source, settings)
-        return f": {len(chosen.points)} points of {', '.join(p.name for p in logical.parameters)}"
+    bare = replace(settings, ads=(), drivers=DriverSettings(), simulation=replace(settings.simulation, plant=None))
+    spaces = []
 
-    def controller(index: int) -> str:
-        load_controller(settings.ads[index].locator, source)
-        return f": {settings.ads[index].controller}"
+    def points(entry: ScenarioSettings, offset: int) -> str:
+        space = space_of(entry, settings, source, offset=offset)
+        spaces.append(space)
+        refuse_doubles(spaces)
+        return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
-    def plant() -> str:
-        wiring = settings.simulation.plant
-        if wiring is None:
-            return ": the single-track model"
-        FmuPlant(wiring, wiring.file, source)
-        return f": {wiring.file}"
+    def planned(words: str, part: EvaluationSettings) -> str:
+        planner(part, source)
+        return words
 
-    def drivers() -> str:
-        if settings.drivers.source == "recorded":
-            open_people(settings.drivers, source)
-        elif settings.drivers.source != "synthetic":
-            load_object(settings.drivers.source, source, "Human reference")
-        return f": {settings.drivers.source}"
-
-    for index, scenario in enumerate(settings.scenario):
-        found(f"scenario {scenario.use}", lambda index=index: points(index))
-    for index, ads in enumerate(settings.ads):
-        found(f"ADS {ads.name}", lambda index=index: controller(index))
-    found("vehicle model", plant)
-    found("drivers", drivers)
+    for offset, entry in enumerate(settings.scenario):
+        found(f"scenario {entry.use}", partial(points, entry, offset))
+    for ads in settings.ads:
+        found(f"ADS {ads.name}", partial(planned, ads.controller, replace(bare, ads=(ads,))))
+    plant = settings.simulation.plant
+    words = "the single-track model" if plant is None else plant.file
+    found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
+    found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
     sys.exit(INPUT_WRONG if wrong else DONE)

@@ -1,13 +1,19 @@
-"""Ctrl-C once: finish what runs, keep everything. Twice: stop at once, and still keep everything. SIGTERM likewise."""
+"""Ctrl-C once: finish what runs, keep everything. Twice: stop at once, and still keep everything.
+
+SIGTERM: what runs has a few seconds to end, whatever it is doing; whoever sends it mostly sends SIGKILL next.
+"""
 
 from __future__ import annotations
 
+import os
 import signal
+import threading
 from types import FrameType, TracebackType
 from typing import Any
 
 import click
 
+GRACE = 10.0  # s for running cases after SIGTERM
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -17,12 +23,15 @@ class Stopping:
     def __init__(self) -> None:
         self._asked = False
         self._before: dict[signal.Signals, Any] = {}
+        self._at_last = threading.Timer(GRACE, os.kill, (os.getpid(), signal.SIGTERM))
+        self._at_last.daemon = True
 
     def __enter__(self) -> Stopping:
         self._before = {number: signal.signal(number, self._ask) for number in _SIGNALS}
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._at_last.cancel()
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
@@ -34,4 +43,8 @@ class Stopping:
         if self._asked:
             raise KeyboardInterrupt
         self._asked = True
-        click.echo("Stopping when the running cases have ended; Ctrl-C once more stops at once.", err=True)
+        if number == signal.SIGTERM:
+            self._at_last.start()
+            click.echo(f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.", err=True)
+        else:
+            click.echo("Stopping when the running cases have ended; Ctrl-C once more stops at once.", err=True)

@@ -21,6 +21,7 @@ from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.observation import Observation, Senses
 from sumo_eval.cosim.traci_module import TRACI, seen_as_traci
+from sumo_eval.cosim.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, said, unknown
 from sumo_eval.locators import load_object
@@ -151,11 +152,13 @@ def as_command(action: Any) -> Command:
     if hasattr(action, "tolist"):
         action = action.tolist()
     values = list(action) if isinstance(action, list | tuple) else [action]
-    if not 1 <= len(values) <= 2 or not all(isinstance(value, int | float) for value in values):
+    found = [finite_number(value) for value in values] if len(values) <= 2 else []
+    if not found or None in found:
         raise ControllerError(
-            f"The action of the ADS must be a Command, an acceleration or (acceleration, steering), got {action!r}"
+            "The action of the ADS must be a Command, an acceleration or (acceleration, steering), of finite numbers, "
+            f"got {shown(action)}"
         )
-    return Command(*(float(value) for value in values))
+    return Command(*cast(list[float], found))
 
 
 SUMO_ATTRIBUTES = (
@@ -303,7 +306,9 @@ def adapted(found: Any, described: str) -> Controller:
     if inspect.isclass(found):
         try:
             found = found()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
     if isinstance(found, TRACI.StepListener):
         return ListenerController(found)

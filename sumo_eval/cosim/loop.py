@@ -8,11 +8,10 @@ plain Python for each row), `Batch` (one policy over arrays), `OnTraci` (whoever
 from __future__ import annotations
 
 import math
-import numbers
 import time as clock
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,17 +22,21 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.controller import Briefing, PolicyController, as_command
 from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import PLANT, REASONS, World, move_rows, see_rows, stop_rows
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.text import SENTENCE, words_of
 from sumo_eval.trajectory import EndReason
 
+_LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = "Its ADS asks SUMO, which then has to hold its case alone."
 KEPT = 0.75  # share of the rows that must still be live, or the others are given up
@@ -97,6 +100,10 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             world.steps += 1
             if ended:
                 _end_rows(world, driver, stage)
+    except LeftTheRoadError:
+        world.egos["reason"][0] = REASONS.index("off_road")
+        world.room_for_samples(True)
+        stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
     except (ControllerError, SimulationError) as error:
         if len(world.cases) > 1:
             raise
@@ -134,7 +141,7 @@ def _tell(world: World, stage: Stage, count: int) -> None:
 
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
     """A single case cannot go on. moved: within a step, of which nothing counts."""
-    world.fail(0, _fault(error), str(error))
+    world.fail(0, _fault(error), words_of(error, SENTENCE))
     world.room_for_samples(True)
     stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
 
@@ -205,7 +212,14 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the plant for the next state of the single ego, which the coming step then has."""
     ego = world.egos[0]
     state = EgoState(*(float(ego[name]) for name in ("x", "y", "heading", "speed", "acceleration", "steering")))
+    before = state
     state, clips = plant.advance(state, command, world.settings.step)
+    moved = math.hypot(state.x - before.x, state.y - before.y)
+    if not (moved < FASTEST * world.settings.step and BACKWARDS < state.speed < FASTEST):
+        raise SimulationError(
+            f"The vehicle model moved `{EGO}` {moved:g} m in the step after {world.time:.2f} s, to the speed "
+            f"{state.speed:g} m/s; no vehicle is faster than {FASTEST:g} m/s."
+        )
     for what, requested, applied in clips:
         world.note(0, what, requested, applied)
     world.egos["next"][0] = tuple(state)
@@ -253,14 +267,20 @@ class Rows:
             let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
 
 
-def let_go(world: World, row: int, who: str, close: Callable[[], None], fault: EndReason) -> None:
+def let_go(
+    world: World, row: int, who: str, close: Callable[[], None], fault: EndReason, target: Any = None,
+    folder: Path | None = None,
+) -> None:  # fmt: skip
     """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
     try:
         close()
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
-        sentence, log = f"{who} raised in close: {said(error)}.", "".join(traceback.format_exception(error))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+        world.keep_fault(int(world.rows[row]), error, target, folder)
         contact = REASONS[int(world.egos["reason"][row])] == "contact"
-        world.fail(row, "contact" if contact else fault, sentence, log)  # nobody undoes a collision afterwards
+        sentence = f"{who} raised in close: {said(error)}."
+        world.fail(row, "contact" if contact else fault, sentence)  # nobody undoes a collision afterwards
 
 
 class Policies:
@@ -328,9 +348,10 @@ class OneEach(Policies):
     def __init__(
         self, policies: Sequence[PolicyController], step_timeout: float, seeds: Sequence[int],
         plant: FmuPlant | None = None,
+        folder: Path | None = None,
     ) -> None:  # fmt: skip
         super().__init__(step_timeout, seeds, plant)
-        self._policies = policies
+        self._policies, self._folder = policies, folder
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
@@ -340,11 +361,15 @@ class OneEach(Policies):
                 continue
             try:
                 policy.reset(told(world.cases[case], world.settings, self._step_timeout), TRACI, EGO)
+            except RefusedCallError as error:
+                world.keep_fault(case, error, policy.target, self._folder)  # the check says what it was
             except ControllerError as error:
-                world.fail(case, _fault(error), f"{error} in reset.")
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
-                log = "".join(traceback.format_exception(error))
-                world.fail(case, "ads_error", f"The ADS raised in reset: {said(error)}.", log)
+                world.fail(case, _fault(error), str(with_time(error, "in reset")))
+            except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+                raise
+            except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+                world.keep_fault(case, error, policy.target, self._folder)
+                world.fail(case, "ads_error", f"The ADS raised in reset: {said(error)}.")
         self._check(world, 0.0)
         self._settled = [
             getattr(policy.target, "settled", None) if world.settings.end_when_decided else None
@@ -383,7 +408,9 @@ class OneEach(Policies):
                 took = now() - asked
                 if took > self._step_timeout:
                     raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s, took longer")
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
                 world.latency[case][1] = max(world.latency[case][1], now() - asked)
                 self._fail(world, row, error, time)
                 continue
@@ -405,22 +432,25 @@ class OneEach(Policies):
 
     def _fail(self, world: World, row: int, error: BaseException, time: float) -> None:
         """What a policy did wrong costs its row; one that asks SUMO has its case to itself, later."""
-        log = "".join(traceback.format_exception(error))
+        case = int(world.rows[row])
         if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
             world.leave(row, ASKS_SUMO)
             return
+        world.keep_fault(case, error, self._policies[case].target, self._folder)
         if isinstance(error, RefusedCallError):  # the check says what it was
-            world.logs[0] = world.logs.get(0, "") + log
             return
         if isinstance(error, ControllerError):
-            sentence = str(error) if str(error).endswith(".") else f"{error} at {time:.2f} s."
-            world.fail(row, _fault(error), sentence, log)
+            words = words_of(error, SENTENCE)
+            when = f"at {time:.2f} s"
+            sentence = words if words.endswith(f" {when}.") else str(with_time(error, when))
+            world.fail(row, _fault(error), sentence)
         else:
-            world.fail(row, "ads_error", f"The ADS raised at {time:.2f} s: {said(error)}.", log)
+            world.fail(row, "ads_error", f"The ADS raised at {time:.2f} s: {said(error)}.")
 
     def let_go(self, world: World, row: int) -> None:
         """Close the row's policy."""
-        let_go(world, row, "The ADS", self._policies[int(world.rows[row])].close, "ads_error")
+        policy = self._policies[int(world.rows[row])]
+        let_go(world, row, "The ADS", policy.close, "ads_error", policy.target, self._folder)
         if self._alone:
             let_go(world, row, "The ADS", GUARD.end, "ads_error")
             world.touched(GUARD.touched)
@@ -448,15 +478,27 @@ def checked(answer: object, time: float) -> Command:
     """The ADS's answer, if it is a command that a vehicle can be given."""
     if not isinstance(answer, Command):
         raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
-    acceleration, steering = answer.acceleration, answer.steering
+    try:
+        acceleration, steering = answer.acceleration, answer.steering
+    except Exception as error:  # what a Command of the ADS's own making may do
+        raise ControllerError(f"The ADS's Command cannot be read at {time:.2f} s: {said(error)}.") from error
     if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
         return answer
+    found = []
     for name, value in (("acceleration", acceleration), ("steering", steering)):
-        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+        number = finite_number(value)
+        if number is None:
             raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
+                f"`{name}` of the ADS's Command must be a finite number, got {shown(value)} at {time:.2f} s."
             )
-    return Command(float(acceleration), float(steering))
+        found.append(number)
+    return Command(*found)
+
+
+def with_time(error: ControllerError, when: str) -> ControllerError:
+    """What an adapter, or the watch over a step, has put in words, with the time. The class may be the user's own."""
+    kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
+    return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
 
 
 def _fault(error: ControllerError | SimulationError) -> EndReason:

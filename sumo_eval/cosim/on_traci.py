@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-import traceback
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.controller import Briefing, Controller, NativeModel, ObservingController
 from sumo_eval.cosim.fmu import FmuPlant
-from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, checked, let_go
+from sumo_eval.cosim.impossible import FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
+from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, checked, let_go, with_time
 from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo_files import EGO
@@ -36,13 +37,15 @@ class OnTraci:
     """The one row of an ADS that has the simulation to itself."""
 
     def __init__(
-        self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None
-    ) -> None:
+        self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None,
+        folder: Path | None = None,
+    ) -> None:  # fmt: skip
         self.ads, self.briefing, self.step_timeout, self.plant = ads, briefing, step_timeout, plant
         self._seed = seed
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
-        target = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
-        self._settled = getattr(target, "settled", None)
+        self._target = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
+        self._settled = getattr(self._target, "settled", None)
+        self._folder = folder
         self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None
 
@@ -79,8 +82,10 @@ class OnTraci:
         except RefusedCallError as error:
             self._keep_traceback(error)
         except ControllerError as error:
-            raise type(error)(f"{error} in reset.") from error
-        except (Exception, SystemExit) as error:
+            raise with_time(error, "in reset") from error
+        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+            raise
+        except BaseException as error:
             self._keep_traceback(error)
             self._check(0.0)
             raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
@@ -124,8 +129,10 @@ class OnTraci:
         except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
             latency[1] = max(latency[1], clock.perf_counter() - asked)
             self._keep_traceback(error)
-            raise type(error)(f"{error} at {time:.2f} s.") from error
-        except (Exception, SystemExit) as error:
+            raise with_time(error, f"at {time:.2f} s") from error
+        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+            raise
+        except BaseException as error:
             self._keep_traceback(error)
             self._check(time)
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
@@ -148,7 +155,7 @@ class OnTraci:
         check_clock(self._traci, time, self._step)
 
     def _keep_traceback(self, error: BaseException) -> None:
-        self._world.logs[0] = self._world.logs.get(0, "") + "".join(traceback.format_exception(error))
+        self._world.keep_fault(0, error, self._target, self._folder)
 
     # -- motion --------------------------------------------------------------------------------------------------------
 
@@ -185,16 +192,17 @@ class OnTraci:
         if world.egos["placed"][0] == SUMO:
             self._read_driven_ego(now)
         else:
-            self._check_placed_ego()
+            self._check_placed_ego(now)
 
-    def _check_placed_ego(self) -> None:
+    def _check_placed_ego(self, now: float) -> None:
         ego = self._world.egos
         self._lane_speed = float(ego["speed"][0])
         front_x, front_y = float(ego["front_x"][0]), float(ego["front_y"][0])
         x, y = self._calls.getPosition(EGO)
-        if abs(x - front_x) > _PLACE_TOLERANCE or abs(y - front_y) > _PLACE_TOLERANCE:
+        if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):  # which no nan is
             raise SimulationError(
-                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m."
+                f"SUMO put the ego's front bumper at ({x:.3f}, {y:.3f}) m instead of ({front_x:.3f}, {front_y:.3f}) m "
+                f"at {now:.2f} s."
             )
 
     def _read_driven_ego(self, now: float) -> None:
@@ -202,7 +210,12 @@ class OnTraci:
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(EGO)
         angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
-        last_x, last_y, last_heading = state[:3].tolist()
+        last_x, last_y, last_heading, last_speed = state[:4].tolist()
+        last = Body(last_x, last_y, last_heading, last_speed, self._limits.length, self._limits.width)
+        if not (abs(front_x) < LOST and abs(front_y) < LOST and abs(speed) < LOST and 0.0 <= angle <= 360.0):
+            if front_x <= -LOST and leaves_the_lanes(last, self._world.cases[0].road, self._step):
+                raise LeftTheRoadError
+            raise impossible(calls, EGO, front(last), now, self._step)
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
@@ -221,6 +234,8 @@ class OnTraci:
             if abs(heading - last_heading) > 1e-3:
                 self._world.note(0, "heading", last_heading, heading)
         across = calls.getLateralSpeed(EGO)
+        if not abs(across) < FASTEST:
+            raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
         if across:
             speed = math.hypot(speed, across)
         state[:4] = x, y, heading, speed
@@ -258,6 +273,10 @@ class OnTraci:
         """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
         if not isinstance(self.ads, NativeModel):
             raise ControllerError(sentence)
+        if what == "jump" and not requested < FASTEST * self._step:
+            raise SimulationError(
+                f"SUMO moved vehicle `{EGO}` {requested:g} m in the step after {self._world.time:.2f} s."
+            )
         self._world.note(0, what, requested, possible)
 
     # -- the end -------------------------------------------------------------------------------------------------------
@@ -267,7 +286,7 @@ class OnTraci:
 
     def let_go(self, world: World, row: int) -> None:
         """Close the ADS and remove its listeners."""
-        let_go(world, row, "The ADS", self.ads.close, "ads_error")
+        let_go(world, row, "The ADS", self.ads.close, "ads_error", self._target, self._folder)
         let_go(world, row, "The ADS", GUARD.end, "ads_error")
         if self.plant is not None:
             let_go(world, row, "The vehicle model", self.plant.close, "sim_error")

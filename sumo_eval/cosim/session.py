@@ -220,12 +220,13 @@ def check_start(
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
-        if abs(x - length / 2 - start.x) > POSITION_TOLERANCE or abs(y - start.y) > POSITION_TOLERANCE:
+        ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
+        if not (ahead <= POSITION_TOLERANCE and left <= POSITION_TOLERANCE):  # which no nan is
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
                 f"instead of ({start.x:.3f}, {start.y:.3f}) m."
             )
-        if abs(speed - start.speed) > SPEED_TOLERANCE:
+        if not abs(speed - start.speed) <= SPEED_TOLERANCE:
             raise SimulationError(
                 f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of {start.speed:.3f} m/s."
             )

@@ -42,6 +42,7 @@ from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Recording
 
 __all__ = ["simulate", "simulate_many", "simulate_together"]
@@ -91,9 +92,9 @@ def simulate(
     if Compiled.rides(target):
         driver = Rows([target], plant)
     elif is_policy(ads):
-        driver = _policies([ads], step_timeout, [seed], plant)
+        driver = _policies([ads], step_timeout, [seed], plant, folder)
     else:
-        driver = OnTraci(ads, told(concrete, settings, step_timeout), step_timeout, seed, plant)
+        driver = OnTraci(ads, told(concrete, settings, step_timeout), step_timeout, seed, plant, folder)
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
@@ -117,10 +118,13 @@ def is_policy(ads: Controller) -> bool:
     return getattr(ads, "is_policy", False) is True
 
 
-def _policies(ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None) -> Driver:
+def _policies(
+    ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
+    folder: Path | None = None,
+) -> Driver:  # fmt: skip
     if getattr(ads[0].target, "batch", False) is True and plant is None:
         return Batch(ads[0], step_timeout, seeds)
-    return OneEach(ads, step_timeout, seeds, plant)
+    return OneEach(ads, step_timeout, seeds, plant, folder)
 
 
 def _opened(
@@ -232,15 +236,15 @@ def simulate_together(
 class _Riders:
     """What drives the cases of a call, or None where it cannot drive many."""
 
-    def __init__(self, kind: Callable[[int], object], make: Callable[[int], Any]) -> None:
-        self.kind, self._make = kind, make
+    def __init__(self, kind: Callable[[int], object], make: Callable[[int], Any], folder: Path | None = None) -> None:
+        self.kind, self._make, self._folder = kind, make, folder
 
     def driver(self, part: Sequence[int], step_timeout: float, seeds: Sequence[int]) -> Driver:
         """Who drives these cases."""
         made = [self._make(index) for index in part]
         if isinstance(made[0], Compiled):
             return Rows(made)
-        return _policies(made, step_timeout, seeds)
+        return _policies(made, step_timeout, seeds, folder=self._folder)
 
 
 def _riders(
@@ -263,7 +267,7 @@ def _riders(
     if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
         return nobody, ASKS_SUMO
     if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
-        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described))), ""
+        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described)), folder), ""
     return nobody, ONE_OBJECT
 
 
@@ -328,7 +332,9 @@ def _together(
         with running(*texts, settings, collisions="none") as traci, _traci_refused():
             drive(world, driver, Stage(traci, world))
     except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
-        _LOG.exception("%d cases that were driven together failed; each of them is driven alone.", len(cases))
+        _LOG.error(
+            "%d cases that were driven together failed; each is driven alone.\n%s", len(cases), traceback_of(error)
+        )
         return [f"Cases that were driven together failed: {said(error)}."] * len(cases)
     return world.recordings(clock.perf_counter() - began)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.session import NOWHERE, check_start, vehicles
 from sumo_eval.cosim.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import MODEL, STRAIGHT, World
@@ -45,6 +46,8 @@ class Stage:
         self._keep = _KEEPS_ROUTE if own else _KEEPS_ROUTE_OFF_ROAD
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
+        self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
+        self._fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -117,16 +120,32 @@ class Stage:
         """Every respect of the other vehicles of a single case."""
         calls, values = self.calls, []
         for j, name in enumerate(self._flat[1:]):
+            if not world.others["present"][0, j]:
+                values.append((0.0, 0.0, STRAIGHT, 0.0))
+                continue
+            now = world.time + world.settings.step
             try:
                 x, y = calls.getPosition(name)
-                values.append((x, y, calls.getAngle(name), calls.getSpeed(name)))
+                angle, speed = calls.getAngle(name), calls.getSpeed(name)
+                last_x, last_y = self._fronts[j]
+                there = abs(x - last_x) < self._far and abs(y - last_y) < self._far and 0.0 <= angle <= 360.0
+                if not (there and BACKWARDS < speed < FASTEST):
+                    if not self._is_past_the_road(world, j, now):
+                        raise impossible(calls, name, self._fronts[j], now, world.settings.step)
+                    raise self.traci.TraCIException(name)
+                self._fronts[j] = x, y
+                values.append((x, y, angle, speed))
             except self.traci.TraCIException:
                 world.others["present"][0, j] = 0
-                now = world.time + world.settings.step
                 world.note(0, "actor_left_the_network", now, now)
                 values.append((0.0, 0.0, STRAIGHT, 0.0))
         if values:
             world.shown[0] = values
+
+    def _is_past_the_road(self, world: World, other: int, now: float) -> bool:
+        """Whether a script has its vehicle's front bumper beyond the last lane."""
+        actor, road = world.cases[0].actors[other], world.cases[0].road
+        return actor.x(now) + 0.5 * actor.length > road.length + road.run_out - BESIDE
 
     def compare(self, world: World) -> None:
         """A case in which SUMO shows something else than it was told has come to its end."""
@@ -136,8 +155,9 @@ class Stage:
         shown = np.array(list(map(calls.getPosition, names))).reshape(-1, 2)
         heading = egos["heading"][live]
         x, y = egos["x"][live] + half * np.cos(heading), egos["y"][live] + half * np.sin(heading)
-        off = (np.abs(shown[:, 0] - x) > _PLACE_TOLERANCE) | (np.abs(shown[:, 1] - y) > _PLACE_TOLERANCE)
-        off &= (egos["placed"][live] == MODEL) & (egos["reason"][live] == 0) & (shown[:, 0] > NOWHERE)
+        off = ~((np.abs(shown[:, 0] - x) <= _PLACE_TOLERANCE) & (np.abs(shown[:, 1] - y) <= _PLACE_TOLERANCE))
+        off &= (egos["placed"][live] == MODEL) & (egos["reason"][live] == 0)  # which also finds a nan
+        off &= np.abs(y - self._middle) < self._half + 0.5 * world.settings.vehicle.width - BESIDE
         for k in np.flatnonzero(off).tolist():
             world.fail(
                 int(live[k]), "sim_error",
@@ -152,15 +172,15 @@ class Stage:
         shape = others.shape
         shown = world.shown[live]
         told, half = others["told"], 0.5 * others["width"]
-        off = np.abs(shown[:, :, 0] - others["front_x"]) > _PLACE_TOLERANCE
-        off |= np.abs(shown[:, :, 1] - others["front_y"]) > _PLACE_TOLERANCE
+        off = ~(np.abs(shown[:, :, 0] - others["front_x"]) <= _PLACE_TOLERANCE)  # which also finds a nan
+        off |= ~(np.abs(shown[:, :, 1] - others["front_y"]) <= _PLACE_TOLERANCE)
         speed = np.array(list(map(self.calls.getSpeed, self._others))).reshape(shape)
         angle = np.array(list(map(self.calls.getAngle, self._others))).reshape(shape)
-        moves_otherwise = np.abs(speed - others["speed"]) > _MOTION_TOLERANCE
-        moves_otherwise |= np.abs(angle - STRAIGHT) > _MOTION_TOLERANCE
+        moves_otherwise = ~(np.abs(speed - others["speed"]) <= _MOTION_TOLERANCE)
+        moves_otherwise |= ~(np.abs(angle - STRAIGHT) <= _MOTION_TOLERANCE) | ~(shown[:, :, 0] > NOWHERE)
         off = np.where(told == 2, off, moves_otherwise & (told == 0))
-        off &= np.abs(shown[:, :, 1] - self._middle) < self._half + half  # beside every lane SUMO shows other motion
-        off &= (shown[:, :, 0] > NOWHERE) & (world.egos["reason"][live] == 0)[:, None]
+        off &= np.abs(others["y"] - self._middle) < self._half + half - BESIDE  # beside every lane SUMO shows others
+        off &= (world.egos["reason"][live] == 0)[:, None]
         for k, j in np.argwhere(off).tolist():
             actor = world.cases[int(world.rows[live[k]])].actors[j]
             world.fail(

@@ -3,19 +3,21 @@
 `import traci` in an ADS's code gives this module while the code is loaded and while it drives (`seen_as_traci`).
 Reading is libsumo's own function, untouched. A call that writes goes through a thin wrapper: the ego may be written to;
 other vehicles, the road and SUMO's clock are the harness's. What happens then is `ConditionSettings.interference`: the
-call is refused and the case ends, or it is put on record (and stepping, starting and closing are left out).
+call is refused and the case ends, or it is put on record (and stepping, starting and closing are left out). A number
+that nobody can mean (see `traci_numbers`) is refused in either case.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, Literal, NoReturn
 
 from sumo_eval.cosim.session import libsumo
 from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.cosim.traci_numbers import ARGUMENTS, DURATIONS, breach, shown
 from sumo_eval.errors import ControllerError
 
 _READS = (
@@ -28,7 +30,7 @@ _RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "
 
 
 class RefusedCallError(ControllerError):
-    """The ADS called what belongs to the harness."""
+    """The ADS called what belongs to the harness, or with a number that nobody can mean."""
 
 
 class Guard:
@@ -49,9 +51,22 @@ class Guard:
     def meddles(self, what: str, deed: str, why: str) -> None:
         """An ADS does what is not its own. deed, why: the sentence's two halves, a time comes between them."""
         if self.interference == "refuse":
-            self.refusal = self.refusal or (deed, why)
-            raise RefusedCallError(f"{deed}; {why}")
+            self.refuse(deed, why)
         self.touched[what] = self.touched.get(what, 0) + 1
+
+    def refuse(self, deed: str, why: str) -> NoReturn:
+        """End the case, whether the ADS lets the exception through or not."""
+        self.refusal = self.refusal or (deed, why)
+        raise RefusedCallError(f"{deed}; {why}")
+
+    def check(self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+        """No number that an ADS writes may be one that SUMO takes and nobody can mean."""
+        found = breach(domain, call, name, args, kwargs)
+        if found is not None:
+            self.refuse(
+                f"The ADS called traci.{domain}.{call} with `{found.argument}` = {shown(found.given)}",
+                f"it must be {found.must_be}",
+            )
 
     def touches(self, domain: str, call: str, name: object) -> None:
         """An ADS writes to something that is not the ego's."""
@@ -73,10 +88,19 @@ class Guard:
 
 
 def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    plain = ARGUMENTS["vehicle"].get(call, ())
+    one_number = len(plain) == 1 and plain[0] not in DURATIONS
+    direct = getattr(libsumo.libsumo._libsumo, f"vehicle_{call}", write)  # what `write` wraps, at half the cost
+
     def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         # of a name that nobody has, SUMO says so
         if vehID != EGO and (vehID in guard.others or call.startswith("add")):
             guard.touches("vehicle", call, vehID)
+        if one_number and len(args) == 1 and not kwargs:
+            number = args[0]
+            if type(number) is float and number - number == 0.0:  # as nearly always: a float, and finite
+                return direct(vehID, number)
+        guard.check("vehicle", call, vehID, args, kwargs)
         return write(vehID, *args, **kwargs)
 
     return guarded
@@ -86,6 +110,7 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
     def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
         if typeID in guard.others and call != "copy":
             guard.touches("vehicletype", call, typeID)
+        guard.check("vehicletype", call, typeID, args, kwargs)
         return write(typeID, *args, **kwargs)
 
     return guarded
@@ -94,6 +119,7 @@ def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable
 def _world_writer(guard: Guard, domain: str, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
     def guarded(*args: Any, **kwargs: Any) -> Any:
         guard.touches(domain, call, args[0] if args else "")
+        guard.check(domain, call, "", args, kwargs)
         return write(*args, **kwargs)
 
     return guarded

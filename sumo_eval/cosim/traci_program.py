@@ -1,12 +1,13 @@
 """`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process on a loopback port.
 
-The harness is the first client and the program the second; SUMO takes a step when both have asked for one. The program
-finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says `traci.setOrder(2)` after
-`traci.init(port)`. Needs the sumo program: extra `gui`.
+The harness is the first client and the program, through a relay, the second; SUMO takes a step when both have asked
+for one. The program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says
+`traci.setOrder(2)` after `traci.init(port)`. Needs the sumo program: extra `gui`.
 """
 
 from __future__ import annotations
 
+import math
 import shutil
 import socket
 import subprocess
@@ -21,7 +22,9 @@ from typing import Any
 
 from sumo_eval.cosim.child_program import ChildProgram, split_command
 from sumo_eval.cosim.controller import Briefing
-from sumo_eval.cosim.session import check_start, command_line, quoted
+from sumo_eval.cosim.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
+from sumo_eval.cosim.session import check_start, command_line, libsumo, quoted
+from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
@@ -29,6 +32,16 @@ from sumo_eval.settings import SimulationSettings
 START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
 _BETWEEN_TRIES = 0.01  # s
 _PORT = "SUMO_EVAL_PORT"
+_SETTINGS = {
+    name: getattr(libsumo.constants, f"VAR_{variable}")
+    for name, variable in (
+        ("maxSpeed", "MAXSPEED"), ("accel", "ACCEL"), ("decel", "DECEL"), ("apparentDecel", "APPARENT_DECEL"),
+        ("emergencyDecel", "EMERGENCY_DECEL"), ("tau", "TAU"), ("minGap", "MINGAP"), ("speedFactor", "SPEED_FACTOR"),
+        ("sigma", "IMPERFECTION"), ("maxSpeedLat", "MAXSPEED_LAT"), ("minGapLat", "MINGAP_LAT"), ("length", "LENGTH"),
+        ("width", "WIDTH"),
+    )
+}  # fmt: skip
+"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's numbers of them."""
 
 
 @dataclass(slots=True)
@@ -92,10 +105,24 @@ class ServedSimulation:
         """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits until both are there."""
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
+        self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
+        self._ads.took = 0.0  # starting and connecting is no step
 
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
         self._wait(self._connection.simulationStep, self._step_timeout)
+        self._check_settings()
+
+    def _check_settings(self) -> None:
+        """What the program writes goes past the harness, which sees what has become of the ego's settings."""
+        shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
+        for name, variable in _SETTINGS.items():
+            if not math.isfinite(shown.get(variable, 0.0)):
+                now = self.simulation.getTime() - self.simulation.getDeltaT()  # SUMO's clock is one step ahead
+                raise ControllerError(
+                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at {now:.2f} s; it must be a "
+                    "finite number."
+                )
 
     def _wait(self, call: Callable[[], object], limit: float) -> None:
         """The program's turn: SUMO answers when it is over. A connection that waited too long reports itself closed."""
@@ -130,25 +157,25 @@ def served(
         log, console = folder / "sumo.log", folder / "console.txt"
         port = _free_port()
         command = command_line(concrete, settings, folder, log, None)
-        server = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", "2"]
+        words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", str(CLIENTS)]
         with console.open("wb") as output:
-            sumo = subprocess.Popen(server, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+            server = PrivateServer(words, port, output)
         program: ChildProgram | None = None
-        connection: Any = None
+        relay: Relay | None = None
         try:
-            connection = _connect(port, sumo, (log, console))
-            words = [word.replace("{port}", str(port)) for word in ads.command]
-            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(port)})
+            connection = _connect(server, (log, console))
+            relay = Relay(server.sockets[1])
+            words = [word.replace("{port}", str(relay.port)) for word in ads.command]
+            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(relay.port)})
             simulation = ServedSimulation(connection, program, ads, step_timeout)
             threading.Thread(target=_hang_up, args=(program, connection), daemon=True).start()
             simulation.begin()
             check_start(simulation, concrete, settings)
             yield simulation
         finally:
-            if connection is not None and connection._socket is not None:
-                connection._socket.close()
-            sumo.kill()
-            sumo.wait()
+            if relay is not None:
+                relay.end()
+            server.end()
             if program is not None:
                 ads.log = program.stop()
 
@@ -167,16 +194,28 @@ def _free_port() -> int:
     return port
 
 
-def _connect(port: int, sumo: subprocess.Popen[bytes], logs: tuple[Path, ...]) -> Any:
+def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
+    """The harness's connection, when the server has begun and both of its clients are connected."""
     import traci.connection
     import traci.main  # makes the domains that a connection has
 
+    sumo = server.process
     until = clock.monotonic() + START_TIMEOUT
     while True:
         try:
-            return traci.connection.Connection("127.0.0.1", port, None, None, False, None)
+            server.connect()
+            return _over(server.sockets[0], traci.connection.Connection)
         except OSError as error:
             if sumo.poll() is not None or clock.monotonic() > until:
                 raise SimulationError(f"SUMO could not start the case: {quoted(error, *logs)}.") from error
             with suppress(subprocess.TimeoutExpired):
                 sumo.wait(_BETWEEN_TRIES)
+
+
+def _over(connected: socket.socket, kind: Any) -> Any:
+    """A TraCI connection over a socket that is connected already; its class makes and connects one of its own."""
+    with socket.create_server((LOOPBACK, 0)) as nobody:
+        connection = kind(*nobody.getsockname(), None, None, False, None)
+    connection._socket.close()
+    connection._socket = connected
+    return connection

@@ -10,6 +10,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, between, describe, keeps_apart, share_at_touch, within_a_turn
+from sumo_eval.cosim.fault_place import fault_place
+from sumo_eval.cosim.impossible import BESIDE
 from sumo_eval.cosim.session import NOWHERE
 from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved
 from sumo_eval.kernels import kernel, rows
@@ -31,6 +34,7 @@ from sumo_eval.scenario.motion import (
     lateral_speed,
 )
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
 
 Records = NDArray[Any]
@@ -71,10 +75,11 @@ OTHER = np.dtype(
         *flags("present", "told", "samples"),
         ("start", fields("x", "y", "speed")),
         ("brake", fields("begin", "deceleration", "jerk", "end")),
-        *fields("script_begin", "script_end"), *flags("slides", "brakes", "moves"),
+        *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves"),
     ]
 )  # fmt: skip
-"""Another vehicle and its script. told: the harness has moved it in this step. script_begin, script_end: s."""
+"""Another vehicle and its script. told: the harness has moved it in this step. script_begin, script_end: s. leaves:
+when its script takes it beside the lanes for good, s: SUMO does not move a vehicle that is on no lane."""
 
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
@@ -132,6 +137,8 @@ def show(mover: Any, x: float, y: float, heading: float, speed: float, length: f
 @kernel
 def _is_scripted(other: Any, moves: Any, time: float, step: float) -> bool:
     """Whether the harness moves it at a time; straight on at constant speed, or standing, SUMO does."""
+    if time > other.leaves:
+        return True
     if not other.script_begin < time < other.script_end:
         return False
     for q in range(other.moves):
@@ -474,6 +481,7 @@ class World:
         self.ended: dict[int, Callable[..., Recording]] = {}
         self.errors: dict[int, str] = {}
         self.logs: dict[int, str] = {}
+        self.places: dict[int, str] = {}  # where in the user's code an exception came from
         self.notes: dict[int, Any] = {}
         self.left: dict[int, str] = {}
         self.let_go: set[int] = set()
@@ -503,6 +511,11 @@ class World:
         if case not in self.notes:
             self.notes[case] = defaultdict(lambda: SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0))
         count_clip(self.notes[case], what, self.time, float(requested), float(applied))  # type: ignore[arg-type]
+
+    def keep_fault(self, case: int, error: BaseException, driver: Any, folder: Path | None) -> None:
+        """Traceback and place of an exception, for a log and for a table."""
+        self.logs[case] = self.logs.get(case, "") + traceback_of(error)
+        self.places[case] = self.places.get(case) or fault_place(error, driver, folder)
 
     def touched(self, counts: Mapping[str, int]) -> None:
         """Put on record how often the ADS of a single case touched what is not its own."""
@@ -573,9 +586,15 @@ class World:
                 continue
             total, longest, answers = self._shared if self._shared[2] else self.latency[case]
             latency = total / max(answers, 1), longest
-            recording = self.ended[case]
+            recording, error = self.ended[case], self.errors.get(case)
             found.append(
-                recording(self.errors.get(case), self.logs.get(case, ""), latency, wall_time / len(self.cases))
+                recording(
+                    None if error is None else clean(error),
+                    clean_log(self.logs.get(case, "")),
+                    latency,
+                    wall_time / len(self.cases),
+                    self.places.get(case, ""),
+                )
             )
         return found
 
@@ -612,6 +631,19 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     return egos
 
 
+def leaves_the_lanes_at(actor: Actor, road: Road) -> float:
+    """When a script takes its vehicle beside the lanes for good, s; inf: never."""
+    reach = 0.5 * actor.width - BESIDE
+
+    def beside(time: float) -> bool:
+        return not road.right_edge - reach <= actor.y(time) <= road.left_edge + reach
+
+    if beside(0.0):
+        return 0.0
+    ends = (move.begin for move in actor.lane_changes if beside(move.begin + move.duration))
+    return min(ends, default=math.inf)
+
+
 def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) -> tuple[Records, Records]:
     """The other vehicles with their scripts, (n, m), and their lateral moves, (n, m, the most that one has)."""
     n, m = len(cases), len(cases[0].actors)
@@ -635,7 +667,8 @@ def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) ->
             others[i, j] = (
                 *pose, actor.length, actor.width, 0.0, 0.0, (*pose, 0.0), start.x + 0.5 * actor.length, y, 1, 0, 0,
                 (start.x, start.y, start.speed), braking, min((begin for begin, _ in spans), default=math.inf),
-                max((end for _, end in spans), default=-math.inf), actor.slides, brake is not None,
+                max((end for _, end in spans), default=-math.inf), leaves_the_lanes_at(actor, concrete.road),
+                actor.slides, brake is not None,
                 len(actor.lane_changes),
             )  # fmt: skip
     return others, moves

@@ -16,27 +16,31 @@ from sumo_eval.results import Evaluation, ScenarioResult
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
 
-_TABLES = ("nights", "quantities", "gates")
+_TABLES = ("nights", "quantities", "gates", "begun")
 _SCHEMA = """
-CREATE TABLE nights (
+CREATE TABLE IF NOT EXISTS begun (night TEXT PRIMARY KEY);
+CREATE TABLE IF NOT EXISTS nights (
     night TEXT PRIMARY KEY, evaluation TEXT NOT NULL, folder TEXT NOT NULL, wall_time REAL,
     exit_status INTEGER NOT NULL, base TEXT,
     verdict TEXT NOT NULL, sumo_eval TEXT NOT NULL, libsumo TEXT NOT NULL, imported INTEGER NOT NULL
 );
-CREATE TABLE quantities (
+CREATE TABLE IF NOT EXISTS quantities (
     night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
     value REAL, PRIMARY KEY (night, ads, scenario, quantity)
 );
-CREATE TABLE gates (
+CREATE TABLE IF NOT EXISTS gates (
     night TEXT NOT NULL REFERENCES nights, ads TEXT NOT NULL, scenario TEXT NOT NULL, quantity TEXT NOT NULL,
     passed INTEGER, threshold REAL, sentence TEXT NOT NULL
 );
 """ + "".join(
-    f"CREATE TRIGGER {table}_{what.lower()} BEFORE {what} ON {table} "
+    f"CREATE TRIGGER IF NOT EXISTS {table}_{what.lower()} BEFORE {what} ON {table} "
     "BEGIN SELECT RAISE(ABORT, 'the history is only added to'); END;\n"
     for table in _TABLES
     for what in ("UPDATE", "DELETE")
 )
+
+
+_MEND = "Put a copy of it back, or begin a history in another folder. No night was removed."
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +124,16 @@ class History:
                 ],
             )
 
+    def begin(self, night: str) -> None:
+        """Note that a night begins: should it be stopped, its folder is known to be its own."""
+        with self._connection:
+            self._connection.execute("INSERT INTO begun VALUES (?)", (night,))
+
+    def stopped(self) -> set[str]:
+        """The nights that began and have no line: they were stopped, or failed."""
+        found = self._connection.execute("SELECT night FROM begun EXCEPT SELECT night FROM nights")
+        return {night for (night,) in found}
+
     def nights(self) -> list[Night]:
         """Every night, the oldest first."""
         return [
@@ -155,25 +169,39 @@ def open_history(folder: Path, *, create: bool = False) -> Iterator[History]:
     except (OSError, sqlite3.Error) as error:
         raise InputError(f"The history {path} cannot be opened: {error}.") from error
     try:
-        version = _version(connection, path)
-        if version == 0 and create:
+        _check(connection, path)
+        version = int(connection.execute("PRAGMA user_version").fetchone()[0])
+        if version == 0 and connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+            raise InputError(f"{path} is no history: it is a database of something else.")
+        if version in (0, FORMAT_VERSION) and create:  # a history without the table of begun nights gets one
             connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version == 0:
+            raise InputError(f"The history {path} is empty. {_MEND}")
         elif version != FORMAT_VERSION:
             raise InputError(
                 f"The history {path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}."
             )
         yield History(connection, path)
     except sqlite3.Error as error:
-        raise InputError(f"The history {path} cannot be used: {error}.") from error
+        raise InputError(f"The history {path} cannot be used: {error}. {_MEND}") from error
     finally:
         connection.close()
 
 
-def _version(connection: sqlite3.Connection, path: Path) -> int:
+def is_begun(folder: Path) -> bool:
+    """Whether there is a history file in a folder, and something in it."""
+    path = folder / HISTORY
+    return path.exists() and not (path.is_file() and path.stat().st_size == 0)
+
+
+def _check(connection: sqlite3.Connection, path: Path) -> None:
+    """Refuse a file that SQLite finds damaged anywhere, not only where it is read first."""
     try:
-        return int(connection.execute("PRAGMA user_version").fetchone()[0])
+        found = str(connection.execute("PRAGMA integrity_check(1)").fetchone()[0])
     except sqlite3.DatabaseError as error:
-        raise InputError(f"{path} is no history: {error}.") from error
+        raise InputError(f"{path} is no history, or a damaged one: {error}. {_MEND}") from error
+    if found != "ok":
+        raise InputError(f"The history {path} is damaged: {found.splitlines()[-1]}. {_MEND}")
 
 
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:

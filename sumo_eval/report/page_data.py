@@ -1,15 +1,17 @@
 """What the page's JavaScript draws from: cases, zone maps and trajectories, small enough to travel in one file.
 
 Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`, written as
-differences of whole numbers, and deflated; `decodeTrajectories` in templates/field.js is the other half.
+differences of whole numbers, and deflated; what these differences cannot hold travels beside them as it is.
+`decodeTrajectories` in templates/field.js is the other half.
 """
 
 from __future__ import annotations
 
 import zlib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,9 @@ CHANNEL_STEPS = {
 }  # fmt: skip
 """Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
 
+MOST_WHOLE = 2**30 - 1
+"""The largest whole number of steps that a channel's differences hold: any difference of two fits in 32 bits."""
+
 Point = tuple[str, int]
 """A concrete scenario: the logical scenario's name and the point's number."""
 
@@ -45,6 +50,7 @@ class Embedded:
 MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
 FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
+BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
 MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
@@ -73,7 +79,8 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
                 _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
                 for zone in evaluation.zones
             ]
-            taken = sum(len(scenario["trajectories"]["data"]) for scenario in scenarios)
+            sent = [scenario["trajectories"] for scenario in scenarios]
+            taken = sum(len(them["data"]) + BYTES_OF_A_RUN_BEYOND * len(them["beyond"]) for them in sent)
             if taken <= MOST_BYTES or not embedded.points:
                 break
             runs = int(runs * 0.95 * MOST_BYTES / taken)  # as many as fit, by what these really took
@@ -181,6 +188,7 @@ def _case(
         "outcome": outcome(case),
         "end": end_reason(case),
         "error": case.error,
+        "errorPlace": case.error_place,
         "missing": reason,
         "time": case.simulated_time,
         "latency": case.latency_max,
@@ -409,18 +417,41 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
-    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did."""
+    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did.
+
+    beyond: samples that differences of 32 bits cannot hold, as they are: [channel, the first's place among all samples,
+    how many, their value].
+    """
     counts = [len(trajectory) for trajectory in trajectories]
     planes = []
+    beyond: list[list[Any]] = []
+    unsteered = [not np.isfinite(one.steering_wheel_angle).all() for one in trajectories]
+    unknown = np.repeat(np.array(unsteered, dtype=bool), counts)
     for name, step in CHANNEL_STEPS.items():
-        channel = np.nan_to_num(np.concatenate([[0.0], *(getattr(one, name) for one in trajectories)]))
-        change = np.diff(np.round(channel / step).astype("<i4"))
+        channel = np.concatenate([np.zeros(0), *(getattr(one, name) for one in trajectories)])
+        if name == "steering_wheel_angle":
+            channel = np.where(unknown, 0.0, channel)
+        with np.errstate(over="ignore"):
+            whole = np.round(channel / step)
+        held = np.abs(whole) <= MOST_WHOLE
+        beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
+        change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
         folded = change << 1 ^ change >> 31  # 2 c, and -2 c - 1 below 0: small numbers of either sign
-        planes.append(folded.view(np.uint8).reshape(-1, 4).T.tobytes())
+        planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
     return {
         "counts": counts,
         "lengths": [trajectory.length for trajectory in trajectories],
         "widths": [trajectory.width for trajectory in trajectories],
-        "noSteering": [k for k, one in enumerate(trajectories) if not np.isfinite(one.steering_wheel_angle).all()],
+        "noSteering": np.flatnonzero(unsteered).tolist(),
+        "beyond": beyond,
         "data": packed_bytes(zlib.compress(b"".join(planes), LEVEL)),
     }
+
+
+def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
+    """(place of the first, how many, value) of chosen samples, equal neighbours together."""
+    for (value, _), run in groupby(
+        enumerate(np.flatnonzero(chosen).tolist()), key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0])
+    ):
+        places = [place for _, place in run]
+        yield places[0], len(places), value

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sumo_eval.batch.cases import Case, Outcome, Setup
-from sumo_eval.batch.engines import run_cases
-from sumo_eval.cosim.controller import find_controller
+from sumo_eval.batch.engines import identify, run_cases
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.logical import LogicalScenario
@@ -82,7 +81,7 @@ def find_boundary(
         raise must_be("`budget`", "the search", f"at least {FIRST} simulations", budget)
     if not 0.0 <= tolerance < 1.0:
         raise must_be("`tolerance`", "the search", "a share of the space within 0..1", tolerance)
-    find_controller(controller, setup.folder)
+    identify([("ADS", controller)], setup)
     search = BoundarySearch(logical, seed)
     rounds: list[Round] = []
     lost: Counter[str] = Counter()

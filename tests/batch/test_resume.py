@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from batch.edited_store import edit
 from batch.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
 
 import sumo_eval
@@ -256,8 +257,8 @@ def test_verify_passes_on_the_same_and_fails_on_a_bit(whole: Path, tmp_path: Pat
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{rows(tmp_path / 'run')} drives" in done.stdout
-    with sqlite3.connect(tmp_path / "run" / "facts.sqlite") as connection:
-        connection.execute("UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'")
+    change = "UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'"
+    edit(tmp_path / "run" / "facts.sqlite", change, hashes=True)
     done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
     assert done.returncode == 1
     assert "-0002-idm is not the same again: simulated_time" in done.stdout

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from batch.edited_store import edit
 
 from sumo_eval.batch.cases import Case, Outcome
 from sumo_eval.batch.kept import pack, unpack
-from sumo_eval.batch.store import open_store
+from sumo_eval.batch.store import FORMAT_VERSION, open_store
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Recording, Trajectory
@@ -112,7 +115,10 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
     connection.execute("PRAGMA user_version = 99")
     connection.commit()
     connection.close()
-    with pytest.raises(InputError, match="format version 99; this sumo_eval reads version 2"), open_store(path):
+    with (
+        pytest.raises(InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"),
+        open_store(path),
+    ):
         pass
 
 
@@ -172,3 +178,154 @@ def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -
         kept = len(store.facts("ads"))
     with open_store(tmp_path / "facts.sqlite") as store:
         assert len(store.facts("ads")) == kept == 1
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def reads(path: Path) -> str:
+    """What reading the whole of a file says: nothing, or the sentence it is refused with."""
+    try:
+        with open_store(path) as store:
+            for fact in store.facts("ads"):
+                store.trajectories(fact.case)
+            return ""
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE facts SET simulated_time = 12.5 WHERE point = 2",
+        "UPDATE facts SET status = 'collision' WHERE point = 2",
+        "UPDATE facts SET exposure = exposure * 1.0000000000000002 WHERE point = 2",
+        "UPDATE circumstances SET log = 'nothing' WHERE \"case\" LIKE '%-0002-%'",
+        "UPDATE circumstances SET hash = x'00' WHERE \"case\" LIKE '%-0002-%'",
+        "DELETE FROM circumstances WHERE \"case\" LIKE '%-0002-%'",
+        "DELETE FROM facts WHERE point = 2",
+        "DELETE FROM trajectories WHERE \"case\" LIKE '%-0002-%' AND vehicle = 'ego'",
+        "UPDATE trajectories SET vehicle = 'lead' WHERE \"case\" LIKE '%-0002-%'",
+        "UPDATE trajectories SET data = (SELECT data FROM trajectories WHERE \"case\" LIKE '%-0001-%') "
+        "WHERE \"case\" LIKE '%-0002-%'",
+    ],
+)
+def test_an_edited_row_is_a_sentence_that_names_its_case(tmp_path: Path, change: str) -> None:
+    filled(tmp_path / "facts.sqlite", [1, 2, 3])
+    assert reads(tmp_path / "facts.sqlite") == ""
+    edit(tmp_path / "facts.sqlite", change)
+    said = reads(tmp_path / "facts.sqlite")
+    assert "front_vehicle_cut_out-0002-idm" in said
+    with pytest.raises(InputError, match="0002"), open_store(tmp_path / "facts.sqlite", create=True):
+        pass
+
+
+def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1, 2, 3])
+    with open_store(path, create=True) as store:
+        store.seal()
+    assert reads(path) == ""
+    with open_store(path, create=True) as store:
+        store.remove(["front_vehicle_cut_out-0002-idm"])
+    assert "it was complete with 3 cases and holds 2 now" in reads(path)
+    edit(path, "DELETE FROM about")
+    assert reads(path) == ""
+
+
+def test_every_flipped_bit_is_a_sentence_or_changes_nothing(tmp_path: Path) -> None:
+    """Of 300 bits all over a file: each is either refused, or the file says the same to the last bit."""
+    path = tmp_path / "facts.sqlite"
+    filled(path, list(range(12)))
+    with open_store(path, create=True) as store:
+        store.seal()
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    with open_store(path) as store:
+        before = (store.digest(), [fact.log for fact in store.facts("ads")])
+    refused = 0
+    for number, place in enumerate(rng.integers(0, len(whole), 300).tolist()):
+        broken = bytearray(whole)
+        broken[place] ^= 1 << int(rng.integers(8))
+        copy = tmp_path / f"{number}.sqlite"
+        copy.write_bytes(broken)
+        try:
+            with open_store(copy) as store:
+                assert (store.digest(), [fact.log for fact in store.facts("ads")]) == before, place
+        except InputError as error:
+            refused += str(copy) in str(error)
+        copy.unlink()
+    assert refused > 80  # most of so small a file is unused room in its pages
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
+def test_a_file_that_was_cut_off_is_a_sentence(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, list(range(12)))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    assert str(path) in reads(path)
+
+
+def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1])
+    edit(path, "PRAGMA user_version = 2")
+    said = reads(path)
+    assert "has format version 2; this sumo_eval reads version 3" in said
+    assert "carry no hash" in said
+    assert "run its evaluation again into a new folder" in said
+
+
+def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1])
+    other = sqlite3.connect(path)
+    other.execute("BEGIN EXCLUSIVE")
+    assert "database is locked" in reads(path)
+    other.close()
+
+
+def test_a_folder_in_place_of_the_file_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "facts.sqlite").mkdir()
+    assert "is no run folder" in reads(tmp_path / "facts.sqlite")
+    with pytest.raises(InputError, match="unable to open"), open_store(tmp_path / "facts.sqlite", create=True):
+        pass
+
+
+def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path: Path) -> None:
+    """A process that is killed leaves the write-ahead log; with the log cut off, what is left is whole cases."""
+    path = tmp_path / "facts.sqlite"
+    program = (
+        "import os, sys; sys.path.insert(0, 'tests'); from pathlib import Path\n"
+        "from batch.test_store import case, drive\n"
+        "from sumo_eval.batch.cases import Outcome; from sumo_eval.batch.store import open_store\n"
+        "from sumo_eval.trajectory import Recording\n"
+        f"with open_store(Path({str(path)!r}), create=True) as store:\n"
+        "    for point in range(6):\n"
+        "        store.add(Outcome(case(point), 'ok', Recording(drive(seed=point), {}, None, 'road_end')))\n"
+        "    os._exit(9)\n"
+    )
+    root = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", program], cwd=root, check=False)
+    log = path.with_name("facts.sqlite-wal")
+    assert done.returncode == 9
+    assert log.is_file()
+    main, written = path.read_bytes(), log.read_bytes()
+    for share in (1.0, 0.7, 0.4):
+        path.write_bytes(main)
+        log.write_bytes(written[: int(share * len(written))])
+        path.with_name("facts.sqlite-shm").unlink(missing_ok=True)
+        with open_store(path) as store:
+            found = [fact.point for fact in store.facts("ads")]
+        assert found == list(range(len(found)))
+        assert len(found) == 6 or share < 1.0
+
+
+def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path: Path) -> None:
+    recording = Recording(
+        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "", (float("nan"), np.float64(-0.0)),
+        float("inf"),
+    )  # fmt: skip
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(np.int64(3)), "ok", recording, None, "a\x00b"))  # type: ignore[arg-type]
+    assert reads(tmp_path / "facts.sqlite") == ""

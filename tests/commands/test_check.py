@@ -30,7 +30,20 @@ def test_a_bad_controller(tmp_path):
     assert done.returncode == 1
     assert "FAIL" in done.stdout
     assert "-> forget everything in reset" in done.stdout
-    assert "mine.py:acc: breaks the contract in 2 point(s)" in done.stdout
+    failed = done.stdout.count("FAIL  ")
+    assert failed == done.stdout.count("the second drive differs from") >= 8  # every one of the edge cases
+    assert f"mine.py:acc: breaks the contract in {failed} point(s)" in done.stdout
+
+
+def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
+    """A first step of 0.3 s where 0.1 s are allowed."""
+    (tmp_path / "mine.py").write_text(
+        "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return 0.0\n"
+    )
+    done = CliRunner().invoke(main, ["check", f"{tmp_path}/mine.py:acc", "--step-timeout", "0.1"])
+    assert done.exit_code == 1
+    assert "FAIL  `run` would lose" in done.output
+    assert "cases to step_timeout = 0.1 s" in done.output
 
 
 def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
@@ -51,3 +64,24 @@ def test_an_evaluation_file(tmp_path, controller, status, words):
     assert done.exit_code == status
     assert words in done.output
     assert "scenario front_vehicle_low_speed: 19 points of ego_speed, lead_speed" in done.output
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("    os._exit(7)", "The process that drove it died with exit code 7."),
+        ("    os.closerange(3, 100)", "The process that drove it"),
+        ("    [shout(n) for n in range(3, 20)]", "something that is no result"),
+    ],
+)
+def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_finding(tmp_path, body, words):
+    (tmp_path / "mine.py").write_text(
+        "import os, stat\n\n"
+        "def shout(n):\n    try:\n        if stat.S_ISFIFO(os.fstat(n).st_mode):\n"
+        "            os.write(n, b'x' * 50)\n    except OSError:\n        pass\n\n"
+        f"def acc(seen):\n{body}\n    return 0.0\n"
+    )
+    done = check("mine.py:acc", tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert words in done.stdout
+    assert not done.stderr or done.stderr.startswith("It printed:")  # the child's own traceback, as its words

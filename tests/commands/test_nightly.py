@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import junitparser
@@ -17,7 +18,7 @@ import pytest
 
 from commands.nights import evaluation, plant, sumo_eval
 from sumo_eval.errors import InputError
-from sumo_eval.night import run_night
+from sumo_eval.night import _clear_away, _prune, run_night
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.history import Night, open_history
 
@@ -78,7 +79,7 @@ def test_the_history_cannot_be_changed(week: tuple[Path, list[str]], tmp_path: P
     copy = tmp_path / "history.sqlite"
     shutil.copy(week[0] / "history" / "history.sqlite", copy)
     connection = sqlite3.connect(copy)
-    for table in ("nights", "quantities", "gates"):
+    for table in ("nights", "quantities", "gates", "begun"):
         for change in (f"UPDATE {table} SET night = 'x'", f"DELETE FROM {table}"):
             with pytest.raises(sqlite3.IntegrityError, match="only added to"):
                 connection.execute(change)
@@ -104,10 +105,16 @@ def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str
     left = history / "nights" / "2026-01-01T00-00-00Z"
     left.mkdir()
     (left / "facts.sqlite").write_bytes(b"half a night")
+    foreign = history / "nights" / "my_notes"
+    foreign.mkdir()
+    with open_history(history, create=True) as lines:
+        lines.begin(left.name)
     plant(folder, "")
     result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=5)
     assert not left.exists()
     assert any("2026-01-01T00-00-00Z was stopped before its end" in note for note in result.notes)
+    assert foreign.is_dir()
+    assert f"{foreign} is not in the history; it was left as it is." in result.notes
     assert result.night.exit_status == 0
 
 
@@ -186,3 +193,116 @@ def test_older_runs_are_imported_as_nights_that_are_no_base(week: tuple[Path, li
     assert again.returncode == 2
     assert "nothing in it is replaced" in again.stderr
     assert sumo_eval("trend", tmp_path).returncode == 2
+
+
+def nothing(path: Path) -> None:
+    path.unlink()
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def cut_off(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def text(path: Path) -> None:
+    path.write_text("a note that somebody saved under this name " * 40)
+
+
+def flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[100] ^= 0xFF  # the kind of the first page
+    path.write_bytes(data)
+
+
+def another_database(path: Path) -> None:
+    path.unlink()
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE shopping (what)")
+    connection.commit()
+    connection.close()
+
+
+def newer(path: Path) -> None:
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA user_version = 99")
+    connection.commit()
+    connection.close()
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (nothing, "is missing or empty"),
+        (empty, "is missing or empty"),
+        (cut_off, "malformed"),
+        (text, "file is not a database"),
+        (flipped, "malformed"),
+        (another_database, "is a database of something else"),
+        (newer, "has format version 99"),
+        (a_folder, "unable to open"),
+    ],
+)
+def test_a_history_that_cannot_be_read_removes_no_night(
+    week: tuple[Path, list[str]], tmp_path: Path, spoil: Callable[[Path], None], words: str
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
+    spoil(history / "history.sqlite")
+    done = sumo_eval("nightly", folder / "evaluation.toml", "--history", history, "--keep", "1")
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("sumo-eval: ")
+    assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
+
+
+def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history" / "nights", history / "nights")
+    before = {path.name for path in (history / "nights").iterdir()}
+    with open_history(history, create=True):
+        pass
+    plant(folder, "")
+    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=1)
+    assert {path.name for path in (history / "nights").iterdir()} == {*before, result.night.night}
+    assert sum("is not in the history; it was left as it is" in note for note in result.notes) == len(before)
+
+
+def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -> None:
+    history, precious = tmp_path / "history", tmp_path / "precious"
+    (history / "nights" / "b").mkdir(parents=True)
+    precious.mkdir()
+    with open_history(history, create=True) as lines:
+        for name, place in (("a", str(precious)), ("b", "nights/b"), ("c", "nights/../../precious"), ("d", "nights/d")):
+            lines._connection.execute(
+                "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", (name, place)
+            )
+        notes = _prune(history, lines, keep=1)
+    assert precious.is_dir()
+    assert not (history / "nights" / "b").exists()
+    assert sum("it was left" in note for note in notes) == 2
+
+
+def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> None:
+    history, precious = tmp_path / "history", tmp_path / "precious"
+    (history / "nights").mkdir(parents=True)
+    precious.mkdir()
+    (history / "nights" / "a").symlink_to(precious)
+    with open_history(history, create=True) as lines:
+        lines.begin("a")
+        notes = _clear_away(history, lines)
+    assert precious.is_dir()
+    assert notes == ["Night a was stopped before its end; its folder could not be removed."]

@@ -40,15 +40,18 @@ def test_what_is_remembered_from_case_to_case_is_found():
     assert "forget everything in reset" in found[0].mend
 
 
-def test_numbers_that_no_vehicle_can_follow_are_found():
-    (found,) = failures(lambda seen: -300.0)
-    assert "asks for -300 m/s2, the vehicle gives -9" in found.text
-    assert "check units" in found.mend
+@pytest.mark.parametrize("asked", [-300.0, -12.0])
+def test_commanding_more_than_the_vehicle_can_do_is_a_warning_with_the_clip(asked):
+    found = check_controller(lambda seen: asked, CASES, SHORT)
+    (warning,) = [f for f in found if f.kind == "warn"]
+    assert f"asks for {asked:g} m/s2, the vehicle gives -9" in warning.text
+    assert "counts that as clips" in warning.mend
+    assert not any(f.kind == "FAIL" for f in found)
 
 
-def test_a_command_a_little_too_strong_is_a_note():
-    found = check_controller(lambda seen: -12.0, CASES, SHORT)
-    assert [f.kind for f in found if "asks for" in f.text] == ["note"]
+def test_a_speed_controller_keeps_the_contract():
+    """(v_wanted - v) / dt reaches the wanted speed in one step, if the vehicle could: 5 m/s off is 100 m/s2."""
+    assert failures(lambda seen: (25.0 - seen.ego.speed) / 0.05) == []
 
 
 @pytest.mark.parametrize(
@@ -71,3 +74,23 @@ def test_a_slow_step_is_told():
     found = failures(lambda seen: clock.sleep(0.05) or 0.0, step_timeout=0.02)
     assert "must answer within 0.02 s" in found[0].text
     assert "step_timeout" in found[0].mend
+    assert found[-1].text == "`run` would lose 2 of these 2 cases to step_timeout = 0.02 s"
+
+
+def test_what_a_run_would_lose_to_case_timeout_is_told_with_the_pace():
+    """55 ms a step at 20 steps a second: 1.1 s of wall time a simulated second, so 2 s reach for less than 2 s."""
+    short = SimulationSettings(time_limit=2.5)
+    (lost,) = [f for f in check_controller(lambda seen: clock.sleep(0.055) or 0.0, CASES, short, case_timeout=2.0)
+               if f.kind == "FAIL"]  # fmt: skip
+    assert "`run` would lose 2 of these 2 cases to case_timeout = 2 s, e.g. front_vehicle_low_speed" in lost.text
+    assert "a case may simulate" in lost.text
+
+
+def test_a_case_as_long_as_the_time_limit_is_projected():
+    """At 20 ms a step, 20 steps a second, a second takes 0.4 s of wall time: 600 s as the time limit take 240 s."""
+    case, slow = CASES[:1], lambda seen: clock.sleep(0.02) or -8.0
+    (note,) = [f for f in check_controller(slow, case, SimulationSettings(time_limit=600.0)) if "time limit" in f.text]
+    assert note.kind == "note"
+    assert "`run` would lose a case that lasts until the time limit of 600 s" in note.text
+    (fine,) = [f for f in check_controller(lambda seen: -8.0, case, SHORT) if "would lose none" in f.text]
+    assert fine.kind == "ok"

@@ -456,7 +456,7 @@ def test_trap_nan_an_ego_moved_to_nowhere_is_the_adss_fault():
 
     found = simulate(case(), lost)
     assert found.end_reason == "ads_error"
-    assert "moved its vehicle nan m" in found.error
+    assert "traci.vehicle.moveToXY with `x` = nan at 0.00 s; it must be a finite number" in found.error
 
 
 def test_our_gap_and_sumos_positions_agree(bare):

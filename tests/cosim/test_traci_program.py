@@ -87,3 +87,41 @@ def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(InputError, match=r"pip install 'sumo_eval\[gui\]'"):
         simulate(case(), "traci:python client.py")
+
+
+@pytest.mark.parametrize("setter", ["setTau", "setMaxSpeed", "setAccel", "setDecel", "setSpeedFactor", "setMinGap"])
+def test_a_client_that_sets_what_is_no_number_is_noticed_where_sumo_shows_it(tmp_path, setter):
+    (tmp_path / "the_drive.py").write_text(
+        "def drive(traci, ego):\n    if traci.simulation.getTime() > 0.2:\n"
+        f"        traci.vehicle.{setter}(ego, float('nan'))\n"
+    )
+    found = run(tmp_path, CLIENT)
+    assert found.end_reason == "ads_error"
+    name = setter[3].lower() + setter[4:]
+    assert found.error.startswith(f"The ADS's program gave `ego` the {name} nan, seen at 0.2")
+    assert found.error.endswith(" s; it must be a finite number.")
+
+
+def test_a_client_that_makes_its_vehicles_place_no_number_is_not_recorded_so(tmp_path):
+    (tmp_path / "the_drive.py").write_text(
+        "def drive(traci, ego):\n    if traci.simulation.getTime() > 0.2:\n"
+        "        traci.vehicle.setLateralLanePosition(ego, float('nan'))\n"
+    )
+    found = run(tmp_path, CLIENT)
+    assert found.end_reason == "sim_error"
+    assert "SUMO gave vehicle `ego` the place (nan, nan) m" in found.error
+
+
+def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
+    (tmp_path / "the_drive.py").write_text(
+        "import traci.constants as tc\n"
+        "def drive(traci, ego):\n"
+        "    before = traci.vehicle.getSubscriptionResults(ego)\n"
+        "    traci.vehicle.subscribe(ego, (tc.VAR_ROAD_ID, tc.VAR_SPEED))\n"
+        "    shown = traci.vehicle.getSubscriptionResults(ego)\n"
+        "    assert (shown[tc.VAR_ROAD_ID], shown[tc.VAR_SPEED]) == ('road', traci.vehicle.getSpeed(ego))\n"
+        "    if traci.simulation.getTime() > 0.2:\n"
+        "        traci.vehicle.unsubscribe(ego)\n"
+    )
+    found = run(tmp_path, CLIENT)
+    assert (found.end_reason, found.error) == ("time_limit", None)

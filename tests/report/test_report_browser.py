@@ -99,6 +99,38 @@ def test_trajectories_come_back_from_the_page_to_their_steps() -> None:
             np.testing.assert_allclose(values, getattr(here, name), rtol=0, atol=0.5 * step + 1e-9)
 
 
+@needs_node
+def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
+    # 1073741823 steps are the last that differences of 32 bits hold: of x 10,737,418.23 m, of speed as much in m/s
+    edge = (2**30 - 1) * 1e-2
+    lost = -1073741824.0  # what SUMO answers for a vehicle that is on no lane
+    x = [0.0, edge, -edge, lost, lost, 1e300, -1.7e308, 1.7e308, 1e9, edge + 1.0, 5.25]
+    sent = [
+        turning(),
+        Trajectory(0.05 * np.arange(len(x)), x, [0.0] * len(x), speed=x[::-1], acceleration=x, heading=[1e9] * len(x)),
+        Trajectory([0.0, 1e12], [lost, 1.0], [1.0, lost], speed=[3.0, 4.0], steering_wheel_angle=[0.5, 1e30]),
+        standing(),
+    ]
+    packed = encode_trajectories(sent)
+    assert [entry[1:] for entry in packed["beyond"] if entry[0] == "heading"] == [[len(sent[0]), len(x), 1e9]]
+    json.dumps(packed, allow_nan=False)
+    program = """
+        const all = await sumoEval.decodeTrajectories(given.packed, given.steps);
+        return all.map((t) => Object.keys(given.steps).map((name) => Array.from(t[name], String)));
+    """
+    received = node(program, {"packed": packed, "steps": CHANNEL_STEPS})
+    for there, here in zip(received, sent, strict=True):
+        for (name, step), words in zip(CHANNEL_STEPS.items(), there, strict=True):
+            values, meant = np.array([float(word) for word in words]), getattr(here, name)
+            if name == "steering_wheel_angle" and not np.isfinite(meant).all():
+                assert np.isnan(values).all()
+                continue
+            with np.errstate(over="ignore"):
+                far = ~(np.abs(np.round(meant / step)) <= 2**30 - 1)
+            np.testing.assert_array_equal(values[far], meant[far])  # to the last bit
+            np.testing.assert_allclose(values[~far], meant[~far], rtol=1e-12, atol=0.5 * step + 1e-9)
+
+
 @pytest.fixture(scope="module")
 def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with Page(tmp_path_factory.mktemp("profile")) as page:

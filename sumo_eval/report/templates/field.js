@@ -78,7 +78,7 @@ const sumoEval = (() => {
   }
 
   /** What `encode_trajectories` packed: an array of {time, x, y, heading, speed, ..., length, width}. A channel that was
-   *  not known in a trajectory is NaN throughout. */
+   *  not known in a trajectory is NaN throughout; samples that the differences cannot hold are those of `beyond`. */
   async function decodeTrajectories(packed, channels) {
     const inflated = new Blob([bytes(packed.data)]).stream().pipeThrough(new DecompressionStream("deflate"));
     const planes = new Uint8Array(await new Response(inflated).arrayBuffer());
@@ -95,6 +95,7 @@ const sumoEval = (() => {
       }
       decoded[name] = values;
     });
+    for (const [name, place, count, value] of packed.beyond) decoded[name].fill(value, place, place + count);
     let begin = 0;
     return packed.counts.map((count, index) => {
       const trajectory = { length: packed.lengths[index], width: packed.widths[index] };

@@ -1,0 +1,222 @@
+"""Process hygiene: a supervisor for every child that runs users' code, and a folder for what children leave on disk.
+
+The supervisor is a process of ours that stands between the owner and the child, runs no users' code, and is the
+subreaper of everything that the child starts: what an ADS leaves behind, in a session of its own too, becomes its child
+and is ended by it. It looks at the memory of them all from outside, and ends them when their owner goes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import select
+import shutil
+import signal
+import struct
+import sys
+import tempfile
+import time as clock
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+MEGABYTE = 1 << 20
+_SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # of prctl(2)
+_LOOK = 0.1  # s between two looks at the memory
+_LEAVE_TIME = 5.0  # s for killed processes to be gone
+_REPORT = struct.Struct("<id")
+_PREFIX = "sumo_eval_pool_"
+_PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
+
+
+class Report(NamedTuple):
+    """How a child ended: its exit code (the negative number of a signal), and the MB it was ended for holding, or 0."""
+
+    exitcode: int
+    held: float
+
+
+def supervise(work: Callable[[], object], leash: int, report: int, memory_limit: float) -> None:
+    """Fork a child that does `work`, wait for its end, end all that is left of it, report.
+
+    leash: a reading end; its end of file says that the owner has gone or wants no more. report: where the `Report`
+    goes. memory_limit: of the child and all that it has started, MB.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a Ctrl-C at the terminal is the owner's business
+    os.setsid()
+    _prctl(_SET_SUBREAPER, 1)
+    me = os.getpid()
+    child = os.fork()
+    if child == 0:
+        os.close(leash)
+        os.close(report)
+        os.setsid()
+        _prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+        if os.getppid() != me:  # the supervisor went before that held
+            os._exit(1)
+        _work_and_leave(work)
+    keep_open(leash, report)
+    ended = _watch(child, leash, memory_limit)
+    _end_family()
+    with suppress(OSError):  # nobody may be there to read it
+        os.write(report, _REPORT.pack(*ended))
+    os._exit(0)
+
+
+def _work_and_leave(work: Callable[[], object]) -> NoReturn:
+    """Nothing of the process that this one was forked from happens after its work, whatever that raises."""
+    code = 1
+    try:
+        work()
+        code = 0
+    except BaseException:  # noqa: BLE001 - whatever comes: this process was not to go on
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def read_report(descriptor: int) -> Report | None:
+    """The report of a supervisor; None when it ended without one."""
+    data = os.read(descriptor, _REPORT.size)
+    return Report(*_REPORT.unpack(data)) if len(data) == _REPORT.size else None
+
+
+def _watch(child: int, leash: int, memory_limit: float) -> Report:
+    """Wait until the child has ended, the leash is let go, or they hold more memory than they may."""
+    poll = select.poll()
+    poll.register(leash, select.POLLIN)
+    if hasattr(os, "pidfd_open"):
+        with suppress(OSError):  # an old kernel: then the end is seen at the next look
+            poll.register(os.pidfd_open(child), select.POLLIN)
+    limit = memory_limit * MEGABYTE
+    while True:
+        ready = poll.poll(1e3 * _LOOK)
+        gone, status = os.waitpid(child, os.WNOHANG)
+        if gone:
+            return Report(os.waitstatus_to_exitcode(status), 0.0)
+        if any(descriptor == leash for descriptor, _ in ready):
+            return Report(-signal.SIGKILL, 0.0)
+        held = _held(limit)
+        if held > limit:
+            return Report(-signal.SIGKILL, held / MEGABYTE)
+
+
+def _end_family() -> None:
+    """Kill everything below this process until nothing is left; what loses its parent comes to this process."""
+    until = clock.monotonic() + _LEAVE_TIME
+    while clock.monotonic() < until:
+        for pid in family():
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+        clock.sleep(0.0005)
+
+
+def family() -> list[int]:
+    """Every process below this one."""
+    found: list[int] = []
+    ask = [os.getpid()]
+    while ask:
+        children = _children(ask.pop())
+        found += children
+        ask += children
+    return found
+
+
+def _children(pid: int) -> list[int]:
+    found: list[int] = []
+    with suppress(OSError):  # it has gone meanwhile
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            with suppress(OSError), open(f"/proc/{pid}/task/{thread}/children") as file:
+                found += map(int, file.read().split())
+    return found
+
+
+def _held(limit: float) -> float:
+    """Memory that everything below this process holds, bytes, shared mappings included.
+
+    The sum of the resident sets counts what several share once for each: where that decides, every page is divided
+    among those who share it.
+    """
+    below = family()
+    held = sum(map(_resident, below))
+    return sum(map(_proportional, below)) if held > limit and len(below) > 1 else held
+
+
+def _resident(pid: int) -> float:
+    with suppress(OSError, IndexError), open(f"/proc/{pid}/statm") as file:
+        return float(int(file.read().split()[1]) * _PAGE)
+    return 0.0
+
+
+def _proportional(pid: int) -> float:
+    with suppress(OSError), open(f"/proc/{pid}/smaps_rollup") as file:
+        for line in file:
+            if line.startswith("Pss:"):
+                return 1024.0 * int(line.split()[1])
+    return 0.0
+
+
+def shared_memory() -> float:
+    """What of this process's resident set belongs to files or is shared, bytes."""
+    with suppress(OSError, IndexError), open("/proc/self/statm") as file:
+        return float(int(file.read().split()[2]) * _PAGE)
+    return 0.0
+
+
+def _prctl(option: int, value: int) -> None:
+    if sys.platform == "linux":
+        call = ctypes.CDLL(None, use_errno=True).prctl
+        if call(option, ctypes.c_ulong(value), 0, 0, 0):
+            raise OSError(ctypes.get_errno(), f"prctl {option}: {errno.errorcode.get(ctypes.get_errno(), '?')}")
+
+
+def keep_open(*kept: int) -> None:
+    """Close every descriptor of this process but these and the standard ones."""
+    last = -1
+    for number in sorted({0, 1, 2, *kept}):
+        if number > last + 1:  # of an empty range at 0, Python would make one without end
+            os.closerange(last + 1, number)
+        last = number
+    os.closerange(last + 1, max(os.sysconf("SC_OPEN_MAX"), last + 1))
+
+
+# --- what children leave on disk --------------------------------------------------------------------------------------
+
+
+def scratch_folder() -> Path:
+    """A new folder for the files of one pool's children; folders whose owner has gone are removed first.
+
+    The owner stands in the name: process id, start time, and the namespace in which the id means something.
+    """
+    place = Path(tempfile.gettempdir())
+    mine = _owner(os.getpid())
+    for folder in place.glob(f"{_PREFIX}*"):
+        owner = folder.name.removeprefix(_PREFIX).partition("_")[0]
+        if _is_gone(owner, mine) and not folder.is_symlink() and folder.lstat().st_uid == os.getuid():
+            shutil.rmtree(folder, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{mine}_", dir=place))
+
+
+def _owner(pid: int) -> str:
+    """`4711-88123-4026531836`; without /proc nothing but the process id, and then nothing is removed."""
+    try:
+        begun = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+        return f"{pid}-{begun}-{os.stat('/proc/self/ns/pid').st_ino}"
+    except (OSError, IndexError):
+        return str(pid)
+
+
+def _is_gone(owner: str, mine: str) -> bool:
+    """Whether an owner, as `_owner` writes it, has gone for certain."""
+    pid, _, rest = owner.partition("-")
+    if not pid.isdecimal() or rest.count("-") != 1 or rest.rpartition("-")[2] != mine.rpartition("-")[2]:
+        return False
+    return _owner(int(pid)) != owner

@@ -1,0 +1,220 @@
+"""No impossible position: what SUMO answers for a vehicle that it has lost is never recorded as its state."""
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import libsumo
+import numpy as np
+import pytest
+from cosim_cases import HALF_SECOND, ROAD, case, lead
+
+from sumo_eval.cosim import Command, simulate, simulate_many
+from sumo_eval.cosim.world import leaves_the_lanes_at
+from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.trajectory import CHANNELS
+
+FOUR_SECONDS = SimulationSettings(time_limit=4.0)
+LOST = -1073741824.0  # SUMO's place and speed of a vehicle that is on no lane
+OFF_ROAD = {
+    "right": (LaneChange(0.5, 1.0, -4.5),),
+    "left": (LaneChange(0.5, 1.5, 9.0),),
+    "twice": (LaneChange(0.2, 1.0, -4.0), LaneChange(2.0, 1.0, -3.0)),
+    "and back": (LaneChange(0.2, 1.0, -4.0), LaneChange(2.0, 1.0, 4.0)),
+    "sliding": (ConstantLateral(0.5, 3.0, -4.5),),
+}
+
+
+def leaver(moves, **keywords):
+    slides = isinstance(moves[0], ConstantLateral)
+    return Actor("leaver", Start(120.0, 0.0, 15.0), moves, slides=slides, **keywords)
+
+
+def follow(traci, ego, time):
+    return Command(0.0)
+
+
+def alone(*actors, controller=follow, settings=FOUR_SECONDS, **start):
+    return simulate(case(*actors, **start), controller, settings)
+
+
+def physical(recording):
+    """Whether every sample is a state that a vehicle on this road can have."""
+    channels = [
+        (getattr(one, name), most)
+        for one in (recording.ego, *recording.actors.values())
+        for name, most in (("x", 7000.0), ("y", 50.0), ("heading", math.pi), ("speed", 70.0))
+    ]
+    return all((np.abs(values) <= most).all() for values, most in channels)
+
+
+@pytest.mark.parametrize("kind", list(OFF_ROAD))
+@pytest.mark.parametrize(
+    "controller", [follow, lambda traci, ego, time: None, "sumo:IDM"], ids=["model", "sumo", "idm"]
+)
+def test_a_vehicle_that_its_script_takes_off_the_lanes_stays_on_its_script(kind, controller):
+    actor = leaver(OFF_ROAD[kind])
+    found = alone(actor, controller=controller)
+    assert (found.end_reason, found.error) == ("time_limit", None)
+    track = found.actors["leaver"]
+    np.testing.assert_allclose(track.x, [actor.x(time) for time in track.time], rtol=0, atol=0.02)
+    np.testing.assert_allclose(track.y, [actor.y(time) for time in track.time], rtol=0, atol=0.02)
+    assert "actor_off_its_script" not in {clip.what for clip in found.clips}
+
+
+def test_a_vehicle_that_brakes_to_a_stand_off_the_lanes_stays_there():
+    actor = leaver((LaneChange(0.2, 1.0, -4.5),), brake=Brake(0.5, 8.0))
+    found = alone(actor)
+    assert found.error is None
+    track = found.actors["leaver"]
+    np.testing.assert_allclose(track.x[-1], actor.x(4.0), rtol=0, atol=1e-3)
+    assert track.speed[-1] == 0.0
+
+
+def test_who_stays_on_the_lanes_is_moved_no_longer_than_his_script_lasts():
+    stays = leaver((LaneChange(0.5, 1.0, 3.5),))
+    assert leaves_the_lanes_at(stays, ROAD) == math.inf
+    leaves = leaver(OFF_ROAD["and back"])
+    assert leaves_the_lanes_at(leaves, ROAD) == 0.2
+
+
+def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
+    cases = [case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())]
+    left = Counter()
+    packed = list(simulate_many(cases, "no_reaction", FOUR_SECONDS, alone=left))
+    assert not left
+    for concrete, together in zip(cases, packed, strict=True):
+        single = simulate(concrete, "no_reaction", FOUR_SECONDS)
+        assert physical(together)
+        assert (together.end_reason, together.error) == (single.end_reason, single.error) == ("time_limit", None)
+        for mine, its in ((single.ego, together.ego), (single.actors["leaver"], together.actors["leaver"])):
+            for channel in CHANNELS:
+                assert getattr(mine, channel).tobytes() == getattr(its, channel).tobytes(), channel
+
+
+def test_a_braking_vehicle_that_passes_the_end_of_the_lanes_has_left_the_network():
+    short = replace(case(lead(100.0)), road=replace(ROAD, length=300.0, run_out=0.0))
+    actor = Actor("gone", Start(280.0, 0.0, 20.0), brake=Brake(0.1, 8.0))  # stands beyond it
+    found = simulate(replace(short, actors=(actor,)), lambda traci, ego, time: Command(0.0), FOUR_SECONDS)
+    assert found.error is None
+    assert "actor_left_the_network" in {clip.what for clip in found.clips}
+    assert physical(found)
+
+
+# --- the ego ----------------------------------------------------------------------------------------------------------
+
+
+def crabs_off(traci, ego, time):
+    """An ADS of moveToXY that turns on the spot where SUMO has the front bumper beside the lanes, then lets go."""
+    x, y = traci.vehicle.getPosition(ego)
+    if time < 0.4:
+        traci.vehicle.setSpeed(ego, 20.0)
+        angle = math.radians(60.0)
+        traci.vehicle.moveToXY(ego, "", -1, x + 1.0 * math.cos(angle), y - 1.0 * math.sin(angle), 150.0, 2)
+
+
+@pytest.mark.parametrize("y", [0.0, 3.5])
+def test_an_ego_of_traci_calls_that_sumo_has_lost_beside_the_road_ended_off_the_road(y):
+    found = alone(controller=crabs_off, y=y)
+    assert physical(found)
+    assert (found.ego.y[-1] > ROAD.right_edge) == (y > 0.0)  # from the left lane SUMO loses it first
+    assert (found.end_reason, found.error) == ("off_road", None)
+
+
+def test_an_ego_that_is_let_go_with_its_front_bumper_beside_the_lanes_ended_off_the_road():
+    def drive(traci, ego, time):
+        return Command(0.0, -8.0) if traci.vehicle.getPosition(ego)[1] > -2.7 else None
+
+    found = alone(controller=drive, speed=4.0)
+    assert ROAD.right_edge < found.ego.y[-1]  # its centre is on the road, and SUMO has lost it all the same
+    assert physical(found)
+    assert (found.end_reason, found.error) == ("off_road", None)
+
+
+@pytest.mark.parametrize(
+    "controller", [Keeps, lambda: lambda traci, ego, time: Command(0.0, 1.0)], ids=["acts", "steers"]
+)
+def test_an_ego_of_commands_never_gets_where_sumo_would_lose_it(controller):
+    found = alone(leaver(OFF_ROAD["right"]), controller=controller())
+    assert physical(found)
+    assert found.error is None
+    assert found.end_reason in ("off_road", "time_limit")
+
+
+def round_the_door(action):
+    """An ADS that goes round the guard at 0.3 s."""
+
+    def drive(traci, ego, time):
+        if abs(time - 0.3) < 1e-9:
+            action()
+
+    return drive
+
+
+def lose(name):
+    """Put a vehicle where SUMO has no lane, and leave it there."""
+    x, y = libsumo.vehicle.getPosition(name)
+    libsumo.vehicle.moveToXY(name, "road", 0, x, y - 40.0, 90.0, 2)
+
+
+def test_a_vehicle_that_sumo_has_lost_ends_the_case_with_its_name_its_place_and_the_time():
+    found = alone(lead(50.0, speed=20.0), controller=round_the_door(lambda: lose("lead")))
+    assert found.end_reason == "sim_error"
+    assert "SUMO gave vehicle `lead` the place (-1.07374e+09, -1.07374e+09) m, a step after (" in found.error
+    assert found.error.endswith(" m, at 0.40 s, which no vehicle can have.")
+    assert (np.abs(found.actors["lead"].y) < 50.0).all()
+
+
+def test_a_jump_no_vehicle_can_do_ends_the_case_also_where_touching_others_is_on_record():
+    settings = replace(HALF_SECOND, conditions=ConditionSettings(interference="record"))
+
+    def far(traci, ego, time):
+        if abs(time - 0.3) < 1e-9:
+            traci.vehicle.moveTo("lead", "road_0", 4000.0)
+
+    found = alone(lead(50.0, speed=20.0), controller=far, settings=settings)
+    assert found.end_reason == "sim_error"
+    assert "SUMO gave vehicle `lead` the place (40" in found.error
+
+
+def test_a_place_that_is_no_number_is_sumos_error_and_not_a_sample():
+    for name in ("ego", "lead"):
+        found = alone(
+            lead(50.0, speed=20.0),
+            controller=round_the_door(lambda name=name: libsumo.vehicle.setLateralLanePosition(name, math.nan)),
+        )
+        assert found.end_reason == "sim_error"
+        assert f"SUMO gave vehicle `{name}` the place (" in found.error
+        assert "nan" in found.error
+        assert physical(found)
+
+
+def test_a_placed_ego_that_sumo_shows_nowhere_is_sumos_error():
+    def drive(traci, ego, time):
+        if abs(time - 0.3) < 1e-9:
+            libsumo.vehicle.setLateralLanePosition("lead", math.nan)
+        return Command(0.0)
+
+    found = alone(lead(50.0, speed=20.0), controller=drive)
+    assert found.end_reason == "sim_error"
+    assert "SUMO gave vehicle `lead` the place" in found.error
+
+
+def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
+    """`sumo:` models run no code of a user's, so the loss is made by a listener of libsumo's own."""
+
+    class Thief(libsumo.StepListener):
+        def step(self, t=0):
+            if abs(libsumo.simulation.getTime() - 0.5) < 1e-9:
+                libsumo.vehicle.setLateralLanePosition("ego", math.nan)
+            return True
+
+    number = libsumo.addStepListener(Thief())
+    try:
+        found = alone(lead(50.0, speed=20.0), controller="sumo:IDM")
+    finally:
+        libsumo.removeStepListener(number)
+    assert found.end_reason == "sim_error"
+    assert "SUMO gave vehicle `ego` the place (" in found.error
+    assert physical(found)
