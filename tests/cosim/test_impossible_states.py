@@ -79,6 +79,13 @@ def test_who_stays_on_the_lanes_is_moved_no_longer_than_his_script_lasts():
     assert leaves_the_lanes_at(leaves, ROAD) == 0.2
 
 
+class Keeps:
+    """Keeps its speed."""
+
+    def act(self, seen):
+        return 0.0
+
+
 def test_packs_hold_vehicles_off_the_lanes_to_the_last_bit():
     cases = [case(leaver(moves), speed=15.0 + place) for place, moves in enumerate(OFF_ROAD.values())]
     left = Counter()
