@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.ads.braking import BrakeOnset
+from sumo_eval.ads.braking import switched
 from sumo_eval.ads.foresight import Foresight, foresee
 from sumo_eval.ads.perception import Sensor, lateral_overlap
 from sumo_eval.cosim.controller import Briefing
@@ -79,7 +79,8 @@ class IdealBraking:
         if self._known is None:
             raise ControllerError("The ideal vehicle must be told the scripts of the others; only `ideal_braking` is")
         self._sensor = Sensor()
-        self._brakes = BrakeOnset(self.deceleration, scenario.vehicle, scenario.step)
+        self._rate = scenario.vehicle.brake_jerk
+        self._step = scenario.step
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """Full braking for anybody who calls for it, from within the step in which he first does."""
@@ -97,7 +98,11 @@ class IdealBraking:
                 )
             if called:
                 begins = min(begins, noticed)
-        return Command(-self._brakes.level(begins - time))
+        return Command(-switched(0.0, self.deceleration, begins - time, self._rate, self._step))
+
+    def settled(self) -> bool:
+        """Always: while nothing comes nearer it does nothing."""
+        return True
 
     def packed(self, scenario: Briefing) -> PackedIdealBraking:
         """The same in many cases at once."""
@@ -108,7 +113,9 @@ class PackedIdealBraking:
     """`ideal_braking` in many cases at once."""
 
     def __init__(self, deceleration: float, scenario: Briefing) -> None:
-        self._brakes = BrakeOnset(deceleration, scenario.vehicle, scenario.step)
+        self._deceleration = deceleration
+        self._rate = scenario.vehicle.brake_jerk
+        self._step = scenario.step
         self._cases = 0
 
     def foresee(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings) -> None:
@@ -128,8 +135,11 @@ class PackedIdealBraking:
         closes = (scene.other_x > x) & (along > scene.other_along) & overlap & (time > self._began)[:, None]
         called = np.where(self._meets, (along > self._slowest) | beside, closes)
         begins = np.where(called, self._noticed, np.inf).min(axis=1)
-        levels = [self._brakes.level(wait) for wait in (begins - time).tolist()]
-        return PackedCommand(-np.array(levels), np.zeros(self._cases))
+        wait = begins - time
+        level = np.where(wait <= 0.0, self._deceleration, 0.0)
+        for row in np.flatnonzero((wait > 0.0) & (wait < self._step)).tolist():
+            level[row] = switched(0.0, self._deceleration, float(wait[row]), self._rate, self._step)
+        return PackedCommand(-level, np.zeros(self._cases))
 
     def keep(self, rows: NDArray[np.intp]) -> None:
         """Remember these cases alone."""
@@ -137,5 +147,5 @@ class PackedIdealBraking:
             setattr(self, name, getattr(self, name)[rows])
 
     def settled(self) -> BoolArray:
-        """Never: it is the reference, and drives every case to its end, (n,)."""
-        return np.zeros(self._cases, dtype=bool)
+        """Always: while nothing comes nearer it does nothing, (n,)."""
+        return np.ones(self._cases, dtype=bool)

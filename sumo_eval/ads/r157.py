@@ -28,6 +28,14 @@ class BrakeRamp:
             return 0.0
         return self.level * min(since / self.build_up, 1.0) if self.build_up > 0.0 else self.level
 
+    def lost(self, since: float) -> float:
+        """Speed taken off `since` s after braking began, m/s; 0 before."""
+        if since <= 0.0:
+            return 0.0
+        if since < self.build_up:
+            return 0.5 * self.level * since * since / self.build_up
+        return self.level * (since - 0.5 * self.build_up)
+
 
 def time_to_collision(me: Mover, other: Mover) -> float:
     """TTC = d / (v - w), s: bumper gap over closing speed; inf when not closing, 0 or less beside a slower vehicle."""
@@ -60,6 +68,7 @@ class Motion:
         self._step = step
         self._speeds: dict[str, float] = {}
         self._places: dict[str, float] = {}
+        self._across: dict[str, float] = {}
 
     def deceleration(self, other: Mover) -> float:
         """Mean deceleration over the last step, m/s2, 0 at first sight."""
@@ -67,33 +76,26 @@ class Motion:
         self._speeds[other.name] = other.along
         return (last - other.along) / self._step
 
-    def lateral_closing_speed(self, me: Mover, other: Mover) -> float:
-        """Mean speed over the last step at which the other came nearer across the road, m/s; negative: away."""
-        last = self._places.get(other.name)
+    def across(self, other: Mover) -> float:
+        """Speed to the left at the end of the last step, m/s.
+
+        It is the mean over the last step, and half of what that has gained on the step before, unless the motion began
+        or turned round in it.
+        """
+        last, mean = self._places.get(other.name), self._across.get(other.name, 0.0)
         self._places[other.name] = other.y
-        relative = (other.across if last is None else (other.y - last) / self._step) - me.across
-        return -relative if other.y > me.y else relative
+        if last is None:
+            return other.across
+        now = (other.y - last) / self._step
+        self._across[other.name] = now
+        return now + 0.5 * (now - mean) if now * mean > 0.0 else now
+
+    def of(self, other: Mover) -> Mover:
+        """The vehicle with its speed across the road, and its braking, as far as they are known."""
+        return other._replace(across=self.across(other), braking=max(self.deceleration(other), 0.0))
 
 
-class SafetyBraking:
-    """Brakes that follow a demand: `reaction` s after the first one, rising at `jerk` m/s3, up to `strongest` m/s2.
-
-    The reaction is waited for once: who has been alarmed stays alert.
-    """
-
-    def __init__(self, reaction: float, strongest: float, jerk: float, step: float) -> None:
-        self._reaction = reaction
-        self._strongest = strongest
-        self._rise = jerk * step
-        self._half_step = 0.5 * step
-        self._alarmed: float | None = None
-        self._level = 0.0
-
-    def towards(self, demanded: float, time: float) -> float:
-        """Deceleration of the coming step, m/s2. demanded: m/s2, 0 for none. Call once a step."""
-        if demanded > 0.0 and self._alarmed is None:
-            self._alarmed = time
-        if self._alarmed is None or time < self._alarmed + self._reaction - self._half_step:
-            return 0.0
-        self._level = min(self._level + self._rise, demanded, self._strongest)
-        return self._level
+def closing_across(me: Mover, other: Mover) -> float:
+    """Speed at which the other comes nearer across the road, m/s; negative: away."""
+    relative = other.across - me.across
+    return -relative if other.y > me.y else relative

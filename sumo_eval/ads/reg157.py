@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.ads.perception import Mover, Sensor, lateral_overlap, visible
+from sumo_eval.ads.braking import SafetyBraking
+from sumo_eval.ads.perception import Mover, Scene, Sensor, lateral_overlap, visible
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     SHOWING,
     Motion,
-    SafetyBraking,
     lateral_gap,
     time_to_collision,
     within_headway,
@@ -53,19 +53,26 @@ class Reg157:
         self._sensor = Sensor()
         self._motion = Motion(scenario.step)
         self._lane_width = scenario.road.lane_width
-        self._braking = SafetyBraking(RESPONSE, BRAKING, math.inf, scenario.step)
+        self._braking = SafetyBraking(RESPONSE, BRAKING, math.inf, scenario.vehicle, scenario.step)
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """Brake while a vehicle ahead demands it, else keep the speed."""
         me, others = self._sensor.look(traci, ego)
-        demands = [self._demands(me, other, self._motion.deceleration(other)) for other in visible(me, others, SHOWING)]
-        return Command(-self._braking.towards(BRAKING if any(demands) else 0.0, time))
+        seen = [self._motion.of(other) for other in others]
+        scene = Scene(me._replace(braking=self._braking.path.level), tuple(seen))
+        return Command(-self._braking.follow(lambda after: self._demanded(scene, after), time))
 
-    def _demands(self, me: Mover, other: Mover, braking: float) -> bool:
+    def _demanded(self, scene: Scene, after: float) -> float:
+        """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2."""
+        me = scene.me.after(after)
+        others = visible(me, [each.after(after) for each in scene.others], SHOWING)
+        return BRAKING if any(self._demands(me, other) for other in others) else 0.0
+
+    def _demands(self, me: Mover, other: Mover) -> bool:
         if other.x <= me.x or lateral_gap(me, other) > self._intruding(me):
             return False
         left, closing = time_to_collision(me, other), me.along - other.along
-        if lateral_overlap(me, other) > 0.0 and braking > self.lead_braking and me.along > 0.0:
+        if lateral_overlap(me, other) > 0.0 and other.braking > self.lead_braking and me.along > 0.0:
             return within_headway(me, other, FOLLOWING_HEADWAY)
         return left <= critical_ttc(closing) + self.margin
 
