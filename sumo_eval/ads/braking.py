@@ -63,6 +63,19 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
     return level + told if mean > level else level - told
 
 
+def released_level(level: float, lost: float, rate: float, step: float) -> float:
+    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are open.
+
+    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after it:
+
+        lost = level^2 / (2 j) + c (h - (level - c) / j)
+    """
+    spare = step - level / rate
+    square = spare * spare + 4.0 * (lost - 0.5 * level * level / rate) / rate
+    told = 0.5 * rate * (math.sqrt(square) - spare) if square > 0.0 else 0.0
+    return min(max(told, 0.0), level)
+
+
 class BrakePath:
     """The vehicle's brakes on the way that a driver's braking takes.
 
@@ -83,11 +96,21 @@ class BrakePath:
         lost, self.level = moved(self.level, target, self.rise if target > self.level else self.fall, duration)
         return lost
 
-    def command(self, lost: float) -> float:
-        """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s. Call once a step."""
+    def command(self, lost: float, *, releases: bool) -> float:
+        """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s. Call once a step.
+
+        releases: the braking ends in it, or has ended.
+        """
         before, step = self._brakes, self._step
-        told = mean_level(before, (lost + self._owed) / step, self.fall, step)
-        told = min(max(told, 0.0), self._strongest)
+        if releases and before == 0.0 and lost == 0.0:
+            self._owed = 0.0
+            return 0.0
+        if releases:
+            until_open = lost + self._owed + 0.5 * self.level * self.level / self.fall
+            told = released_level(before, until_open, self.fall, step)
+        else:
+            told = mean_level(before, (lost + self._owed) / step, self.fall, step)
+            told = min(max(told, 0.0), self._strongest)
         takes, self._brakes = moved(before, told, self.fall, step)
         self._owed += lost - takes
         return told
@@ -136,7 +159,7 @@ class SafetyBraking:
         self._looked = True
         wait = math.inf if self._alarmed is None else max(self._alarmed + self._reaction - time, 0.0)
         if wait >= step:
-            return path.command(path.towards(0.0, step))
+            return path.command(path.towards(0.0, step), releases=True)
         lost = path.towards(0.0, wait) if wait > 0.0 else 0.0
         before, after = asks(wait), asks(step)
         change = step if before == after else first_instant(asks, wait, step)
@@ -144,4 +167,4 @@ class SafetyBraking:
             if end > begin:
                 level = min(demand(0.5 * (begin + end)), self._strongest) if on else 0.0
                 lost += path.towards(level, end - begin)
-        return path.command(lost)
+        return path.command(lost, releases=not after)
