@@ -203,6 +203,8 @@ SHIPPED = {
     "fsm": "sumo_eval.ads.fuzzy_safety_model:FuzzySafetyModel",
     "rss": "sumo_eval.ads.rss:ResponsibilitySensitiveSafety",
     "reg157": "sumo_eval.ads.reg157:Reg157",
+    "eu_2022_1426": "sumo_eval.ads.eu_2022_1426:Eu20221426",
+    "eu_2022_1426_bus": "sumo_eval.ads.eu_2022_1426:Eu20221426Bus",
 }
 """Controllers that ship, by name."""
 
