@@ -140,23 +140,26 @@ class SafetyBraking:
         self._strongest = strongest
         self._step = step
         self._alarmed: float | None = None
-        self._looked = False
+        self._looked = self._looked_twice = False
 
     def follow(self, demand: Callable[[float], float], time: float) -> float:
         """What to tell the vehicle for the coming step, m/s2. Call once a step.
 
-        demand: the deceleration that is demanded some time (s) after now, from a step before now to a step after it,
-        as far as it can be foreseen, m/s2; 0 for none.
+        demand: the deceleration that is demanded some time (s) after now, from one and a half steps before now to a
+        step after it, as far as it can be foreseen, m/s2; 0 for none. The first demand is looked for half a step ago,
+        where speeds that are told from positions are known; one that began with a jump began with the last step.
         """
         step, path = self._step, self.path
 
         def asks(after: float) -> bool:
             return demand(after) > 0.0
 
-        if self._alarmed is None and asks(0.0):
-            earlier = -step if self._looked else 0.0
-            self._alarmed = time + (earlier if asks(earlier) else first_instant(asks, earlier, 0.0))
-        self._looked = True
+        if self._alarmed is None and not self._looked and asks(0.0):
+            self._alarmed = time
+        elif self._alarmed is None and self._looked and asks(-0.5 * step):
+            earlier = -1.5 * step if self._looked_twice else -step
+            self._alarmed = time + (-step if asks(earlier) else first_instant(asks, earlier, -0.5 * step))
+        self._looked, self._looked_twice = True, self._looked
         wait = math.inf if self._alarmed is None else max(self._alarmed + self._reaction - time, 0.0)
         if wait >= step:
             return path.command(path.towards(0.0, step), releases=True)

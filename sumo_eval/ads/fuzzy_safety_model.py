@@ -8,11 +8,12 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from sumo_eval.ads.braking import SafetyBraking
-from sumo_eval.ads.perception import Mover, Scene, Sensor, bumper_gap, visible
-from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, closing_across, lateral_gap
+from sumo_eval.ads.perception import Mover, Sensor, bumper_gap, visible
+from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, Sighting, closing_across, lateral_gap
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
@@ -110,14 +111,14 @@ class FuzzySafetyModel:
         """The strongest braking that any vehicle ahead demands."""
         me, others = self._sensor.look(traci, ego)
         seen = [self._motion.of(other) for other in others]
-        scene = Scene(me._replace(braking=self._braking.path.level), tuple(seen))
-        return Command(-self._braking.follow(lambda after: self._demanded(scene, after), time))
+        me = me._replace(braking=self._braking.path.level)
+        return Command(-self._braking.follow(lambda after: self._demanded(me, seen, after), time))
 
-    def _demanded(self, scene: Scene, after: float) -> float:
+    def _demanded(self, me: Mover, others: Sequence[Sighting], after: float) -> float:
         """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2."""
-        me = scene.me.after(after)
+        me = me.after(after)
         demanded = 0.0
-        for other in visible(me, [each.after(after) for each in scene.others], SHOWING):
+        for other in visible(me, [each.after(after) for each in others], SHOWING):
             if other.x > me.x and considered(me, other, closing_across(me, other)):
                 gap = bumper_gap(me, other)
                 critical = critical_fuzzy_safety(gap - self.standstill_gap, me.along, other.along, -me.braking)

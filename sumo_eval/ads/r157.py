@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.ads.perception import Mover, bumper_gap
 
@@ -76,23 +77,37 @@ class Motion:
         self._speeds[other.name] = other.along
         return (last - other.along) / self._step
 
-    def across(self, other: Mover) -> float:
-        """Speed to the left at the end of the last step, m/s.
-
-        It is the mean over the last step, and half of what that has gained on the step before, unless the motion began
-        or turned round in it.
-        """
-        last, mean = self._places.get(other.name), self._across.get(other.name, 0.0)
+    def of(self, other: Mover) -> Sighting:
+        """The vehicle with its speed across the road, and its braking, as far as they are known."""
+        step, last = self._step, self._places.get(other.name)
+        braking = max(self.deceleration(other), 0.0)
         self._places[other.name] = other.y
         if last is None:
-            return other.across
-        now = (other.y - last) / self._step
-        self._across[other.name] = now
-        return now + 0.5 * (now - mean) if now * mean > 0.0 else now
+            return Sighting(other._replace(braking=braking), 0.0, step)
+        before, across = self._across.get(other.name, 0.0), (other.y - last) / step
+        self._across[other.name] = across
+        gain = (across - before) / step if across * before > 0.0 else 0.0
+        return Sighting(other._replace(across=across, braking=braking), gain, step)
 
-    def of(self, other: Mover) -> Mover:
-        """The vehicle with its speed across the road, and its braking, as far as they are known."""
-        return other._replace(across=self.across(other), braking=max(self.deceleration(other), 0.0))
+
+class Sighting(NamedTuple):
+    """Another vehicle as the last two steps show it.
+
+    mover: with the mean of its speed across the road over the last step, which it had in the middle of it. gain: of
+    that speed on the one in the middle of the step before, m/s2; 0 if the motion began or turned round in between.
+    """
+
+    mover: Mover
+    gain: float
+    step: float
+
+    def after(self, time: float) -> Mover:
+        """The vehicle `time` s from now, if it goes on as now, or before that."""
+        found = self.mover.after(time)
+        if self.gain == 0.0:
+            return found
+        middle = -0.5 * self.step
+        return found._replace(across=found.across + self.gain * (min(time, middle) - middle))
 
 
 def closing_across(me: Mover, other: Mover) -> float:

@@ -8,15 +8,17 @@ lists the readings.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sumo_eval.ads.braking import SafetyBraking
-from sumo_eval.ads.perception import Mover, Scene, Sensor, lateral_overlap, visible
+from sumo_eval.ads.perception import Mover, Sensor, lateral_overlap, visible
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     SHOWING,
     Motion,
+    Sighting,
     lateral_gap,
     time_to_collision,
     within_headway,
@@ -84,14 +86,14 @@ class Reg157:
         """Brake while a vehicle ahead demands it, else keep the speed."""
         me, others = self._sensor.look(traci, ego)
         seen = [self._motion.of(other) for other in others]
-        scene = Scene(me._replace(braking=self._braking.path.level), tuple(seen))
-        return Command(-self._braking.follow(lambda after: self._demanded(scene, after), time))
+        me = me._replace(braking=self._braking.path.level)
+        return Command(-self._braking.follow(lambda after: self._demanded(me, seen, after), time))
 
-    def _demanded(self, scene: Scene, after: float) -> float:
+    def _demanded(self, me: Mover, others: Sequence[Sighting], after: float) -> float:
         """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2."""
-        me = scene.me.after(after)
-        others = visible(me, [each.after(after) for each in scene.others], SHOWING)
-        return self.last_moment.braking if any(self._demands(me, other) for other in others) else 0.0
+        me = me.after(after)
+        seen = visible(me, [each.after(after) for each in others], SHOWING)
+        return self.last_moment.braking if any(self._demands(me, other) for other in seen) else 0.0
 
     def _demands(self, me: Mover, other: Mover) -> bool:
         if other.x <= me.x or lateral_gap(me, other) > self._intruding(me):

@@ -7,11 +7,12 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from sumo_eval.ads.braking import SafetyBraking
-from sumo_eval.ads.perception import Scene, Sensor, bumper_gap, visible
-from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, closing_across, lateral_gap
+from sumo_eval.ads.perception import Mover, Sensor, bumper_gap, visible
+from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, Sighting, closing_across, lateral_gap
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
 
@@ -50,14 +51,14 @@ class ResponsibilitySensitiveSafety:
         """Brake at 0.774 g while unsafe, keep the speed while safe."""
         me, others = self._sensor.look(traci, ego)
         seen = [self._motion.of(other) for other in others]
-        scene = Scene(me._replace(braking=self._braking.path.level), tuple(seen))
-        return Command(-self._braking.follow(lambda after: demanded(scene, after), time))
+        me = me._replace(braking=self._braking.path.level)
+        return Command(-self._braking.follow(lambda after: demanded(me, seen, after), time))
 
 
-def demanded(scene: Scene, after: float) -> float:
+def demanded(me: Mover, others: Sequence[Sighting], after: float) -> float:
     """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2."""
-    me = scene.me.after(after)
-    for other in visible(me, [each.after(after) for each in scene.others], SHOWING):
+    me = me.after(after)
+    for other in visible(me, [each.after(after) for each in others], SHOWING):
         if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
             continue
         if lateral_gap(me, other) < lateral_safe_distance(abs(closing_across(me, other))):
