@@ -2,8 +2,8 @@
 
 FOLDER holds cut_in.csv, cut_out.csv and decel.csv of single implementations (columns model, crash, robust_dt and the
 scenario's own). Of each model and scenario a seeded sample of ROWS rows (default 300) with robust_dt = 1 is driven
-through SUMO, and the table says how often the outcomes agree. `cut_in` is driven twice: as it ships, and with the lateral
-run-up that the other implementation has (`cut_in + run-up`).
+through SUMO, and the table says how often the outcomes agree. `cut_in` is driven twice: as it ships, and with the
+lateral run-up that the other implementation has (`cut_in + run-up`).
 """
 
 from __future__ import annotations

@@ -79,14 +79,15 @@ def released_level(level: float, lost: float, rate: float, step: float) -> float
 class BrakePath:
     """The vehicle's brakes on the way that a driver's braking takes.
 
-    level: where the driver's braking is, m/s2. It rises at `rise` m/s3, if the brakes can, and falls as fast as they.
+    level: where the driver's braking is, m/s2. It rises at `rise` m/s3, if the brakes can, up to `strongest` m/s2, and
+    falls as fast as they. Brakes that rise no faster than the driver asks may be told more, to be even with him.
     """
 
-    def __init__(self, rise: float, vehicle: VehicleSettings, step: float) -> None:
+    def __init__(self, rise: float, strongest: float, vehicle: VehicleSettings, step: float) -> None:
         self.fall = vehicle.brake_jerk
         self.rise = min(rise, self.fall)
         self.level = 0.0
-        self._strongest = vehicle.max_deceleration
+        self._strongest = min(strongest, vehicle.max_deceleration) if rise < self.fall else vehicle.max_deceleration
         self._step = step
         self._brakes = 0.0  # where the vehicle's are, m/s2
         self._owed = 0.0  # m/s that the vehicle has yet to lose to be as slow as the driver's braking makes it
@@ -135,7 +136,7 @@ class SafetyBraking:
     """
 
     def __init__(self, reaction: float, strongest: float, jerk: float, vehicle: VehicleSettings, step: float) -> None:
-        self.path = BrakePath(jerk, vehicle, step)
+        self.path = BrakePath(jerk, strongest, vehicle, step)
         self._reaction = reaction
         self._strongest = strongest
         self._step = step

@@ -54,9 +54,7 @@ def first_change(actor: Actor, *, caught_up: bool) -> float:
     return 0.0 if caught_up else min(moves, default=0.0)
 
 
-def first_sight(
-    ego: Start, actor: Actor, actors: Sequence[Actor], time: float, hiding: float, until: float
-) -> float:
+def first_sight(ego: Start, actor: Actor, actors: Sequence[Actor], time: float, hiding: float, until: float) -> float:
     """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it stays hidden.
 
     It is hidden while a nearer one covers more than the share `hiding` of its width, looking along the road; the ego

@@ -93,9 +93,7 @@ class IdealBraking:
             if meets:
                 called = me.along > slowest or abs(other.x - me.x) < me.half_length + other.half_length
             else:
-                called = (
-                    time > began and other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
-                )
+                called = time > began and other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
             if called:
                 begins = min(begins, noticed)
         return Command(-switched(0.0, self.deceleration, begins - time, self._rate, self._step))

@@ -23,6 +23,11 @@ class BrakeRamp:
     level: float
     build_up: float
 
+    @property
+    def rise(self) -> float:
+        """Rate at which it builds up, m/s3."""
+        return self.level / self.build_up if self.build_up > 0.0 else math.inf
+
     def at(self, since: float) -> float:
         """Deceleration `since` s after braking began, m/s2; 0 before."""
         if since <= 0.0:

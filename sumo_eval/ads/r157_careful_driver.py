@@ -129,7 +129,8 @@ class CarefulDriver:
         self._step = scenario.step
         self._lane_width = scenario.road.lane_width
         self._watched: dict[str, _Watched] = {}
-        self._path = BrakePath(math.inf, scenario.vehicle, scenario.step)
+        strongest = AEB_BRAKES if self.aeb else DRIVER_BRAKES
+        self._path = BrakePath(strongest.rise, strongest.level, scenario.vehicle, scenario.step)
         self._looked = False
         self._aeb_began: float | None = None
 

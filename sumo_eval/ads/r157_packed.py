@@ -31,7 +31,8 @@ class PackedCarefulDriver:
         self._step = scenario.step
         self._lane_width = scenario.road.lane_width
         self._rate = scenario.vehicle.brake_jerk
-        self._strongest = scenario.vehicle.max_deceleration
+        strongest = scenario.vehicle.max_deceleration
+        self._strongest = min(DRIVER_BRAKES.level, strongest) if DRIVER_BRAKES.rise < self._rate else strongest
         self._began = False
 
     def settled(self) -> BoolArray:

@@ -77,7 +77,8 @@ RUN_UP = 1.5  # m/s2, with which the JRC's simulator lets the lateral speed of a
 def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -> ConcreteScenario:
     """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it.
 
-    run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`. bounded: refuse a row outside the shipped space; otherwise it is built in the same way without asking.
+    run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`. bounded: refuse a row
+    outside the shipped space; otherwise it is built in the same way without asking.
     """
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
