@@ -54,7 +54,7 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
 
 
 def mean_level(level: float, mean: float, rate: float, step: float) -> float:
-    """What to tell brakes that are at `level`, m/s2, so that their mean over the step is `mean`; as near as they can."""
+    """What to tell brakes that are at `level`, m/s2, so that their mean over the step is `mean`, or as near as can be."""
     change = abs(mean - level)
     if change == 0.0:
         return level
