@@ -24,7 +24,7 @@ class Braked(NamedTuple):
 
 
 def moved(level: float, target: float, rate: float, duration: float) -> Braked:
-    """A deceleration that moves from `level` to `target` (m/s2) at `rate` (m/s3) and holds there, after `duration` s."""
+    """A deceleration that goes from `level` to `target` (m/s2) at `rate` (m/s3) and holds there, after `duration` s."""
     change = target - level
     reach = rate * duration
     if abs(change) >= reach:
@@ -54,7 +54,7 @@ def switched(level: float, target: float, wait: float, rate: float, step: float)
 
 
 def mean_level(level: float, mean: float, rate: float, step: float) -> float:
-    """What to tell brakes that are at `level`, m/s2, so that their mean over the step is `mean`, or as near as can be."""
+    """What to tell brakes at `level`, m/s2, for a mean over the step of `mean`, or as near to it as they can come."""
     change = abs(mean - level)
     if change == 0.0:
         return level
