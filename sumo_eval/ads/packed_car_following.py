@@ -162,6 +162,7 @@ class PackedIdm:
         self._began = False
         self._idm: PackedIdmParameters
         self._desired_speed: FloatArray
+        self._speeds: FloatArray
 
     def settled(self) -> BoolArray:
         """Like the plain one, it never says that it is."""
