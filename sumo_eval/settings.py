@@ -350,6 +350,12 @@ class SimulationSettings(Checked):
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
     ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15
+    ideal_visible_share: Annotated[
+        float,
+        NotNegative,
+        Le(1.0),
+        About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
+    ] = 0.2
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
     plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None
 

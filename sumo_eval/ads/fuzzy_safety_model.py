@@ -8,10 +8,12 @@ constants as in the JRC's implementation. docs/controllers.md lists the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
+from sumo_eval.ads.braking import SafetyBraking
 from sumo_eval.ads.perception import Mover, Sensor, bumper_gap, visible
-from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, SafetyBraking, lateral_gap
+from sumo_eval.ads.r157 import HUMAN_BRAKING, HUMAN_JERK, SHOWING, Motion, Sighting, closing_across, lateral_gap
 from sumo_eval.cosim.controller import Briefing
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import must_be
@@ -59,7 +61,7 @@ def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, accelera
         distance = closing * closing / (2.0 * abs(bounded))
         return 1.0 if gap < distance else 0.0
     covered = (0.5 * (speed + later) - other_speed) * REACTION
-    remaining = (later - other_speed) ** 2
+    remaining = (later - other_speed) * (later - other_speed)
     return _between(gap, covered + remaining / (2.0 * STRONGEST), covered + remaining / (2.0 * COMFORTABLE))
 
 
@@ -103,18 +105,23 @@ class FuzzySafetyModel:
         """Forget everything."""
         self._sensor = Sensor()
         self._motion = Motion(scenario.step)
-        self._braking = SafetyBraking(REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+        self._braking = SafetyBraking(REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.vehicle, scenario.step)
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
         """The strongest braking that any vehicle ahead demands."""
         me, others = self._sensor.look(traci, ego)
+        seen = [self._motion.of(other) for other in others]
+        me = me._replace(braking=self._braking.path.level)
+        return Command(-self._braking.follow(lambda after: self._demanded(me, seen, after), time))
+
+    def _demanded(self, me: Mover, others: Sequence[Sighting], after: float) -> float:
+        """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2."""
+        me = me.after(after)
         demanded = 0.0
-        acceleration = -self._motion.deceleration(me)
-        for other in visible(me, others, SHOWING):
-            closing = self._motion.lateral_closing_speed(me, other)
-            if other.x > me.x and considered(me, other, closing):
+        for other in visible(me, [each.after(after) for each in others], SHOWING):
+            if other.x > me.x and considered(me, other, closing_across(me, other)):
                 gap = bumper_gap(me, other)
-                critical = critical_fuzzy_safety(gap - self.standstill_gap, me.along, other.along, acceleration)
+                critical = critical_fuzzy_safety(gap - self.standstill_gap, me.along, other.along, -me.braking)
                 proactive = proactive_fuzzy_safety(gap, me.along, other.along)
                 demanded = max(demanded, demanded_braking(critical, proactive))
-        return Command(-self._braking.towards(demanded, time))
+        return demanded

@@ -162,6 +162,7 @@ class PackedIdm:
         self._began = False
         self._idm: PackedIdmParameters
         self._desired_speed: FloatArray
+        self._speeds: FloatArray
 
     def settled(self) -> BoolArray:
         """Like the plain one, it never says that it is."""
@@ -171,6 +172,7 @@ class PackedIdm:
         """Go on with these cases, in this order."""
         self._idm = self._idm.at(rows)
         self._desired_speed = self._desired_speed[rows]
+        self._speeds = self._speeds[:, rows]
         self._paths.keep(rows)
         self._steering.keep(rows)
 
@@ -189,6 +191,7 @@ class PackedIdm:
             self._steering = PackedSteering(self._scenario, len(lanes))
             self._idm = PackedIdmParameters.of([self._parameters] * len(lanes))
             self._desired_speed = me.speed
+            self._speeds = others.along
         overlap = me.half_width + others.half_width - np.abs(me.y - others.y)
         overlap = np.minimum(np.minimum(overlap, 2.0 * me.half_width), 2.0 * others.half_width)
         ahead = (others.x > me.x) & (overlap > 0.0)
@@ -196,6 +199,14 @@ class PackedIdm:
         lead, there_is_one = first_least(distance, np.zeros(distance.shape)), ahead.any(axis=0)
         gap = np.where(there_is_one, of_each(bumper_gap(me, others), lead), np.inf)
         lead_speed = np.where(there_is_one, of_each(others.along, lead), 0.0)
-        wanted = idm_acceleration(me.speed, self._desired_speed, gap, lead_speed, self._idm)
+        strongest, step = self._scenario.vehicle.max_deceleration, self._scenario.step
+        braking = np.where(there_is_one, of_each((self._speeds - others.along) / step, lead), 0.0)
+        self._speeds = others.along
+        now = np.maximum(idm_acceleration(me.speed, self._desired_speed, gap, lead_speed, self._idm), -strongest)
+        half = 0.5 * step  # from here on `in_half_a_step`
+        later_gap = gap + (lead_speed - me.speed) * half - 0.5 * (braking + now) * half * half
+        speed = np.maximum(me.speed + now * half, 0.0)
+        lead_speed = np.maximum(lead_speed - braking * half, 0.0)
+        wanted = idm_acceleration(speed, self._desired_speed, later_gap, lead_speed, self._idm)
         steering = self._steering.angle(me, self._paths.at(self._steering.rear_axle_next(me)))
-        return PackedCommand(np.maximum(wanted, -self._scenario.vehicle.max_deceleration), steering)
+        return PackedCommand(np.maximum(wanted, -strongest), steering)

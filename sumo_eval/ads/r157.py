@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sumo_eval.ads.perception import Mover, bumper_gap
 
@@ -22,11 +23,24 @@ class BrakeRamp:
     level: float
     build_up: float
 
+    @property
+    def rise(self) -> float:
+        """Rate at which it builds up, m/s3."""
+        return self.level / self.build_up if self.build_up > 0.0 else math.inf
+
     def at(self, since: float) -> float:
         """Deceleration `since` s after braking began, m/s2; 0 before."""
         if since <= 0.0:
             return 0.0
         return self.level * min(since / self.build_up, 1.0) if self.build_up > 0.0 else self.level
+
+    def lost(self, since: float) -> float:
+        """Speed taken off `since` s after braking began, m/s; 0 before."""
+        if since <= 0.0:
+            return 0.0
+        if since < self.build_up:
+            return 0.5 * self.level * since * since / self.build_up
+        return self.level * (since - 0.5 * self.build_up)
 
 
 def time_to_collision(me: Mover, other: Mover) -> float:
@@ -60,6 +74,7 @@ class Motion:
         self._step = step
         self._speeds: dict[str, float] = {}
         self._places: dict[str, float] = {}
+        self._across: dict[str, float] = {}
 
     def deceleration(self, other: Mover) -> float:
         """Mean deceleration over the last step, m/s2, 0 at first sight."""
@@ -67,33 +82,40 @@ class Motion:
         self._speeds[other.name] = other.along
         return (last - other.along) / self._step
 
-    def lateral_closing_speed(self, me: Mover, other: Mover) -> float:
-        """Mean speed over the last step at which the other came nearer across the road, m/s; negative: away."""
-        last = self._places.get(other.name)
+    def of(self, other: Mover) -> Sighting:
+        """The vehicle with its speed across the road, and its braking, as far as they are known."""
+        step, last = self._step, self._places.get(other.name)
+        braking = max(self.deceleration(other), 0.0)
         self._places[other.name] = other.y
-        relative = (other.across if last is None else (other.y - last) / self._step) - me.across
-        return -relative if other.y > me.y else relative
+        if last is None:
+            return Sighting(other._replace(braking=braking), 0.0, step)
+        before, across = self._across.get(other.name, 0.0), (other.y - last) / step
+        self._across[other.name] = across
+        gain = (across - before) / step if across * before > 0.0 else 0.0
+        return Sighting(other._replace(across=across, braking=braking), gain, step)
 
 
-class SafetyBraking:
-    """Brakes that follow a demand: `reaction` s after the first one, rising at `jerk` m/s3, up to `strongest` m/s2.
+class Sighting(NamedTuple):
+    """Another vehicle as the last two steps show it.
 
-    The reaction is waited for once: who has been alarmed stays alert.
+    mover: with the mean of its speed across the road over the last step, which it had in the middle of it. gain: of
+    that speed on the one in the middle of the step before, m/s2; 0 if the motion began or turned round in between.
     """
 
-    def __init__(self, reaction: float, strongest: float, jerk: float, step: float) -> None:
-        self._reaction = reaction
-        self._strongest = strongest
-        self._rise = jerk * step
-        self._half_step = 0.5 * step
-        self._alarmed: float | None = None
-        self._level = 0.0
+    mover: Mover
+    gain: float
+    step: float
 
-    def towards(self, demanded: float, time: float) -> float:
-        """Deceleration of the coming step, m/s2. demanded: m/s2, 0 for none. Call once a step."""
-        if demanded > 0.0 and self._alarmed is None:
-            self._alarmed = time
-        if self._alarmed is None or time < self._alarmed + self._reaction - self._half_step:
-            return 0.0
-        self._level = min(self._level + self._rise, demanded, self._strongest)
-        return self._level
+    def after(self, time: float) -> Mover:
+        """The vehicle `time` s from now, if it goes on as now, or before that."""
+        found = self.mover.after(time)
+        if self.gain == 0.0:
+            return found
+        middle = -0.5 * self.step
+        return found._replace(across=found.across + self.gain * (min(time, middle) - middle))
+
+
+def closing_across(me: Mover, other: Mover) -> float:
+    """Speed at which the other comes nearer across the road, m/s; negative: away."""
+    relative = other.across - me.across
+    return -relative if other.y > me.y else relative

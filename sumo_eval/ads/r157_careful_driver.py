@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from sumo_eval.ads.braking import Braked, BrakePath, first_instant, moved
 from sumo_eval.ads.perception import Mover, Scene, Sensor, bumper_gap, lateral_overlap
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
@@ -52,6 +53,19 @@ def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_brakin
         return needed
     room = gap + lead_speed * lead_speed / (2.0 * lead_braking) - speed * delay
     return max(needed, speed * speed / (2.0 * room) if room > 0.0 else math.inf)
+
+
+def ramped(ramp: BrakeRamp, path: BrakePath, begins: float, ends: float, step: float) -> Braked:
+    """What a ramp takes off in a step, m/s, and the deceleration at the step's end, m/s2.
+
+    begins, ends: of the ramp, s from the beginning of the step; after its end the brakes are released as fast as they
+    can be, and so are those of an earlier ramp.
+    """
+    ends = min(ends, step)
+    lost, level = ramp.lost(ends - begins) - ramp.lost(-begins), ramp.at(ends - begins)
+    released = moved(level, 0.0, path.fall, step - ends)
+    earlier = moved(path.level, 0.0, path.fall, step)
+    return Braked(max(lost + released.lost, earlier.lost), max(released.level, earlier.level))
 
 
 @dataclass(slots=True)
@@ -111,25 +125,31 @@ class CarefulDriver:
         """Forget everything."""
         self._sensor = Sensor()
         self._motion = Motion(scenario.step)
+        self._speeds = Motion(scenario.step)
         self._step = scenario.step
         self._lane_width = scenario.road.lane_width
         self._watched: dict[str, _Watched] = {}
+        strongest = AEB_BRAKES if self.aeb else DRIVER_BRAKES
+        self._path = BrakePath(strongest.rise, strongest.level, scenario.vehicle, scenario.step)
+        self._looked = False
         self._aeb_began: float | None = None
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Braking for the vehicle that made it necessary first; else the speed is kept.
-
-        The command is the ramp's value at the middle of the coming step: its mean over the step.
-        """
+        """Braking for the vehicle that made it necessary first; else the speed is kept."""
         me, others = self._sensor.look(traci, ego)
+        me = me._replace(braking=self._path.level)
         began = self._brakes_begin(Scene(me, others), time)
-        middle = time + 0.5 * self._step
-        wanted = 0.0 if began is None else DRIVER_BRAKES.at(middle - began)
+        self._looked = True
+        ends = self._brakes_end(me, others)
+        braked = ramped(DRIVER_BRAKES, self._path, math.inf if began is None else began - time, ends, self._step)
         if self.aeb:
             self._watch_over(me, others, time)
             if self._aeb_began is not None:
-                wanted = max(wanted, AEB_BRAKES.at(middle - self._aeb_began))
-        return Command(-wanted)
+                automatic = ramped(AEB_BRAKES, self._path, self._aeb_began - time, self._step, self._step)
+                braked = max(braked, automatic)
+        self._path.level = braked.level
+        releases = (began is None or ends < self._step) and self._aeb_began is None
+        return Command(-self._path.command(braked.lost, releases=releases))
 
     def settled(self) -> bool:
         """Whether it brakes for nothing, nor is about to."""
@@ -158,9 +178,24 @@ class CarefulDriver:
         first = min((call for call in calls if call is not None), default=None)
         return None if first is None else first + self.reaction
 
+    def _brakes_end(self, me: Mover, others: Sequence[Mover]) -> float:
+        """When in the coming step the ego is as slow as everybody it brakes for, s; those events are over then."""
+        calls = [other for other in others if self._watched[other.name].necessary is not None and other.x > me.x]
+        ends = 0.0
+        for other in calls:
+            if self._watched[other.name].braking > 0.0 or me.braking <= 0.0:
+                return math.inf
+            ends = max(ends, (me.along - other.along) / me.braking)
+        if not calls or ends >= self._step:
+            return math.inf
+        for other in calls:
+            known = self._watched[other.name]
+            known.braked = known.evaluated = known.necessary = None
+        return ends
+
     def _look_at(self, other: Mover, time: float) -> None:
         known = self._watched.get(other.name)
-        braking = self._motion.deceleration(other)
+        braking = self._speeds.deceleration(other)
         if known is None:
             lane = self._lane_width * round(other.y / self._lane_width)
             known = self._watched[other.name] = _Watched(lane, 0.0, time)
@@ -229,22 +264,39 @@ class CarefulDriver:
                 return max(strayed, time - self.evaluation)
         if known.braked is not None and within_headway(me, other, FOLLOWING_HEADWAY):
             return max(known.braked, time - self.evaluation)
+        needed = self._needed(me, other)
+        if not needed > self.in_path_limit:
+            return None
+        if not self._looked:
+            return time
+        earlier = self._needed(me.after(-self._step), other._replace(braking=known.braking).after(-self._step))
+        share = (self.in_path_limit - earlier) / (needed - earlier) if earlier < self.in_path_limit else 0.0
+        return time - (1.0 - share) * self._step
+
+    def _needed(self, me: Mover, other: Mover) -> float:
         delay = self.evaluation + self.reaction
-        needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
-        return time if needed > self.in_path_limit else None
+        braking = self._watched[other.name].braking
+        return needed_deceleration(bumper_gap(me, other), me.along, other.along, braking, delay)
 
     def _watch_over(self, me: Mover, others: Sequence[Mover], time: float) -> None:
         """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
-        for other in others:
-            full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
-            if other.x <= me.x or lateral_overlap(me, other) < full:
-                continue
-            left = time_to_collision(me, other)
-            if self._aeb_began is None and left < AEB_TTC:
-                self._aeb_began = time
-            if left < math.inf:
-                return
-        self._aeb_began = None
+        seen = [self._motion.of(other) for other in others]
+
+        def alarms(after: float) -> bool:
+            mine = me.after(after)
+            return any(0.0 <= _aeb_ttc(mine, other.after(after)) < AEB_TTC for other in seen)
+
+        if self._aeb_began is None:
+            if alarms(self._step):
+                self._aeb_began = time + (0.0 if alarms(0.0) else first_instant(alarms, 0.0, self._step))
+        elif all(_aeb_ttc(me, other) == math.inf for other in others):
+            self._aeb_began = None
+
+
+def _aeb_ttc(me: Mover, other: Mover) -> float:
+    """TTC to a vehicle ahead that fully overlaps the ego's path, s; inf to others."""
+    full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
+    return math.inf if other.x <= me.x or lateral_overlap(me, other) < full else time_to_collision(me, other)
 
 
 class CarefulDriverWithAeb(CarefulDriver):

@@ -64,11 +64,12 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
-    """The simulation with the ideal vehicle's own brakes, on a road that can hold them."""
+    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its collision counts."""
     vehicle = settings.vehicle
     friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
     return replace(
         settings,
+        end_when_decided=True,
         vehicle=replace(
             vehicle,
             max_deceleration=settings.ideal_deceleration,

@@ -18,7 +18,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sumo_eval.cosim.controller import Briefing, ControllerLike, ObjectController, load_controller
+from sumo_eval.cosim.controller import Briefing, ControllerLike, ObjectController, knows_the_scripts, load_controller
 from sumo_eval.cosim.packed_controller import PackedCommand, PackedController, PackedScene
 from sumo_eval.cosim.packed_files import packed_network_xml, packed_routes_xml
 from sumo_eval.cosim.packed_run import PackedRun
@@ -163,6 +163,8 @@ def _packed(
         controller = packed_form(briefing)
         if controller is None:
             return [NO_PACKED_FORM] * len(cases)
+        if knows_the_scripts(controller):
+            controller.foresee(cases, settings)  # type: ignore[attr-defined]
         pack = PackedRun(cases, settings, controller)
         network = packed_network_xml(cases[0].road, len(cases))
         with packed_session(network, packed_routes_xml(cases, settings.vehicle), settings) as traci:

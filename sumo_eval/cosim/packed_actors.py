@@ -52,16 +52,17 @@ class _Slides:
     duration: FloatArray
     speed: FloatArray
     offset: FloatArray
+    rise: FloatArray
 
     @classmethod
     def of(cls, actors: Sequence[tuple[int, int, Actor]]) -> _Slides:
         rows = [
-            (case, index, a.start.x, a.start.y, a.start.speed, 0.5 * a.length, m.begin, m.duration, m.speed, m.offset)
+            (case, index, a.start.x, a.start.y, a.start.speed, 0.5 * a.length, *_moves(m))
             for case, index, a in actors
             for m in a.lane_changes
             if isinstance(m, ConstantLateral)
         ]
-        case, index, *others = np.array(rows, dtype=np.float64).reshape(-1, 10).T
+        case, index, *others = np.array(rows, dtype=np.float64).reshape(-1, 11).T
         return cls(case.astype(np.intp), index.astype(np.intp), *others)
 
     def moving(self, time: float, step: float) -> BoolArray:
@@ -70,14 +71,20 @@ class _Slides:
 
     def places(self, who: Index, time: float) -> tuple[FloatArray, FloatArray]:
         """x of the front bumper and y of some of them at a time."""
-        done = np.minimum(np.maximum(time - self.begin[who], 0.0) * self.speed[who], np.abs(self.offset[who]))
+        since, rise, speed = np.maximum(time - self.begin[who], 0.0), self.rise[who], self.speed[who]
+        covered = (since - 0.5 * rise) * speed
+        np.divide(0.5 * speed * since * since, rise, out=covered, where=since < rise)
+        done = np.minimum(covered, np.abs(self.offset[who]))
         front = self.start_x[who] + self.along[who] * time + self.half_length[who]
         return front, self.start_y[who] + np.copysign(done, self.offset[who])
 
     def lateral_speed(self, time: float) -> FloatArray:
         """As `ConstantLateral.lateral_speed`."""
-        moving = (time - self.begin >= 0.0) & (time - self.begin < self.duration)
-        return np.where(moving, np.copysign(self.speed, self.offset), 0.0)
+        since = time - self.begin
+        speed = self.speed.copy()
+        np.divide(self.speed * since, self.rise, out=speed, where=since < self.rise)
+        moving = (since >= 0.0) & (since < self.duration)
+        return np.where(moving, np.copysign(speed, self.offset), 0.0)
 
     def of_cases(self, stays: BoolArray) -> _Slides:
         """Those of some cases; stays: by number of the case."""
@@ -344,6 +351,10 @@ class PackedActors:
             x, y, heading, speed, across = (float(channel[row, index]) for channel in here)
             found.append((was, Body(x, y, heading, speed, actor.length, actor.width, across)))
         return found
+
+
+def _moves(move: ConstantLateral) -> tuple[float, ...]:
+    return move.begin, move.duration, move.speed, move.offset, move.rise
 
 
 def _only_slides(actor: Actor) -> bool:

@@ -20,6 +20,7 @@ from sumo_eval.cosim.controller import (
     ControllerLike,
     NativeModel,
     ObservingController,
+    knows_the_scripts,
     load_controller,
 )
 from sumo_eval.cosim.fault_place import fault_place
@@ -208,6 +209,8 @@ class _Run:
             self.senses = ads.senses = Senses(road, settings.conditions, stream)
         self.waits = hasattr(ads, "took")  # for a program that drives in its own time
         self.driver = getattr(ads, "target", getattr(ads, "function", None))  # the user's own object
+        if self.driver is not None and knows_the_scripts(self.driver):
+            self.driver.foresee(concrete, settings)
         self.actors = {
             actor.name: Body(actor.start.x, actor.y(0.0), 0.0, actor.start.speed, actor.length, actor.width)
             for actor in concrete.actors

@@ -129,33 +129,51 @@ class LaneChange:
 class ConstantLateral:
     """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0, until it has covered
     `offset` m to the left (negative: right).
+
+    acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
     """
 
     begin: float
     speed: float
     offset: float
+    acceleration: float = math.inf
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.speed) and self.speed > 0.0):
             raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", self.speed)
+        if not self.acceleration > 0.0:
+            raise must_be("`acceleration`", "a lateral move", "greater than 0 m/s2", self.acceleration)
+
+    @property
+    def rise(self) -> float:
+        """Time in which the lateral speed builds up, s."""
+        return self.speed / self.acceleration
 
     @property
     def duration(self) -> float:
         """Time until the offset is covered, s."""
-        return abs(self.offset) / self.speed
+        covered = 0.5 * self.speed * self.rise
+        if abs(self.offset) < covered:
+            return self.rise * math.sqrt(abs(self.offset) / covered)
+        return 0.5 * self.rise + abs(self.offset) / self.speed
 
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
-        return math.copysign(min(max(time - self.begin, 0.0) * self.speed, abs(self.offset)), self.offset)
+        since, rise = max(time - self.begin, 0.0), self.rise
+        covered = 0.5 * self.speed * since * since / rise if since < rise else (since - 0.5 * rise) * self.speed
+        return math.copysign(min(covered, abs(self.offset)), self.offset)
 
     def lateral_speed(self, time: float) -> float:
-        """Lateral speed at a time, m/s; at the very instants of its two jumps, the speed after them."""
-        moving = 0.0 <= time - self.begin < self.duration
-        return math.copysign(self.speed, self.offset) if moving else 0.0
+        """Lateral speed at a time, m/s; at the very instants of its jumps, the speed after them."""
+        since, rise = time - self.begin, self.rise
+        if not 0.0 <= since < self.duration:
+            return 0.0
+        return math.copysign(self.speed * since / rise if since < rise else self.speed, self.offset)
 
     def lateral_acceleration(self, time: float) -> float:
-        """0 m/s2: the jumps of the speed at both ends take no time."""
-        return 0.0
+        """Lateral acceleration at a time, m/s2; the jumps of the speed take no time."""
+        builds_up = 0.0 <= time - self.begin < min(self.rise, self.duration)
+        return math.copysign(self.acceleration, self.offset) if builds_up else 0.0
 
 
 def braking_time(speed: ArrayLike, deceleration: ArrayLike, jerk: ArrayLike = math.inf) -> FloatArray:

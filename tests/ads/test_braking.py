@@ -1,0 +1,71 @@
+"""Told levels take off, by way of the vehicle model's brakes, the speed that braking in continuous time would."""
+
+import numpy as np
+import pytest
+
+from sumo_eval.ads.braking import first_instant, mean_level, moved, released_level, switched
+from sumo_eval.cosim.vehicle_model import drive
+from sumo_eval.settings import VehicleSettings
+
+VEHICLE = VehicleSettings()
+RATE = VEHICLE.brake_jerk  # 60 m/s3
+STEPS = (0.01, 0.05, 0.1)
+
+
+def lost(level: float, told: list[tuple[float, float]]) -> float:
+    """Speed that the vehicle model loses from a level on when it is told levels for durations, m/s."""
+    speed, acceleration = 40.0, -level
+    for target, duration in told:
+        acceleration, speed, _ = drive(speed, acceleration, -target, VEHICLE, duration)
+    return 40.0 - speed
+
+
+def draws(count: int) -> np.ndarray:
+    return np.random.default_rng(3).random((count, 3))
+
+
+def test_a_deceleration_on_its_way_by_hand():
+    # 0 to 3 m/s2 at 60 m/s3 takes 0.05 s and 0.075 m/s, then 0.05 s of 3 m/s2
+    assert moved(0.0, 3.0, RATE, 0.1) == (pytest.approx(0.225), 3.0)
+    assert moved(0.0, 9.0, RATE, 0.1) == (pytest.approx(0.3), pytest.approx(6.0))
+    assert moved(9.0, 0.0, RATE, 0.1) == (pytest.approx(0.6), pytest.approx(3.0))
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_law_moved_is_what_the_vehicle_model_does(step):
+    for level, target, _ in 9.0 * draws(50):
+        assert moved(level, target, RATE, step).lost == pytest.approx(lost(level, [(target, step)]), abs=1e-12)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_law_a_switch_within_a_step_takes_off_in_the_end_what_a_late_one_does(step):
+    for level, target, wait in draws(100) * (9.0, 9.0, step):
+        told = switched(level, target, wait, RATE, step)
+        late = lost(level, [(level, wait), (target, 1.0 - wait)])
+        assert lost(level, [(told, step), (target, 1.0 - step)]) == pytest.approx(late, abs=1e-12)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_law_a_mean_is_met_where_the_brakes_can(step):
+    for level, share, _ in draws(100):
+        level *= 9.0
+        most = 0.5 * RATE * step
+        mean = min(max(level + (2.0 * share - 1.0) * most, 0.0), 9.0)
+        told = mean_level(level, mean, RATE, step)
+        assert moved(level, told, RATE, step).lost == pytest.approx(mean * step, abs=1e-12)
+    assert mean_level(0.0, 9.0, RATE, step) == pytest.approx(RATE * step)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_law_a_release_takes_off_what_it_is_to(step):
+    for level, share, _ in draws(100):
+        level *= 9.0
+        least, most = 0.5 * level * level / RATE, level * step + 0.5 * level * level / RATE
+        wanted = least + share * (most - least)
+        told = released_level(level, wanted, RATE, step)
+        assert lost(level, [(told, step), (0.0, 1.0)]) == pytest.approx(wanted, abs=1e-9)
+    assert released_level(5.0, 0.0, RATE, step) == 0.0
+
+
+def test_the_instant_of_a_change_is_found():
+    assert first_instant(lambda time: time > 0.0123, 0.0, 0.05) == pytest.approx(0.0123, abs=1e-7)
