@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
+from sumo_eval.method import score_terms
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import SAME_TIME
@@ -253,7 +254,7 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
         raise must_be("`exposure`", owner, "finite and at least 0", float(weights[~usable][0]))
     if weights.sum() <= 0.0:
         raise must_be("The sum of `exposure`", owner, "greater than 0", float(weights.sum()))
-    return float(weights @ indices / weights.sum())
+    return float(score_terms.exposure_mean(indices, weights, score_terms.once(len(indices)))[0])
 
 
 # --- lengths and operations -------------------------------------------------------------------------------------------
