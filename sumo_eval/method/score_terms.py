@@ -91,7 +91,7 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
 def avoided_share(
     severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: FloatArray
 ) -> FloatArray:
-    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points of each sample, (m,).
+    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points of samples, (m,).
 
     severity: U_i of the ADS, m/s, (n,), 0 without contact, nan where it could not be evaluated. ideal: Ug_i of the
     ideal vehicle and unreacting: U0_i of `no_reaction` in the same concrete scenarios, likewise. weights: w_i, (n,).

@@ -1,4 +1,4 @@
-"""The arithmetic of the scores: worked numbers, the law of dominance, and one arithmetic for one sample and for many."""
+"""The arithmetic of the scores: worked numbers, the law of dominance, one arithmetic for one sample and for many."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_who_is_no_worse_in_any_case_and_better_in_one_never_has_a_lower_a(cases
 
 
 def test_of_many_random_pairs_of_known_order_a_puts_none_the_wrong_way_round():
-    """2,000 pairs over 97 points, like a reaction delay longer or shorter: 0 wrong, and no tie, as severities differ."""
+    """2,000 pairs over 97 points: 0 wrong, and no tie, because the better cases have weight and lie above Ug."""
     rng = np.random.default_rng(1)
     wrong = ties = 0
     for _ in range(2000):
