@@ -50,7 +50,7 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
         for name in SCENARIOS:
             logical = catalogue.load(name)
             points = sample(logical, levels=3)
-            hazardous = partitions[name].hazardous(points.points)
+            hazardous = partitions[name].exactly_hazardous(points.points)
             concretes = logical.concretes(points.points)
             for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True)):
                 if not dangerous:

@@ -12,6 +12,7 @@ import numpy as np
 
 from sumo_eval.method.anthropomorphic import BIMODAL
 from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 
@@ -132,6 +133,11 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
 # --- what could not be evaluated --------------------------------------------------------------------------------------
 
 
+def _void(score: ScenarioResult) -> bool:
+    """Whether a collision in the safe zone left no D, so that nobody misses the D_i of a case."""
+    return score.d is None and score.safe_collisions > 0
+
+
 def cases_of(evaluation: Evaluation, score: ScenarioResult) -> list[CaseResult]:
     """The cases of one ADS in one logical scenario."""
     return [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
@@ -144,9 +150,11 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
         for case in cases_of(evaluation, score):
             if not case.evaluated:
                 missing.append((case, case.error or _STATUS.get(case.status, f"Its status is {case.status}.")))
-            elif case.collided and case.ideal_severity is None:
+            elif case.ideal_severity is None:
                 missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
-            elif case.zone == "safe" and score.safe_collisions == 0 and case.index is None:
+            elif case.no_reaction_severity is None:
+                missing.append((case, "The case of `no_reaction` here could not be evaluated, so U0 is not known."))
+            elif case.counts_for_index and not _void(score) and case.index is None:
                 why = (
                     case.index_note
                     or case.reference_note
@@ -191,7 +199,7 @@ def avoided_share(case: CaseResult, loss: str) -> float | None:
     hit, best = case.severity, case.ideal_severity
     if loss == "class":
         hit, best = float(collision_loss(hit)), float(collision_loss(best))
-    return best / hit if hit > best else 1.0
+    return float(ideal_ratio(hit, best))
 
 
 def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
@@ -300,6 +308,8 @@ def _range(texts: Sequence[str]) -> str:
 
 def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
     """How S adds up."""
+    if score.s is None:
+        return "S is not computed: nothing could be evaluated."
     terms = settings.method.score
     d_term = f"D gives {score.d_points:.1f}" if score.d is not None else "D, not computed, gives 0"
     scales = "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
