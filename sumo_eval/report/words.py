@@ -179,7 +179,7 @@ class CollisionShare:
 def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[CollisionShare]:
     """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
     hits = [case for case in cases if case.collided]
-    ratios = [avoided_share(case, settings.method.collision.loss) for case in hits]
+    ratios = [ratio_of(case, settings.method.collision.loss) for case in hits]
     known = [(case, ratio) for case, ratio in zip(hits, ratios, strict=True) if ratio is not None]
     weights = np.array([case.weight or 0.0 for case, _ in known])
     if not weights.any():
@@ -192,7 +192,7 @@ def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) 
     return sorted(shares, key=lambda share: (share.lost is None, -(share.lost or 0.0), share.case.case))
 
 
-def avoided_share(case: CaseResult, loss: str) -> float | None:
+def ratio_of(case: CaseResult, loss: str) -> float | None:
     """What the ideal vehicle would have suffered, over what the ADS did, at most 1."""
     if case.severity is None or case.ideal_severity is None:
         return None
