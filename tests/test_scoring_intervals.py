@@ -16,7 +16,8 @@ from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, 
 EMPTY = CaseResult(
     case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok", end_reason=None, error=None,
     wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None,
-    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0, no_reaction_severity=10.0, weight=None, beats_ideal=False, index=None,
+    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0, no_reaction_severity=10.0, weight=None,
+    beats_ideal=False, index=None,
     length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
 )  # fmt: skip
 HIT = replace(EMPTY, case="hit", status="collision", collided=True, severity=10.0, ideal_severity=4.0, weight=0.5)

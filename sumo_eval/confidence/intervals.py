@@ -128,7 +128,9 @@ def _some_replicates(
     terms: CaseTerms, stream: np.random.Generator, replicates: int, sources: Collection[str]
 ) -> tuple[FloatArray, FloatArray]:
     n = len(terms.exposure)
-    counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates) if "cases" in sources else np.ones((replicates, n))
+    counts: FloatArray = np.ones((replicates, n))
+    if "cases" in sources:
+        counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates).astype(np.float64)
     y = np.broadcast_to(terms.y, (replicates, n))
     if "boundary" in sources and terms.boundary.shape[1]:
         y = terms.y + stream.standard_normal((replicates, terms.boundary.shape[1])) @ terms.boundary.T
