@@ -196,6 +196,14 @@ class Evaluation:
         """Number of cases without an outcome that counts."""
         return sum(score.not_evaluated for score in self.scores)
 
+    def exposure_known(self, scenario: str | None = None) -> bool:
+        """Whether somebody declared or measured how often the concrete scenarios of one scenario, or of any, are met.
+
+        Else a mean over them is one over the points, and no share of encounters.
+        """
+        names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
+        return any(self.exposures.get(name, {}).get("known", False) for name in names)
+
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""
         return next(score for score in self.scores if (score.ads, score.scenario) == (ads, scenario))

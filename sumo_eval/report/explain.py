@@ -140,9 +140,10 @@ def _likeness(
         yield f"WARNING: the score has D_i = {case.index:.6f}, which this arithmetic does not give"
     indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
     exposure = math.fsum(one.exposure for one in indexed)
+    of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     terms, share = evaluation.settings.method.score, case.exposure / exposure
     yield (
-        f"Eq. 13: share of exposure p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
         f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:.5f} and took "
         f"{share * (1.0 - case.index):.5f}, {terms.b * terms.k6 * share * (1.0 - case.index):.2f} points of S"
     )

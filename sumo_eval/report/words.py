@@ -94,6 +94,11 @@ def point(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name}={value:g}" for name, value in values.items())
 
 
+def collision_words(known: bool) -> str:
+    """What the collision probability is called. known: whether exposures were declared or measured."""
+    return "Collision probability" if known else "Share of the points with a collision"
+
+
 def outcome(case: CaseResult) -> str:
     """Which of OUTCOMES a case had."""
     if case.collided:
@@ -259,7 +264,7 @@ def reason_without_d(score: ScenarioResult) -> str:
 
 
 def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
-    """Exposure-weighted mean of every factor of D_i over the safe cases that have one; empty without any."""
+    """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
     indexed = [case for case in cases if case.zone == "safe" and case.index is not None]
     exposure = np.array([case.exposure for case in indexed])
     if not exposure.sum() > 0.0:
