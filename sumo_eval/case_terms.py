@@ -33,7 +33,8 @@ class CaseTerms:
 
     exposure: p_i. weight: r_i. severity: U_i, 0 without contact, nan where it could not be evaluated. ideal: Ug_i and
     unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all three, 0.1
-    without contact. ratio: Ug_i/U_i (Lg/L) of a collision. collided, evaluated: flags. index: D_i, likeness: human-likeness, of the safe cases that have one.
+    without contact. ratio: Ug_i/U_i (Lg/L) of a collision. collided, evaluated: flags. index: D_i, likeness:
+    human-likeness, of the safe cases that have one.
     voids: collisions after which there is no D.
     """
 

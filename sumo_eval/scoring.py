@@ -118,7 +118,7 @@ def _reference_severity(fact: Fact, severity: Severity) -> float | None:
 
 
 def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
-    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U where the scores are computed."""
+    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
     return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
 
 
