@@ -172,9 +172,33 @@ class AnthropomorphicSettings(Checked):
     field_deviation_floor: Annotated[
         float, Ge(1e-6), About("smallest deviation of the human field, as a share of its mean", equation="12")
     ] = 0.01
+    steering_rule: Annotated[
+        Literal["manoeuvre", "wheel"],
+        About(
+            "what a steering operation is, of the ADS and of the drivers: a lateral manoeuvre (over 0.12 m/s to one "
+            "side over at least 1 m), or the wheel past its threshold; `wheel` needs both to have a steering signal",
+            equation="12",
+        ),
+    ] = "manoeuvre"
     steering_threshold_deg: Annotated[
-        float, Positive, About("steering wheel angle above which an operation begins", "deg", "k3", "12")
+        float, Positive, About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12")
     ] = 10.0
+    steering_lateral_acceleration: Annotated[
+        float | None,
+        Positive,
+        About(
+            "in place of that angle: the operation begins at the wheel angle that gives this lateral acceleration at "
+            "the speed driven (wheel)",
+            "m/s2",
+            equation="12",
+        ),
+    ] = None
+    steering_ratio: Annotated[
+        float, Positive, About("steering wheel angle over road wheel angle, where an acceleration is the threshold")
+    ] = 16.0
+    wheelbase: Annotated[
+        float, Positive, About("distance between the axles, where an acceleration is the threshold", "m")
+    ] = 2.7
     acceleration_threshold: Annotated[
         float, Positive, About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12")
     ] = 0.5

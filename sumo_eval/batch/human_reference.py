@@ -198,16 +198,16 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
-    judged = [Pairing(place[case], tuple(drivers), settings.slice_spacing) for case in job.ads]
+    judged = [[Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)] for case in job.ads]
     among = band_pairings(drivers, settings) if job.band else []
     without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
     trajectories = [store.trajectory(case) for case in cases]
     rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
-    # The rest apart and after, so that a D_i is the same to the last bit whether or not the rest is already kept.
-    found, others = indexes_by_group(trajectories, [judged, rest], job.road, settings)
+    # Each ADS apart, so that its D_i is the same to the last bit whoever else is judged and whatever is already kept.
+    *found, others = indexes_by_group(trajectories, [*judged, rest], job.road, settings)
     indexes = iter(others)
     return PointResult(
-        indexes=dict(zip(job.ads, found, strict=True)),
+        indexes={case: index for case, (index,) in zip(job.ads, found, strict=True)},
         band=band_of(list(islice(indexes, len(among)))) if job.band else None,
         left_out={
             case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(pairings) - 1)))
