@@ -25,13 +25,13 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring import (
-    collision_terms,
+    beyond_range,
+    chosen_severity,
     combine,
-    criticality_measures,
     describe_zones,
+    drive_measures,
     drivers_left_out,
-    ideal_outcomes,
-    missing_weights,
+    point_terms,
     simulated_alone,
     tabulate,
 )
@@ -76,6 +76,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
     exposures = run_folder.read_exposures(folder)
+    severity = chosen_severity(method.collision, source)
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
@@ -94,24 +95,27 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
                 if not facts:
                     raise InputError(f"Run {folder} holds no case of ADS `{ads.name}` in scenario `{logical.name}`.")
-                inside = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
+                inside = zones.exactly_hazardous(np.array([logical.row(fact.values) for fact in facts]))
                 safe = [fact for fact, dangerous in zip(facts, inside, strict=True) if not dangerous]
                 drives[ads.name], hazardous[ads.name] = facts, inside
-                if not any(fact.collision for fact in safe):  # step 3: else there is no D
-                    judged.append(safe)
+                judged.append([fact for fact in safe if fact.collision is None])  # step 3: collisions have no D_i
             people = compare_with_people(  # step 4: D_i
                 logical, compared, judged, store, settings, spread, progress
             )
-            ideal_hits, left_out = ideal_outcomes(logical, store), drivers_left_out(logical, store)
+            left_out = drivers_left_out(logical, store)
+            there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
             for name, facts in drives.items():
-                collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
-                measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
-                rows = tabulate(facts, hazardous[name], people.indexes, collisions, ideal_hits, measured)
-                unknown = missing_weights(logical, zones, facts)
+                measured = drive_measures(facts, store)  # beside the paper: TTC, DRAC, PET, plausibility ...
+                rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
-                notes = (*left_out, *simulated_alone(logical, name, store), *reference_sentences(rows))
+                notes = (
+                    *left_out,
+                    *simulated_alone(logical, name, store),
+                    *reference_sentences(rows),
+                    *beyond_range(facts, severity),
+                )
                 cases += rows
-                scores.append(combine(name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
+                scores.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
     return Evaluation(
         settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
     )

@@ -15,7 +15,16 @@ from sumo_eval.batch import run_folder
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import Stopping, never, run_cases, run_packs
 from sumo_eval.batch.human_reference import prepared_meanwhile
-from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
+from sumo_eval.batch.recording import (
+    REFERENCES,
+    Planner,
+    Progress,
+    Space,
+    planner,
+    quiet,
+    record,
+    refuse_to_lose_cases,
+)
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.cosim.controller import find_controller, made_absolute
@@ -51,14 +60,14 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an evaluation will take: drives of ADSs and humans, those recorded already, and s of wall time.
+    """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
 
-    The ideal vehicle drives wherever an ADS collides, `most_ideal` times at most; the time counts it everywhere.
+    references: drives of the ideal vehicle and of `no_reaction`, one each at every point.
     """
 
     ads: int
     humans: int
-    most_ideal: int
+    references: int
     recorded: int
     seconds: float
     timed: int
@@ -69,8 +78,8 @@ class Estimate:
         minutes, seconds = divmod(round(self.seconds), 60)
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         return (
-            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and at most {self.most_ideal} of the ideal "
-            f"vehicle{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
+            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the ideal vehicle "
+            f"and of `no_reaction`{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
             f"by {self.timed} drives timed just now; scoring comes on top."
         )
 
@@ -236,7 +245,7 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
         some = replace(space, numbers=_spread(space.numbers))
         ads_cases = list(plan.ads(some))
         kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
-        kinds.append((list(plan.ideal(some, set(some.numbers))), space.numbers))
+        kinds += [(list(plan.reference(some, role)), space.numbers) for role in REFERENCES]
         samples = [(cases, len(numbers)) for cases, numbers in kinds]
         if synthetic:
             people = list(islice(plan.humans(some), _TIMED))
@@ -246,10 +255,10 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
                 a_drive, drives = _seconds_a_drive(cases, setup)
                 seconds += a_drive * times
                 timed += drives
-    share_to_do = 1.0 - recorded / max(ads + humans, 1)
-    points = sum(len(space.numbers) for space in spaces)
+    references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
+    share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
     workers = evaluation.run.workers
-    return Estimate(ads, humans, points, recorded, seconds * share_to_do / workers, timed, workers)
+    return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
 
 
 def _spread(numbers: Sequence[int]) -> Sequence[int]:
@@ -273,6 +282,8 @@ def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:
 
 def _planned(plan: Planner, space: Space) -> Iterator[Case]:
     yield from plan.ads(space)
+    for role in REFERENCES:
+        yield from plan.reference(space, role)
     if plan.settings.drivers.source == "synthetic":
         yield from plan.humans(space)
 
@@ -282,8 +293,7 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
     stream = random_stream(seed, "verify")
     chosen: list[Case] = []
     for space in spaces:
-        struck = store.struck(space.logical.name)
-        kinds = [list(plan.ads(space)), list(plan.ideal(space, struck))]
+        kinds = [list(plan.ads(space)), *(list(plan.reference(space, role)) for role in REFERENCES)]
         if plan.settings.drivers.source == "synthetic":
             kinds.append(list(plan.humans(space)))
         for cases in kinds:
@@ -303,7 +313,7 @@ def _spaces(
         logical, points = choose_points(entry, source, settings, exposure.density)
         for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
             logical.column(name)
-        hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
+        hazardous = zones_of(logical, settings.method.zones).exactly_hazardous(points.points)
         index, count = shard
         numbers = range((index - 1 - offset) % count, len(points.points), count)
         spaces.append(Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)))

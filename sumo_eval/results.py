@@ -19,9 +19,13 @@ EVALUATED = ("ok", "collision", "off_road")
 class CaseResult:
     """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
 
-    severity U, loss L, ideal_severity Ug, weight r and avoided_share (Ug/U or its class form) belong to collisions,
-    Eqs. 14-17; index D_i and its factors to safe-zone cases, Eqs. 11-12. ideal_collided: whether the ideal vehicle hit
-    something in the same concrete scenario; None where it was not driven, because no ADS collided there.
+    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and no_reaction_severity U0: those of the
+    ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
+    not be evaluated; ideal_collided: whether the former hit something. weight: r of Eq. 16, of every case.
+
+    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
+    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
+    which is 0 for a safe case with a collision that the ideal vehicle avoids.
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
     delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound.
@@ -80,6 +84,24 @@ class CaseResult:
     manoeuvre: str = ""
     manoeuvre_share: float | None = None
     exposure_note: str = ""
+    no_reaction_severity: float | None = None
+    operation_tolerance: float | None = None
+    mixture_similarity: float | None = None
+    plausibility: float | None = None
+    human_likeness: float | None = None
+
+    @property
+    def voids_index(self) -> bool:
+        """Whether it is a collision after which there is no D: in the safe zone, and not the ideal vehicle's as well.
+
+        One whose ideal vehicle could not be evaluated is.
+        """
+        return self.zone == "safe" and self.collided and not self.ideal_severity
+
+    @property
+    def counts_for_index(self) -> bool:
+        """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
+        return self.zone == "safe" and not self.collided
 
     @property
     def evaluated(self) -> bool:
@@ -89,9 +111,11 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioResult:
-    """One ADS in one logical scenario: C, D, S and what stands beside them.
+    """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside them.
 
-    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`.
+    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s None: neither C nor D.
+    avoided_share A (w = r), avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`) and
+    s_plus S+, with a_points and h_points, what A and H give to S+; None where nothing could be evaluated.
 
     c_interval, d_interval, s_interval: where C, D and S lie when the cases that could not be evaluated are counted as
     worst and as best; None where nothing is missing. The worst of a missing safe case is a collision: then S has no D.
@@ -102,7 +126,7 @@ class ScenarioResult:
     c: float | None
     d: float | None
     d_reason: str
-    s: float
+    s: float | None
     c_points: float
     d_points: float
     cases: int
@@ -118,6 +142,19 @@ class ScenarioResult:
     c_interval: tuple[float, float] | None = None
     d_interval: tuple[float, float] | None = None
     s_interval: tuple[float, float] | None = None
+    avoided_share: float | None = None
+    avoided_share_exposure: float | None = None
+    regret: float | None = None
+    human_likeness: float | None = None
+    h_reason: str = ""
+    s_plus: float | None = None
+    a_points: float = 0.0
+    h_points: float = 0.0
+    avoided_share_interval: tuple[float, float] | None = None
+    avoided_share_exposure_interval: tuple[float, float] | None = None
+    regret_interval: tuple[float, float] | None = None
+    human_likeness_interval: tuple[float, float] | None = None
+    s_plus_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +195,14 @@ class Evaluation:
     def not_evaluated(self) -> int:
         """Number of cases without an outcome that counts."""
         return sum(score.not_evaluated for score in self.scores)
+
+    def exposure_known(self, scenario: str | None = None) -> bool:
+        """Whether somebody declared or measured how often the concrete scenarios of one scenario, or of any, are met.
+
+        Else a mean over them is one over the points, and no share of encounters.
+        """
+        names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
+        return any(self.exposures.get(name, {}).get("known", False) for name in names)
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""

@@ -50,7 +50,7 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
         for name in SCENARIOS:
             logical = catalogue.load(name)
             points = sample(logical, levels=3)
-            hazardous = partitions[name].hazardous(points.points)
+            hazardous = partitions[name].exactly_hazardous(points.points)
             concretes = logical.concretes(points.points)
             for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True)):
                 if not dangerous:
@@ -162,7 +162,8 @@ def _empty(case: Case, zone: str, status: str) -> CaseResult:
         exposure=case.concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
         simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None, overlap=None,
         side=None, severity=None,
-        loss=None, ideal_severity=None, weight=None, beats_ideal=False, index=None, length_factor=None,
+        loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0, weight=None,
+        beats_ideal=False, index=None, length_factor=None,
         operation_factor=None, similarity=None, index_note="", clips="",
     )  # fmt: skip
 

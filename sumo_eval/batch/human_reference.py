@@ -202,15 +202,15 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     among = band_pairings(drivers, settings) if job.band else []
     without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
     trajectories = [store.trajectory(case) for case in cases]
-    rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
-    # Each ADS apart, so that its D_i is the same to the last bit whoever else is judged and whatever is already kept.
-    *found, others = indexes_by_group(trajectories, [*judged, rest], job.road, settings)
-    indexes = iter(others)
+    # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
+    found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
+    indexes = {case: index for case, (index,) in zip(job.ads, islice(found, len(judged)), strict=True)}
+    band = next(found)
     return PointResult(
-        indexes={case: index for case, (index,) in zip(job.ads, found, strict=True)},
-        band=band_of(list(islice(indexes, len(among)))) if job.band else None,
+        indexes=indexes,
+        band=band_of(band) if job.band else None,
         left_out={
-            case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(pairings) - 1)))
-            for case, pairings in without.items()
+            case: LeftOut(everyone.value, tuple(index.value for index in fewer))
+            for case, (everyone, *fewer) in zip(without, found, strict=True)
         },
     )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.ads.known_answers import IdealBraking
+from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.batch.cases import Case, Outcome, Setup, Status
 from sumo_eval.batch.kept import KeptRecording, keep
 from sumo_eval.batch.watch import watched
@@ -97,6 +97,8 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         return simulate(case.concrete, _driver(case), settings)
     if case.role == "ideal":
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if case.role == "no_reaction":
+        return simulate(case.concrete, no_reaction, settings)
     _seed_global_generators(case)
     controller = watched(load_controller(case.controller, setup.folder), setup.run)
     return simulate(
@@ -118,6 +120,8 @@ def _simulate_packed(cases: Sequence[Case], setup: Setup) -> Iterable[Recording 
         return simulate_packed(concretes, [_driver(case) for case in cases], settings)
     if role == "ideal":
         return simulate_packed(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if role == "no_reaction":
+        return simulate_packed(concretes, no_reaction, settings)
     if not hasattr(find_controller(cases[0].controller, setup.folder), "packed"):  # do not make one in vain
         return [NO_PACKED_FORM] * len(cases)
     return simulate_packed(

@@ -11,15 +11,15 @@ from sumo_eval.batch.human_reference import PointJob, compute_points
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import Store, open_store
+from sumo_eval.case_terms import ratios
 from sumo_eval.comparison import jackknifed
 from sumo_eval.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.confidence.further_cases import FurtherCases, further_cases
 from sumo_eval.confidence.intervals import CaseTerms, ScoreIntervals, jackknife_error, score_intervals
 from sumo_eval.confidence.risk import Risk, risk
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
-from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.method.score_terms import once, weighted_mean
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.method.zone_uncertainty import posterior_factor
 from sumo_eval.random_streams import random_stream
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings, MethodSettings
@@ -73,7 +73,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition,
         return Assessment(score.ads, score.scenario, None, None, None, "fewer than two evaluated cases with exposure")
     settings = evaluation.settings
     points = np.array([zones.logical.row(case.values) for case in cases])
-    terms = _terms(cases, points, zones, settings.method, *driver_error(score, cases, store, settings, zones))
+    terms = _terms(cases, settings.method, *driver_error(score, cases, store, settings, zones))
 
     def stream(what: str) -> np.random.Generator:
         return random_stream(settings.seed, what, score.scenario, score.ads)
@@ -90,8 +90,6 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition,
 
 def _terms(
     cases: Sequence[CaseResult],
-    points: FloatArray,
-    zones: ZonePartition,
     method: MethodSettings,
     driver_error: float,
     drivers: int,
@@ -101,18 +99,15 @@ def _terms(
         return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
     hit, ideal = column("severity"), column("ideal_severity")
-    if method.collision.loss == "class":
-        known = np.isfinite(hit) & np.isfinite(ideal)
-        hit[known], ideal[known] = collision_loss(hit[known]), collision_loss(ideal[known])
-    avoided = np.divide(ideal, hit, out=np.where(np.isnan(hit + ideal), np.nan, 1.0), where=hit > ideal)
+    safe = np.array([case.zone == "safe" for case in cases])
     return CaseTerms(
         exposure=column("exposure"),
-        collided=np.array([case.collided for case in cases]),
-        avoided=avoided,
+        collided=np.array([case.collided and (case.voids_index or case.zone != "safe") for case in cases]),
+        avoided=ratios(hit, ideal, method),
         weight=column("weight"),
         index=column("index"),
-        y=zones.predicted(points),
-        boundary=posterior_factor(zones, points),
+        y=np.where(safe, 1.0, -1.0),  # the criterion itself decided the zone of each case: nothing is to be drawn
+        boundary=np.zeros((len(cases), 0)),
         driver_error=driver_error,
         drivers=drivers,
     )
@@ -124,7 +119,7 @@ def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     hit = np.isfinite(terms.avoided) & np.isfinite(terms.weight)
     if hit.any():
         r = terms.weight[hit] if terms.weight[hit].any() else np.ones(int(hit.sum()))
-        c = float(r @ terms.avoided[hit] / r.sum())
+        c = float(weighted_mean(terms.avoided[hit], r, once(len(r)))[0])
         moved[hit] += method.score.a * method.score.k5 * r * (terms.avoided[hit] - c) / r.sum()
     counted = np.isfinite(terms.index) & (terms.y > 0.0)
     if counted.any() and not (terms.collided & (terms.y > 0.0)).any():

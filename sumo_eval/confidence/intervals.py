@@ -19,6 +19,7 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from sumo_eval.errors import must_be
+from sumo_eval.method.score_terms import collision_avoidance, combined, exposure_mean
 from sumo_eval.settings import ScoreSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -127,27 +128,18 @@ def _some_replicates(
     terms: CaseTerms, stream: np.random.Generator, replicates: int, sources: Collection[str]
 ) -> tuple[FloatArray, FloatArray]:
     n = len(terms.exposure)
-    counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates) if "cases" in sources else np.ones((replicates, n))
+    counts: FloatArray = np.ones((replicates, n))
+    if "cases" in sources:
+        counts = stream.multinomial(n, np.full(n, 1.0 / n), replicates).astype(np.float64)
     y = np.broadcast_to(terms.y, (replicates, n))
     if "boundary" in sources and terms.boundary.shape[1]:
         y = terms.y + stream.standard_normal((replicates, terms.boundary.shape[1])) @ terms.boundary.T
     safe = y > 0.0
 
-    hit = np.isfinite(terms.avoided) & np.isfinite(terms.weight)
-    r = np.where(hit, terms.weight, 0.0)
-    if not r.any():
-        r = hit.astype(np.float64)
-    ratio = np.where(hit, terms.avoided, 0.0)
-    over = counts @ r
-    c = np.divide(counts @ (r * ratio), over, out=np.ones(replicates), where=over > 0.0)
-
-    indexed = np.isfinite(terms.index)
-    p = np.where(indexed, terms.exposure, 0.0)
+    compared = np.isfinite(terms.avoided)  # a collision that cannot be compared has no part in C
+    c = collision_avoidance(terms.avoided, terms.weight, compared, np.ones(n), counts)
     kept = counts * safe
-    weight = kept @ p
-    d = np.divide(
-        kept @ (p * np.where(indexed, terms.index, 0.0)), weight, out=np.full(replicates, np.nan), where=weight > 0.0
-    )
+    d = exposure_mean(terms.index, terms.exposure, kept)
     if "drivers" in sources and terms.driver_error > 0.0:
         d = d + terms.driver_error * stream.standard_t(max(terms.drivers - 1, 1), replicates)
     d[(kept @ terms.collided.astype(np.float64)) > 0.0] = np.nan
@@ -155,7 +147,7 @@ def _some_replicates(
 
 
 def _total(c: FloatArray, d: FloatArray, score: ScoreSettings) -> FloatArray:
-    return np.asarray(score.a * score.k5 * c + score.b * score.k6 * np.nan_to_num(d))
+    return combined(c, d, score.a, score.b, score.k5, score.k6)
 
 
 def _limits(value: float, replicates: FloatArray, n: int, level: float) -> Interval:

@@ -122,7 +122,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
     marching = np.arange(len(start))
-    steps = math.ceil(float(np.max(to_box * np.linalg.norm(direction, axis=1))) / MARCH)
+    steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)  # as many for every ray: r is that of the point alone
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
         t = np.column_stack([low[marching], to_box[marching, None] * shares])

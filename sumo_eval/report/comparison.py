@@ -11,8 +11,9 @@ from typing import Final, Literal
 
 import numpy as np
 
+from sumo_eval.case_terms import case_terms
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.report.bootstrap import as_arrays, paired_differences, quantities
+from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
@@ -238,7 +239,7 @@ def _change(base: CaseResult, new: CaseResult, settings: GateSettings) -> Change
 def _quantity_changes(
     old: Sequence[CaseResult], now: Sequence[CaseResult], base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    before, after = as_arrays(old, base.settings.method), as_arrays(now, new.settings.method)
+    before, after = case_terms(old, base.settings.method), case_terms(now, new.settings.method)
     once = np.ones((1, len(old)))
     values = quantities(before, once, base.settings.method), quantities(after, once, new.settings.method)
     drawn = paired_differences(

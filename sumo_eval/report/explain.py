@@ -13,7 +13,7 @@ from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
-from sumo_eval.report.words import MEASURES, avoided_share, cases_of, end_reason, explain_s, number, outcome, point
+from sumo_eval.report.words import MEASURES, cases_of, end_reason, explain_s, number, outcome, point, ratio_of
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
 ROUNDING = 1e-9
@@ -80,7 +80,7 @@ def _collision(
         yield "Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C"
         return
     loss = evaluation.settings.method.collision.loss
-    ratio = avoided_share(case, loss) or 0.0
+    ratio = ratio_of(case, loss) or 0.0
     what = "Ug/U" if loss == "severity" else "Lg/L"
     best = f"hits with Ug = {case.ideal_severity:.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
     yield (
@@ -140,9 +140,10 @@ def _likeness(
         yield f"WARNING: the score has D_i = {case.index:.6f}, which this arithmetic does not give"
     indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
     exposure = math.fsum(one.exposure for one in indexed)
+    of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     terms, share = evaluation.settings.method.score, case.exposure / exposure
     yield (
-        f"Eq. 13: share of exposure p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
         f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:.5f} and took "
         f"{share * (1.0 - case.index):.5f}, {terms.b * terms.k6 * share * (1.0 - case.index):.2f} points of S"
     )

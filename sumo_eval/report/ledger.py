@@ -121,10 +121,10 @@ def _collision_lines(score: ScenarioResult, cases: Sequence[CaseResult], setting
 def _likeness_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
     yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, []
     if score.d is None:
-        hits = [case for case in cases if case.collided and case.zone == "safe"]
+        hits = [case for case in cases if case.voids_index]
         yield "18", f"D not computed: {reason_without_d(score)}", -1.0, [(case, -1.0 / len(hits)) for case in hits]
         return
-    indexed = [case for case in cases if case.zone == "safe" and case.index is not None]
+    indexed = [case for case in cases if case.counts_for_index and case.index is not None]
     exposure = math.fsum(case.exposure for case in indexed)
     losses = [(case, case.exposure / exposure, _factor_losses(case)) for case in indexed]
     for name in FACTORS:

@@ -95,7 +95,8 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         ),
         (
             "13",
-            "D is the exposure-weighted mean of D_i over the safe zone. After a collision there, D is not computed.",
+            "D is the mean of D_i over the safe zone, weighted by exposure where one was declared or measured. After a "
+            "collision there that the ideal vehicle avoids, D is not computed.",
         ),
         ("14–15", "U is the relative speed at first contact over the overlap w, and w is at least 0.5."),
         (

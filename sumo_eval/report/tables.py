@@ -14,6 +14,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.results import CaseResult, Evaluation
 
+_ALSO = {"d_i": "index"}  # columns that show a field under a second name
 _FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
 _REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
 
@@ -24,17 +25,17 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     Parameters have a column each under their own name; one that is called like another column is `parameter_<name>`.
     """
     parameters = list(dict.fromkeys(name for case in evaluation.cases for name in case.values))
-    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST) else name for name in parameters]
+    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow((*_FIRST, *headings, *_REST))
+            writer.writerow((*_FIRST, *headings, *_REST, *_ALSO))
             for case in evaluation.cases:
                 writer.writerow(
                     (
                         *(getattr(case, name) for name in _FIRST),
                         *(case.values.get(name) for name in parameters),
-                        *(getattr(case, name) for name in _REST),
+                        *(getattr(case, name) for name in (*_REST, *_ALSO.values())),
                     )
                 )
     except OSError as error:

@@ -23,15 +23,19 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult
 
-COLUMNS = ("ADS", "scenario", "C", "D", "S", "collisions", "in safe zone", "cases", "not evaluated")
+COLUMNS = (
+    "ADS", "scenario", "collisions", "avoidable", "in safe zone", "A", "H", "S+", "C", "D", "S", "cases",
+    "not evaluated",
+)  # fmt: skip
 NOT_COMPUTED = "not computed"
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # cases that could not be evaluated; the report lists them all
 
 
 def score_table(evaluation: Evaluation) -> Table:
-    """C, D and S of every ADS in every logical scenario, for a terminal."""
-    table = Table(title=Text(f"{evaluation.name}: C and D within 0..1, S of 100 points"), title_justify="left")
+    """The scores of every ADS in every logical scenario, for a terminal."""
+    title = f"{evaluation.name}: A at most 1, H, C and D within 0..1, S+ and S of 100 points"
+    table = Table(title=Text(title), title_justify="left")
     for index, heading in enumerate(COLUMNS):
         table.add_column(heading, justify="left" if index < 2 else "right", overflow="fold")
     for position, score in enumerate(evaluation.scores):
@@ -70,6 +74,11 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for score in evaluation.scores
         if score.d is None
     ]
+    lines += [
+        f"H of {score.ads} in {score.scenario} is {score.h_reason}. Its term counts 0 points of S+."
+        for score in evaluation.scores
+        if score.human_likeness is None and score.h_reason
+    ]
     missing = unevaluated(evaluation)
     if missing:
         lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
@@ -95,15 +104,23 @@ def _row(score: ScenarioResult) -> list[tuple[str, str]]:
     cells = (
         score.ads,
         score.scenario,
-        _with_interval(NOT_COMPUTED if score.c is None else number(score.c, 3), score.c_interval, 3),
-        _with_interval(NOT_COMPUTED if score.d is None else number(score.d, 3), score.d_interval, 3),
-        _with_interval(number(score.s, 1), score.s_interval, 1),
         str(score.collisions),
+        str(score.avoidable_collisions),
         str(score.safe_collisions),
+        _or_not_computed(score.avoided_share, 3),
+        _or_not_computed(score.human_likeness, 3),
+        _or_not_computed(score.s_plus, 1),
+        _with_interval(_or_not_computed(score.c, 3), score.c_interval, 3),
+        _with_interval(_or_not_computed(score.d, 3), score.d_interval, 3),
+        _with_interval(_or_not_computed(score.s, 1), score.s_interval, 1),
         str(score.cases),
         str(score.not_evaluated),
     )
     return [(_one_line(cell), heading) for cell, heading in zip(cells, COLUMNS, strict=True)]
+
+
+def _or_not_computed(value: float | None, digits: int) -> str:
+    return NOT_COMPUTED if value is None else number(value, digits)
 
 
 def _with_interval(cell: str, interval: tuple[float, float] | None, digits: int) -> str:
@@ -115,10 +132,10 @@ def _with_interval(cell: str, interval: tuple[float, float] | None, digits: int)
 
 def _style(cell: str, heading: str) -> str:
     """Bold for the score, yellow for what a person should look into."""
-    if heading == "S":
-        return "bold"
-    warns = cell.startswith(NOT_COMPUTED) or (heading in {"in safe zone", "not evaluated"} and cell != "0")
-    return "yellow" if warns else ""
+    warns = cell.startswith(NOT_COMPUTED) or (heading in {"avoidable", "in safe zone", "not evaluated"} and cell != "0")
+    if warns:
+        return "yellow"
+    return "bold" if heading in {"S+", "S"} else ""
 
 
 def _shortened(sentence: str) -> str:

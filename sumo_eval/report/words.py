@@ -12,6 +12,7 @@ import numpy as np
 
 from sumo_eval.method.anthropomorphic import BIMODAL
 from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.method.score_terms import ideal_ratio
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import EvaluationSettings
 
@@ -93,6 +94,11 @@ def point(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name}={value:g}" for name, value in values.items())
 
 
+def collision_words(known: bool) -> str:
+    """What the collision probability is called. known: whether exposures were declared or measured."""
+    return "Collision probability" if known else "Share of the points with a collision"
+
+
 def outcome(case: CaseResult) -> str:
     """Which of OUTCOMES a case had."""
     if case.collided:
@@ -132,6 +138,11 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
 # --- what could not be evaluated --------------------------------------------------------------------------------------
 
 
+def _void(score: ScenarioResult) -> bool:
+    """Whether a collision in the safe zone left no D, so that nobody misses the D_i of a case."""
+    return score.d is None and score.safe_collisions > 0
+
+
 def cases_of(evaluation: Evaluation, score: ScenarioResult) -> list[CaseResult]:
     """The cases of one ADS in one logical scenario."""
     return [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
@@ -144,9 +155,11 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
         for case in cases_of(evaluation, score):
             if not case.evaluated:
                 missing.append((case, case.error or _STATUS.get(case.status, f"Its status is {case.status}.")))
-            elif case.collided and case.ideal_severity is None:
+            elif case.ideal_severity is None:
                 missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
-            elif case.zone == "safe" and score.safe_collisions == 0 and case.index is None:
+            elif case.no_reaction_severity is None:
+                missing.append((case, "The case of `no_reaction` here could not be evaluated, so U0 is not known."))
+            elif case.counts_for_index and not _void(score) and case.index is None:
                 why = (
                     case.index_note
                     or case.reference_note
@@ -171,7 +184,7 @@ class CollisionShare:
 def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[CollisionShare]:
     """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
     hits = [case for case in cases if case.collided]
-    ratios = [avoided_share(case, settings.method.collision.loss) for case in hits]
+    ratios = [ratio_of(case, settings.method.collision.loss) for case in hits]
     known = [(case, ratio) for case, ratio in zip(hits, ratios, strict=True) if ratio is not None]
     weights = np.array([case.weight or 0.0 for case, _ in known])
     if not weights.any():
@@ -184,14 +197,14 @@ def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) 
     return sorted(shares, key=lambda share: (share.lost is None, -(share.lost or 0.0), share.case.case))
 
 
-def avoided_share(case: CaseResult, loss: str) -> float | None:
+def ratio_of(case: CaseResult, loss: str) -> float | None:
     """What the ideal vehicle would have suffered, over what the ADS did, at most 1."""
     if case.severity is None or case.ideal_severity is None:
         return None
     hit, best = case.severity, case.ideal_severity
     if loss == "class":
         hit, best = float(collision_loss(hit)), float(collision_loss(best))
-    return best / hit if hit > best else 1.0
+    return float(ideal_ratio(hit, best))
 
 
 def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[str]:
@@ -251,7 +264,7 @@ def reason_without_d(score: ScenarioResult) -> str:
 
 
 def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
-    """Exposure-weighted mean of every factor of D_i over the safe cases that have one; empty without any."""
+    """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
     indexed = [case for case in cases if case.zone == "safe" and case.index is not None]
     exposure = np.array([case.exposure for case in indexed])
     if not exposure.sum() > 0.0:
@@ -300,6 +313,8 @@ def _range(texts: Sequence[str]) -> str:
 
 def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
     """How S adds up."""
+    if score.s is None:
+        return "S is not computed: nothing could be evaluated."
     terms = settings.method.score
     d_term = f"D gives {score.d_points:.1f}" if score.d is not None else "D, not computed, gives 0"
     scales = "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"

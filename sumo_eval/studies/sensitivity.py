@@ -102,11 +102,12 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, floa
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float) -> dict[str, float]:
     settings = evaluation.settings.method.score
-    return {
+    totals = {
         result.ads: combined_score(result.c, result.d, a=a, b=100.0 - a, k5=settings.k5, k6=settings.k6).total
         for result in evaluation.scores
         if result.scenario == scenario
     }
+    return {ads: float("nan") if total is None else total for ads, total in totals.items()}
 
 
 def _row(

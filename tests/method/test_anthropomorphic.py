@@ -202,10 +202,13 @@ def test_the_further_from_the_humans_the_lower_the_score() -> None:
     ("ads", "chosen"),
     [
         (drive(16.0, 0.2, lane_change=(1.0, 2.0, 3.0)), AnthropomorphicSettings()),
-        (drive(14.0, -1.0, steering_deg=12.0), AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05))),
+        (
+            drive(14.0, -1.0, steering_deg=12.0),
+            AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05), steering_rule="wheel"),
+        ),
         (stopping(41.3, 0.3), AnthropomorphicSettings(slice_spacing=3.0, points_per_side=2, side_width=1.0)),
         (drive(12.0, 5.4), AnthropomorphicSettings(centre_deviation_floor=1.8, field_deviation_floor=0.2)),
-        (drive(15.0, 0.0, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
+        (drive(19.0, 0.9, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
     ],
     ids=["changes lane", "k1 k2", "stops", "off the road", "ends early"],
 )
@@ -521,7 +524,7 @@ def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal(
     """A lane change at 20 m/s, with a wheel that turns by 30 degrees or with one that nobody recorded."""
     y = np.array(lateral((5.0, 6.0, 3.5)))
     n = len(y)
-    road = Road("test", 700.0, 2, 3.5)
+    road = Road("test", 700.0, 2, 3.5, 100.0)
     angles = np.where((y > 0.01) & (y < 3.49), np.radians(30.0), 0.0)
     channels = {"time": 0.1 * np.arange(n), "x": 2.0 * np.arange(n), "y": y, "acceleration": np.zeros(n)}
     known, unknown = Trajectory(**channels, steering_wheel_angle=angles), Trajectory(**channels)
@@ -643,7 +646,8 @@ def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> Non
 
 def test_an_index_is_the_same_to_the_last_bit_whoever_else_is_judged() -> None:
     drivers, ads = humans(5, 2), [drive(12.0, 0.4), drive(14.0, -0.2), stopping(40.0)]
-    groups = [[Pairing(place, tuple(range(3, 8)), 0.5, likeness=True)] for place in range(3)]
+    others = tuple(range(3, 3 + len(drivers)))
+    groups = [[Pairing(place, others, 0.5, likeness=True)] for place in range(3)]
     together = indexes_by_group([*ads, *drivers], groups, ROAD)
     for place, (found,) in enumerate(together):
         alone = anthropomorphic_index(ads[place], drivers, ROAD)

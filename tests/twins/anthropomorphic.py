@@ -92,10 +92,8 @@ def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int
         first = last = neutral_since = None
         for i, moving in enumerate([*active, False]):
             over = i == len(active)
-            if first is not None and (
-                over
-                or (moving and neutral_since is not None and time[i] - neutral_since >= settings.neutral_time - 1e-6)
-            ):
+            rested = neutral_since is not None and not over and time[i] - neutral_since >= settings.neutral_time - 1e-6
+            if first is not None and (over or (moving and rested)):
                 count += side * (y[last] - y[first]) >= 1.0
                 first = None
             if over:
