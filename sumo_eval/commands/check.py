@@ -70,6 +70,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.errors import InputError
     from sumo_eval.facts import resolve
     from sumo_eval.locators import load_object
+    from sumo_eval.scoring import chosen_severity
     from sumo_eval.spaces import choose_points
 
     settings, source = resolve(path, Path(), resume=False)
@@ -109,10 +110,15 @@ def _check_evaluation(path: Path) -> None:
             load_object(settings.drivers.source, source, "Human reference")
         return f": {settings.drivers.source}"
 
+    def severity() -> str:
+        chosen_severity(settings.method.collision, source)
+        return f": {settings.method.collision.severity}"
+
     for index, scenario in enumerate(settings.scenario):
         found(f"scenario {scenario.use}", lambda index=index: points(index))
     for index, ads in enumerate(settings.ads):
         found(f"ADS {ads.name}", lambda index=index: controller(index))
     found("vehicle model", plant)
     found("drivers", drivers)
+    found("severity", severity)
     sys.exit(INPUT_WRONG if wrong else DONE)
