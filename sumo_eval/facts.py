@@ -30,6 +30,7 @@ from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.cosim.controller import find_controller, made_absolute
 from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.method.severity import severity_of
 from sumo_eval.random_streams import random_stream
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
@@ -125,6 +126,7 @@ def record_facts(
 
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
+    severity_of(evaluation.method.collision, source)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)

@@ -101,6 +101,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.batch.recording import planner
     from sumo_eval.errors import InputError
     from sumo_eval.facts import refuse_doubles, resolve, space_of
+    from sumo_eval.scoring import chosen_severity
     from sumo_eval.settings import DriverSettings
 
     settings, source = resolve(path, Path(), resume=False)
@@ -130,6 +131,10 @@ def _check_evaluation(path: Path) -> None:
         planner(part, source)
         return words
 
+    def severity() -> str:
+        chosen_severity(settings.method.collision, source)
+        return settings.method.collision.severity
+
     for offset, entry in enumerate(settings.scenario):
         found(f"scenario {entry.use}", partial(points, entry, offset))
     for ads in settings.ads:
@@ -138,4 +143,5 @@ def _check_evaluation(path: Path) -> None:
     words = "the single-track model" if plant is None else plant.file
     found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
     found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
+    found("severity", severity)
     sys.exit(INPUT_WRONG if wrong else DONE)

@@ -45,7 +45,7 @@ LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
 class Quantiles:
     """How extreme people get: `values[name][k]` is reached by the share `shares[name][k]` of them, most extreme first.
 
-    Shares ascend. The first value is the most extreme that anybody reached; nobody went beyond it. people: how many
+    Shares ascend. The first value is the most extreme that anybody reached. people: how many
     persons, drives: how many drives of theirs (each person weighs 1). source: whose drives, in words. s, m/s, m/s2,
     m/s3 as in `extremes_of`.
     """
@@ -72,16 +72,16 @@ class Quantiles:
         """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
 
         1 where the table does not know the extreme, where the value is nan (a drive without it, as without a vehicle
-        ahead) and where it is milder than the table's last; 0 beyond the most extreme person.
+        ahead) and where it is milder than the table's last. Beyond the most extreme person the share falls to 0 over
+        as far as it is from the table's second value to that person: one more person could have gone there.
         """
         if name not in self.values or math.isnan(value):
             return 1.0
         side, values = EXTREMES[name], np.asarray(self.values[name])
-        if (value - values[0]) * side > 0.0:
-            return 0.0
         if (value - values[-1]) * side < 0.0:
             return 1.0
-        return float(np.interp(-side * value, -side * values, self.shares[name]))
+        reached = np.append(2.0 * values[0] - values[1], values)
+        return float(np.interp(-side * value, -side * reached, (0.0, *self.shares[name])))
 
 
 MOTORWAY_PEOPLE: Final = Quantiles(

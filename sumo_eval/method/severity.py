@@ -15,7 +15,9 @@ and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
 
 from __future__ import annotations
 
+import hashlib
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -129,7 +131,8 @@ class Severity:
     """The chosen number V of a contact. name: as in the settings. unit: of V. without_contact: V where there is none.
 
     value: V of a collision. checked: whether that is a user's function, whose answers are looked at. beyond: why a
-    collision is outside the range that V is known for, in words; empty inside.
+    collision is outside the range that V is known for, in words; empty inside. sha256: of the file that holds a user's
+    function, so that scores tell which one they were made with; empty for those that ship.
     """
 
     name: str
@@ -138,6 +141,7 @@ class Severity:
     value: Callable[[Collision], float]
     beyond: Callable[[Collision], str]
     checked: bool = False
+    sha256: str = ""
 
     def of(self, collision: Collision, case: str) -> float:
         """V of a collision. case: what to call it in a sentence.
@@ -186,7 +190,15 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
     function = load_object(chosen, folder, "Severity")
     if not callable(function):
         raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", "a function of a Contact", function)
-    severity = Severity(chosen, "loss", 0.0, lambda hit: function(contact_of(hit, settings)), _never, checked=True)
+    severity = Severity(
+        chosen,
+        "loss",
+        0.0,
+        lambda hit: function(contact_of(hit, settings)),
+        _never,
+        checked=True,
+        sha256=_hash_of(function),
+    )
     severity.of(EXAMPLE, "an example, 20 m/s into a standing car in line")
     return severity
 
@@ -194,6 +206,12 @@ def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Seve
 CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
 """The severities that ship."""
 EXAMPLE: Final = Collision(0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0))
+
+
+def _hash_of(function: object) -> str:
+    module = sys.modules.get(getattr(function, "__module__", ""))
+    file = getattr(module, "__file__", None)
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
 
 
 def _injury(chosen: str, settings: CollisionSettings) -> Severity:

@@ -62,6 +62,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "format_version": evaluation.manifest.get("format_version"),
         "versions": evaluation.manifest.get("versions", {}),
         "seed": settings.seed,
+        "severity": evaluation.manifest.get("severity", {}),
         "points": {"a": settings.method.score.a, "b": settings.method.score.b},
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "not_evaluated": evaluation.not_evaluated,
