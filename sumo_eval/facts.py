@@ -35,7 +35,7 @@ from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings
-from sumo_eval.spaces import choose_points, zones_of
+from sumo_eval.spaces import choose_points, scenario_weights, zones_of
 
 Evaluable = EvaluationSettings | str | os.PathLike[str] | None
 """Settings, the path of an evaluation file, or None: the run's own when it is resumed, else the paper's."""
@@ -318,6 +318,7 @@ def _spaces(
         numbers = range((index - 1 - offset) % count, len(points.points), count)
         spaces.append(Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points)))
         progress("zones", len(spaces), len(settings.scenario))
+    scenario_weights([space.logical.name for space in spaces], settings.method.ranking)
     return spaces
 
 

@@ -70,7 +70,8 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.errors import InputError
     from sumo_eval.facts import resolve
     from sumo_eval.locators import load_object
-    from sumo_eval.spaces import choose_points
+    from sumo_eval.scenario import catalogue
+    from sumo_eval.spaces import choose_points, scenario_weights
 
     settings, source = resolve(path, Path(), resume=False)
     click.echo(f"ok    {path}: the settings are valid")
@@ -95,6 +96,11 @@ def _check_evaluation(path: Path) -> None:
         load_controller(settings.ads[index].locator, source)
         return f": {settings.ads[index].controller}"
 
+    def ranking() -> str:
+        names = [catalogue.find(entry.use, source).name for entry in settings.scenario]
+        weights = scenario_weights(names, settings.method.ranking)
+        return ": " + ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
+
     def plant() -> str:
         wiring = settings.simulation.plant
         if wiring is None:
@@ -113,6 +119,8 @@ def _check_evaluation(path: Path) -> None:
         found(f"scenario {scenario.use}", lambda index=index: points(index))
     for index, ads in enumerate(settings.ads):
         found(f"ADS {ads.name}", lambda index=index: controller(index))
+    if settings.method.ranking.weights:
+        found("ranking", ranking)
     found("vehicle model", plant)
     found("drivers", drivers)
     sys.exit(INPUT_WRONG if wrong else DONE)
