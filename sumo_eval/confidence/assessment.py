@@ -90,7 +90,7 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
     """The intervals of a result by the name of the score, without those that it does not have."""
     found = {name: (getattr(score, name), getattr(score, f"{name}_interval")) for name in SCORED}
     return {
-        name: Interval(value, *ends, LEVEL)
+        name: Interval(value, ends[0], ends[1], LEVEL)
         for name, (value, ends) in found.items()
         if value is not None and ends is not None
     }

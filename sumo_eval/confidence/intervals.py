@@ -1,7 +1,7 @@
-"""Intervals of every score from two sources: which concrete scenarios were driven, and which drivers H and D compare with.
+"""Intervals of every score from two sources: which points were driven, and which drivers H and D compare with.
 
-A bootstrap. Each replicate draws the concrete scenarios anew (`draw_counts`), the same ones for every ADS, and adds to D
-and H an error of the drivers' own size, which a jackknife over drivers has measured (`sumo_eval.confidence.drivers`).
+A bootstrap. Each replicate draws the points anew (`draw_counts`), the same ones for every ADS, and adds to D and H an
+error of the drivers' own size, which a jackknife over drivers has measured (`sumo_eval.confidence.drivers`).
 What was never seen is counted too: a sample in which k of n hazardous points hold a collision is no proof that other
 points hold none. The end of an interval on the bad side therefore carries e unseen collisions, e from an exponential
 distribution of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape
@@ -299,7 +299,7 @@ def _intervals(
         "cases": found.points_only,
         "drivers": _with_drivers(plain, drawn.index, drawn.likeness, method),
     }
-    sources = {
+    sources: dict[str, Mapping[str, float]] = {
         name: {source: _half(scores[name], free[name], level) for source, scores in alone.items()}
         for name in ("s", "s_plus")
         if name in limits

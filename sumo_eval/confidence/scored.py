@@ -38,7 +38,7 @@ def with_intervals(
     sampling: str,
     settings: EvaluationSettings,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
-    """The results of all ADSs in one scenario with the interval of every score, and the replicates that a ranking needs.
+    """The results of all ADSs in one scenario with the interval of every score, and what a ranking needs.
 
     rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what the choice of drivers
     does. unit: all points in the unit box, (n, k). sampling: how they were chosen. An ADS with fewer than two evaluated
