@@ -59,35 +59,46 @@ def driver_deviations(
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
+    plausible = np.array([row.plausibility or 0.0 for row in chosen])
+    whole_index = np.array([left_out[row.case].everyone for row in chosen])
+    whole_likeness = plausible * [left_out[row.case].likeness for row in chosen]
     for column, row in enumerate(chosen):
         found, there = left_out[row.case], list(present[row.case])
-        plausible = row.plausibility or 0.0
         for line, name in enumerate(names):
             here = name in there
             index[line, column] = found.without[there.index(name)] if here else found.everyone
             one = found.likeness_without[there.index(name)] if here else found.likeness
-            likeness[line, column] = one * plausible
+            likeness[line, column] = one * plausible[column]
     counted = [row for row in rows if row.zone == "safe" and row.human_likeness is not None]
     whole = sum(row.exposure for row in counted)
     compared = sum(row.exposure for row in counted if not row.collided) / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
-    mean_index, mean_likeness = ((table @ weights) / weights.sum() for table in (index, likeness))
+    mean_index, mean_likeness, all_index, all_likeness = (
+        (table @ weights) / weights.sum() for table in (index, likeness, whole_index, whole_likeness)
+    )
     return DriverDeviations(
         (*names, INCLINATION),
-        stratified_deviations(mean_index, groups, share),
-        compared * stratified_deviations(mean_likeness, groups, share),
+        stratified_deviations(mean_index, float(all_index), groups, share),
+        compared * stratified_deviations(mean_likeness, float(all_likeness), groups, share),
         max(len(names) - len(set(groups)), 1),
     )
 
 
-def stratified_deviations(without: FloatArray, groups: Sequence[bool | None], share: float = 1.0) -> FloatArray:
+def stratified_deviations(
+    without: FloatArray, whole: float, groups: Sequence[bool | None], share: float = 1.0
+) -> FloatArray:
     """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and that of the rounding.
+
+    whole: the value with all of them.
 
     In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean in the group); their
     squares add up to the variance of a stratified sample, and to the plain jackknife's if there is one group. The
     number of those who overtake (True) is n times `share`, rounded at random: a deviation of sqrt(f (1 - f)) drivers, f
-    its fraction, times what one more of them in place of a follower (False) changes.
+    its fraction, times what one of them in place of a follower (False), or the other way round, changes. Only one of
+    both can be: with followers rounded down to k_F one more is possible, (n - 1)/k_F times what leaving out an
+    overtaker does; with overtakers rounded down to k_O, (n - 1)/k_O times what leaving out a follower does. Leaving out
+    one of two followers would tell of a population that is never drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)
@@ -99,7 +110,9 @@ def stratified_deviations(without: FloatArray, groups: Sequence[bool | None], sh
             errors[:-1][inside] = math.sqrt(size / (size - 1)) * (n - 1) / n * off
     if members.keys() == {True, False}:
         fraction = (n * share) % 1.0
-        exchange = (n - 1) / n * (without[members[False]].mean() - without[members[True]].mean())
+        rounded_up = members[True].sum() > n * share
+        leaves, stays = members[rounded_up], members[not rounded_up]
+        exchange = (n - 1) / stays.sum() * (without[leaves].mean() - whole)
         errors[-1] = math.sqrt(fraction * (1.0 - fraction)) * exchange
     return errors
 
