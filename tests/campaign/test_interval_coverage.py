@@ -1,6 +1,6 @@
 """The coverage campaign: whole evaluations over seeds, and how often their 95 % intervals hold the mean over all seeds.
 
-`pytest -m campaign tests/campaign/test_interval_coverage.py -s`. Every seed draws other points (Sobol) and other drivers.
+`pytest -m campaign tests/campaign/test_interval_coverage.py -s`. Every seed draws other points (Sobol) and drivers.
 The truth is the mean of a score over all seeds: what an evaluation of this size gives on average.
 SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the 20 seeds that is run. tests/confidence/test_intervals.py is the
 small version, on a problem whose answer is known.

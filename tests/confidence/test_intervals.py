@@ -233,7 +233,7 @@ def test_the_drivers_errors_of_one_group_are_the_jackknifes():
 def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
     # 3 followers, 5 overtakers. Variance of the mean: sum over groups of n_h s_h^2 / n^2; the difference between the
     # groups has no part in it, but for the rounding: 8 * 0.6 = 4.8 overtakers are 4 or 5, a deviation of
-    # sqrt(0.8 * 0.2) = 0.4 drivers, and one more of them in place of a follower moves the mean by (means' difference)/8.
+    # sqrt(0.8 * 0.2) = 0.4 drivers; one more in place of a follower moves the mean by (the means' difference)/8.
     groups = [True] * 5 + [False] * 3
     values = np.array([5.0, 6.0, 5.5, 7.0, 6.5, 1.0, 0.5, 2.0])
     left_out = (values.sum() - values) / 7
