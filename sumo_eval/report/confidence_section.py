@@ -56,7 +56,8 @@ def _row(item: Assessment) -> dict[str, Any]:
             name: _words(item.intervals[name], digits) if name in item.intervals else None
             for name, digits in SHOWN_SCORES.items()
         },
-        "sources": {name: f"{width:.1f}" for name, width in item.sources.get("s_plus", {}).items()},
+        "sources": dict.fromkeys(("cases", "drivers"), "–")
+        | {name: f"{width:.1f}" for name, width in item.sources.get("s_plus", {}).items()},
         "probability": _words(item.risk.collision_probability, 1, percent=True),
         "loss": _words(item.risk.expected_loss, 3),
         "effective": f"{item.risk.effective_cases:.0f}",
