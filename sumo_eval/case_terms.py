@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -122,6 +122,37 @@ def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | 
     """Every score of `SCORES` of the cases themselves; None where it does not exist."""
     found = scores_of(terms, score_terms.once(len(terms.exposure)), method)
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
+
+
+def missing_bounds(terms: CaseTerms, safe: BoolArray, method: MethodSettings) -> dict[str, tuple[float, float]]:
+    """Worst and best of A, regret, H and S+ with every missing case counted in; empty where none of them moves.
+
+    A case that could not be evaluated counts as doing nothing, or as the ideal vehicle where that is harder; at best as
+    the ideal vehicle. A safe case without a human-likeness that could have one counts 0, and 1. Points at which a
+    reference is missing have no part in A. safe: flags, (n,).
+    """
+    lost = ~terms.evaluated & np.isfinite(terms.ideal) & np.isfinite(terms.unreacting)
+    unlike = safe & ~terms.collided & np.isnan(terms.likeness)
+    bounds: dict[str, tuple[float, float]] = {}
+    if not (lost.any() or unlike.any()):
+        return bounds
+    hardest = np.maximum(terms.unreacting, terms.ideal)
+    worst, best = (
+        point_values(
+            replace(
+                terms,
+                severity=np.where(lost, hit, terms.severity),
+                likeness=np.where(unlike, like, terms.likeness),
+            ),
+            method,
+        )
+        for hit, like in ((hardest, 0.0), (terms.ideal, 1.0))
+    )
+    for name in ("avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus"):
+        ends = [value for value in (worst[name], best[name]) if value is not None]
+        if ends:
+            bounds[name] = min(ends), max(ends)
+    return bounds
 
 
 def _column(values: Iterable[float | None]) -> FloatArray:

@@ -18,6 +18,10 @@ from sumo_eval.batch.human_reference import point_processes
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.store import Fact, open_store
 from sumo_eval.comparison import compare_with_people, reference_sentences, references, with_people
+from sumo_eval.confidence.drivers import driver_deviations
+from sumo_eval.confidence.intervals import ScoreIntervals
+from sumo_eval.confidence.ranking import rank
+from sumo_eval.confidence.scored import with_intervals
 from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
 from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
@@ -82,6 +86,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
+    spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
     with open_store(folder / run_folder.FACTS) as store, point_processes(store, settings.run.workers) as spread:
         check_complete(store, folder)
         for entry in settings.scenario:
@@ -106,6 +111,8 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             )
             left_out = drivers_left_out(logical, store)
             there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
+            combined: list[ScenarioResult] = []
+            tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
                 measured = drive_measures(facts, store)  # beside the paper: TTC, DRAC, PET, plausibility ...
                 rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
@@ -116,10 +123,36 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     *reference_sentences(rows),
                     *beyond_range(facts, severity),
                 )
-                cases += rows
-                scores.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
+                tables.append(rows)
+                combined.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
+            present = {
+                fact.case: compared[fact.point].drivers
+                for facts in drives.values()
+                for fact in facts
+                if fact.point in compared
+            }
+            finished, found = with_intervals(
+                combined,
+                tables,
+                [[fact.point for fact in facts] for facts in drives.values()],
+                [driver_deviations(rows, people.left_out, present, settings.drivers, settings.seed) for rows in tables],
+                logical.to_unit(points.points),
+                points.method,
+                settings,
+            )
+            scores += finished
+            cases += [row for rows in tables for row in rows]
+            spreads |= {(one.ads, one.scenario): spread for one, spread in zip(finished, found, strict=True)}
     return Evaluation(
-        settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
+        settings.name,
+        folder,
+        settings,
+        manifest,
+        tuple(zone_results),
+        tuple(scores),
+        tuple(cases),
+        exposures,
+        rank(scores, spreads, method.ranking),
     )
 
 

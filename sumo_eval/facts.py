@@ -37,7 +37,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
-from sumo_eval.spaces import choose_points, zones_of
+from sumo_eval.spaces import choose_points, scenario_weights, zones_of
 
 Evaluable = EvaluationSettings | str | os.PathLike[str] | None
 """Settings, the path of an evaluation file, or None: the run's own when it is resumed, else the paper's."""
@@ -317,6 +317,7 @@ def _spaces(
         spaces.append(space_of(entry, settings, source, shard, offset))
         refuse_doubles(spaces)
         progress("zones", len(spaces), len(settings.scenario))
+    scenario_weights([space.logical.name for space in spaces], settings.method.ranking)
     return spaces
 
 

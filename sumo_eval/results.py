@@ -119,8 +119,11 @@ class ScenarioResult:
     avoided_share A (w = r), avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`) and
     s_plus S+, with a_points and h_points, what A and H give to S+; None where nothing could be evaluated.
 
-    c_interval, d_interval, s_interval: where C, D and S lie when the cases that could not be evaluated are counted as
-    worst and as best; None where nothing is missing. The worst of a missing safe case is a collision: then S has no D.
+    <name>_interval: the 95 % interval of each score, from the points, the drivers and the collisions that were not seen
+    (`sumo_eval.confidence.intervals`), each end moved to where the score lies when the cases that could not be
+    evaluated are counted as worst and as best (the worst of a missing safe case is a collision: then S has no D). None
+    where there are fewer than two evaluated cases, and nothing is missing. half_widths_by_source: of S and S+ by points
+    (`cases`) and by drivers alone.
     """
 
     ads: str
@@ -157,6 +160,7 @@ class ScenarioResult:
     regret_interval: tuple[float, float] | None = None
     human_likeness_interval: tuple[float, float] | None = None
     s_plus_interval: tuple[float, float] | None = None
+    half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +183,50 @@ class ZoneResult:
 
 
 @dataclass(frozen=True, slots=True)
+class RankedAds:
+    """An ADS in the order of an evaluation. s_plus: the mean over its scenarios by their weights, with its interval;
+    None, like place, where a scenario that weighs has no S+ of it.
+    """
+
+    ads: str
+    place: int | None
+    s_plus: float | None
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class RankedPair:
+    """S+ of one ADS less that of another that does not stand above it. interval: of the difference, both over the same
+    points and drivers. told_apart: whether it leaves out 0. None: one of both has no interval.
+    """
+
+    above: str
+    below: str
+    difference: float
+    interval: tuple[float, float] | None
+    told_apart: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a place.
+
+    weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`.
+    """
+
+    weights: Mapping[str, float]
+    level: float
+    ads: tuple[RankedAds, ...]
+    pairs: tuple[RankedPair, ...]
+
+    def pair(self, above: str, below: str) -> RankedPair:
+        """The pair of these two."""
+        return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
+
+
+@dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run."""
+    """A scored run. ranking: None where nobody ranked its ADSs."""
 
     name: str
     folder: Path
@@ -192,6 +238,7 @@ class Evaluation:
     exposures: Mapping[str, Any] = field(
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
+    ranking: Ranking | None = None
 
     @property
     def not_evaluated(self) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.batch.store import EGO, Fact, Store
-from sumo_eval.case_terms import case_terms, point_values
+from sumo_eval.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -223,7 +223,8 @@ def combine(
 ) -> ScenarioResult:
     """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them."""
     notes = list(notes)
-    values = point_values(case_terms(cases, method), method)
+    terms = case_terms(cases, method)
+    values = point_values(terms, method)
     c, d = values["c"], values["d"]
     hits = [case for case in cases if case.collided]
     safe = [case for case in cases if case.zone == "safe"]
@@ -235,6 +236,7 @@ def combine(
     c_interval = _c_interval(cases, method)
     d_interval = _d_interval(safe) if safe and not voiding else None
     s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
+    others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
     if missing:
         where = Counter(case.zone for case in cases if case.case in missing)
         places = " and ".join(f"{number} in the {zone} zone" for zone, number in sorted(where.items()))
@@ -286,6 +288,11 @@ def combine(
         s_plus=values["s_plus"],
         a_points=method.score.a * max(avoided or 0.0, 0.0),
         h_points=method.score.b * (human or 0.0),
+        avoided_share_interval=others.get("avoided_share"),
+        avoided_share_exposure_interval=others.get("avoided_share_exposure"),
+        regret_interval=others.get("regret"),
+        human_likeness_interval=others.get("human_likeness"),
+        s_plus_interval=others.get("s_plus"),
     )
 
 

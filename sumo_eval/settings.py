@@ -287,6 +287,23 @@ class ScoreSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class RankingSettings(Checked):
+    """The order of the ADSs of an evaluation by S+."""
+
+    weights: Annotated[
+        dict[str, float],
+        About("weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"),
+    ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        for name, weight in self.weights.items():
+            number = isinstance(weight, Real) and not isinstance(weight, bool) and math.isfinite(weight)
+            if not (number and weight >= 0.0):
+                raise must_be(f"`weights.{name}`", "the ranking", "a number of at least 0", weight)
+
+
+@dataclass(frozen=True, slots=True)
 class MethodSettings(Checked):
     """Everything that turns recorded facts into scores."""
 
@@ -294,6 +311,7 @@ class MethodSettings(Checked):
     anthropomorphic: AnthropomorphicSettings = field(default_factory=AnthropomorphicSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     score: ScoreSettings = field(default_factory=ScoreSettings)
+    ranking: RankingSettings = field(default_factory=RankingSettings)
 
 
 # --- the simulation ---------------------------------------------------------------------------------------------------

@@ -50,11 +50,14 @@ class PointJob:
 @dataclass(frozen=True, slots=True)
 class LeftOut:
     """D_i of a case on coarse slices against all drivers, and without each of them in their order; `without` is empty
-    where only two drivers are there.
+    where only two drivers are there. likeness, likeness_without: likewise f_L * f_n+ * similarity of its
+    human-likeness, which leaves out its plausibility.
     """
 
     everyone: float
     without: tuple[float, ...]
+    likeness: float
+    likeness_without: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +169,10 @@ def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
             key: HumanBand(tuple(band["values"]), tuple(band["similarities"])) for key, band in content["bands"].items()
         }
         left_out = {
-            key: LeftOut(float(one["everyone"]), tuple(one["without"])) for key, one in content["left_out"].items()
+            key: LeftOut(
+                float(one["everyone"]), tuple(one["without"]), float(one["likeness"]), tuple(one["likeness_without"])
+            )
+            for key, one in content["left_out"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}, {}
@@ -210,7 +216,14 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
         indexes=indexes,
         band=band_of(band) if job.band else None,
         left_out={
-            case: LeftOut(everyone.value, tuple(index.value for index in fewer))
+            case: LeftOut(
+                everyone.value, tuple(index.value for index in fewer), _likeness(everyone), tuple(map(_likeness, fewer))
+            )
             for case, (everyone, *fewer) in zip(without, found, strict=True)
         },
     )
+
+
+def _likeness(index: AnthropomorphicIndex) -> float:
+    assert index.likeness is not None, "left-out pairings ask for it"
+    return index.likeness.value

@@ -67,6 +67,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "not_evaluated": evaluation.not_evaluated,
         "scores": [asdict(score) for score in evaluation.scores],
+        "ranking": None if evaluation.ranking is None else asdict(evaluation.ranking),
         "preventability": {
             "reference": reference_ads(settings) or "ideal vehicle",
             "rows": [asdict(row) for row in preventability(evaluation)],

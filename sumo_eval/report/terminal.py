@@ -21,7 +21,7 @@ from sumo_eval.report.words import (
     reason_without_d,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, Ranking, ScenarioResult
 
 COLUMNS = (
     "ADS", "scenario", "collisions", "avoidable", "in safe zone", "A", "H", "S+", "C", "D", "S", "cases",
@@ -34,7 +34,7 @@ MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists 
 
 def score_table(evaluation: Evaluation) -> Table:
     """The scores of every ADS in every logical scenario, for a terminal."""
-    title = f"{evaluation.name}: A at most 1, H, C and D within 0..1, S+ and S of 100 points"
+    title = f"{evaluation.name}: A at most 1, H, C and D within 0..1, S+ and S of 100 points; 95 % intervals"
     table = Table(title=Text(title), title_justify="left")
     for index, heading in enumerate(COLUMNS):
         table.add_column(heading, justify="left" if index < 2 else "right", overflow="fold")
@@ -64,7 +64,8 @@ def plain_table(evaluation: Evaluation) -> str:
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
     """What a person must know besides the table, one sentence a line."""
-    lines = [
+    lines = ranking_lines(evaluation.ranking)
+    lines += [
         f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."
         for score in evaluation.scores
         if score.c is None
@@ -125,9 +126,9 @@ def _row(score: ScenarioResult) -> list[tuple[str, str]]:
         str(score.collisions),
         str(score.avoidable_collisions),
         str(score.safe_collisions),
-        _or_not_computed(score.avoided_share, 3),
-        _or_not_computed(score.human_likeness, 3),
-        _or_not_computed(score.s_plus, 1),
+        _with_interval(_or_not_computed(score.avoided_share, 3), score.avoided_share_interval, 3),
+        _with_interval(_or_not_computed(score.human_likeness, 3), score.human_likeness_interval, 3),
+        _with_interval(_or_not_computed(score.s_plus, 1), score.s_plus_interval, 1),
         _with_interval(_or_not_computed(score.c, 3), score.c_interval, 3),
         _with_interval(_or_not_computed(score.d, 3), score.d_interval, 3),
         _with_interval(_or_not_computed(score.s, 1), score.s_interval, 1),
@@ -142,7 +143,7 @@ def _or_not_computed(value: float | None, digits: int) -> str:
 
 
 def _with_interval(cell: str, interval: tuple[float, float] | None, digits: int) -> str:
-    """A value whose cases are not all there is never shown without what it could have been."""
+    """A value is never shown without the interval in which it may lie."""
     if interval is None:
         return cell
     return f"{cell} ({number(interval[0], digits)}..{number(interval[1], digits)})"
@@ -163,6 +164,31 @@ def _shortened(sentence: str) -> str:
 def _one_line(text: str) -> str:
     """Without line breaks and without control characters, which would repaint a terminal."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
+def ranking_lines(ranking: Ranking | None) -> list[str]:
+    """The ADSs in the order of S+, each with the difference to the one above it; nothing of a single ADS."""
+    if ranking is None or len(ranking.ads) < 2:
+        return []
+    weighed = set(ranking.weights.values()) != {1.0}
+    weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
+    lines = [
+        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}; {ranking.level:.0%} intervals:"
+    ]
+    above = ""
+    for one in ranking.ads:
+        if one.place is None or one.s_plus is None:
+            lines.append(f"  not ranked: {_one_line(one.ads)} has no S+ in some scenario")
+            continue
+        words = f"  {one.place}. {_one_line(one.ads)}  {_with_interval(number(one.s_plus, 1), one.interval, 1)}"
+        if above:
+            pair = ranking.pair(above, one.ads)
+            ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
+            told = "" if pair.told_apart else ": not told apart, the place is shared"
+            words += f"  {number(-pair.difference, 1)}{ends} to {_one_line(above)}{told}"
+        lines.append(words)
+        above = one.ads
+    return lines
 
 
 # --- two runs ---------------------------------------------------------------------------------------------------------
