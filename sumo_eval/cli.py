@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import gc
 import os
 import sys
+from contextlib import suppress
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
@@ -13,6 +15,7 @@ import click
 
 from sumo_eval.commands.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
+from sumo_eval.text import clean, clean_log
 
 COMMANDS: Final = (
     "run",
@@ -69,6 +72,12 @@ class _Group(click.Group):
             sys.exit(INTERRUPTED)
         except SumoEvalError as error:
             _refuse(str(error))
+        except OSError as error:
+            if error.errno == errno.EPIPE:  # who reads has read enough; click knows how to leave
+                raise
+            _stdout_to_nowhere()  # else the interpreter would try to write there again when it ends
+            place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
+            _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
         except KeyboardInterrupt:
             click.echo("Stopped by Ctrl-C.", err=True)
             sys.exit(INTERRUPTED)
@@ -83,8 +92,19 @@ def _one_thread() -> None:
 
 
 def _refuse(sentence: str) -> NoReturn:
-    click.echo(f"sumo-eval: {sentence}", err=True)
+    with suppress(OSError):  # a full device behind stderr: the exit status is all that can be said
+        click.echo(f"sumo-eval: {clean_log(sentence)}", err=True)
     sys.exit(INPUT_WRONG)
+
+
+def _stdout_to_nowhere() -> None:
+    with suppress(OSError, ValueError):  # a stdout that is closed, or no file
+        try:
+            sys.stdout.flush()
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, sys.stdout.fileno())
+            os.close(nowhere)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -14,6 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.settings import Checked, EvaluationSettings
+from sumo_eval.text import shown
+from sumo_eval.toml_file import read_toml, toml_from
 
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
@@ -22,25 +23,12 @@ Settings = TypeVar("Settings", bound=Checked)
 
 def read_evaluation(path: Path) -> EvaluationSettings:
     """The settings in an evaluation file. Raises InputError naming every mistake in it."""
-    return settings_from(_read_toml(path, "evaluation file"), str(path))
+    return settings_from(read_toml(path, "evaluation file"), str(path))
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
     """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
-    return _validated(_read_toml(path, what), kind, str(path))
-
-
-def _read_toml(path: Path, what: str) -> dict[str, Any]:
-    try:
-        text = path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
-        raise InputError(f"There is no {what} {path}.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{what.capitalize()} {path} cannot be read: {error}.") from error
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{what.capitalize()} {path} is not valid TOML: {error}.") from error
+    return _validated(read_toml(path, what), kind, str(path))
 
 
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
@@ -83,8 +71,8 @@ def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> Evalua
         if not equals:
             raise InputError(f"A change must have the form key=value, got {change!r}.")
         try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+            value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
+        except InputError:  # `--set ads.name=mine`: text needs no quotes
             value = text
         *parents, last = path.strip().split(".")
         place: Any = content
@@ -136,7 +124,7 @@ def _sentence(item: Any, where: str, root: type) -> str:
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
     message = str(item["msg"]).removeprefix("Input should be ")
-    return f"`{path}` in {where} must be {message}, got {item['input']!r}."
+    return f"`{path}` in {where} must be {message}, got {shown(item['input'])}."
 
 
 _UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
+
 
 class SumoEvalError(Exception):
     """Any fault this package reports on purpose. Its text is plain sentences for the person at the terminal."""
@@ -41,7 +43,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
     """`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150."""
-    return InputError(f"{what} of {owner} must be {requirement}, got {got!r}.")
+    return InputError(f"{what} of {owner} must be {requirement}, got {shown(got)}.")
+
+
+def check_name(what: str, owner: str, name: str) -> None:
+    """Refuse a name that a table, a file or a terminal could not show as it is."""
+    if clean(name) != name:
+        raise must_be(what, owner, f"one line of at most {SENTENCE} characters that can be shown", name)
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
@@ -51,5 +59,5 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 
 def said(error: BaseException) -> str:
     """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop."""
-    text = str(error).strip().rstrip(".")
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    text = words_of(error).strip().rstrip(".")
+    return f"{kind_of(error)}: {text}" if text else kind_of(error)

@@ -15,6 +15,7 @@ from sumo_eval.batch import run_folder
 from sumo_eval.batch.cases import Role
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.errors import InputError
+from sumo_eval.text import cells, without_quotes
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class Run:
         """One row a case of an ADS, as scored last: parameters, zone, outcome, U, L, Ug, r, D_i, measures."""
         import pandas as pd
 
-        return pd.read_csv(_scored(self.folder, CASES))
+        return without_quotes(pd.read_csv(_scored(self.folder, CASES)))
 
     @property
     def scores(self) -> pd.DataFrame:
@@ -121,18 +122,22 @@ def _write_drives(run: Run, folder: Path) -> list[Path]:
 
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
     rows: list[dict[str, Any]] = []
-    with run._store() as store, drives.open("w", newline="") as one, trajectories.open("w", newline="") as other:
+    with (
+        run._store() as store,
+        drives.open("w", newline="", encoding="utf-8") as one,
+        trajectories.open("w", newline="", encoding="utf-8") as other,
+    ):
         names = sorted({name for row in _drive_rows(store) for name in row["values"]})
         for number, row in enumerate(_drive_rows(store)):
             values = row.pop("values")
             rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
             table = _trajectory_table(row["case"], store.trajectories(row["case"]))
-            table.to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
+            cells(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
             if len(rows) == _ROWS_AT_ONCE:
-                pd.DataFrame(rows).to_csv(one, index=False, header=one.tell() == 0)
+                cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
                 rows.clear()
         if rows:
-            pd.DataFrame(rows).to_csv(one, index=False, header=one.tell() == 0)
+            cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
     return [drives, trajectories]
 
 
@@ -156,6 +161,7 @@ def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
                 "status": fact.status,
                 "end_reason": fact.end_reason,
                 "error": fact.error,
+                "error_place": fact.error_place,
                 "simulated_time": fact.simulated_time,
                 "collision_time": hit.time if hit else None,
                 "collision_with": hit.other if hit else None,

@@ -10,7 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.errors import InputError, did_you_mean, said
+from sumo_eval.text import words_of
 
 
 def load_object(locator: str, folder: Path | None, kind: str) -> Any:
@@ -39,9 +40,11 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
             raise InputError(f"{owner}: there is no module `{name}` to import.") from error
-        raise InputError(f"{owner}: importing `{name}` failed: {error}.") from error
-    except (Exception, SystemExit) as error:
-        raise InputError(f"{owner}: importing `{name}` failed: {type(error).__name__}: {error}.") from error
+        raise InputError(f"{owner}: importing `{name}` failed: {words_of(error)}.") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"{owner}: importing `{name}` failed: {said(error)}.") from error
 
 
 def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
@@ -59,9 +62,12 @@ def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
         del sys.modules[name]
-        raise InputError(f"{owner}: running {path} failed: {type(error).__name__}: {error}.") from error
+        raise
+    except BaseException as error:
+        del sys.modules[name]
+        raise InputError(f"{owner}: running {path} failed: {said(error)}.") from error
     return module
 
 

@@ -33,7 +33,8 @@ class CaseResult:
     Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
     few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
     fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
-    exposure_note: whether the point lies outside the support of recorded events.
+    exposure_note: whether the point lies outside the support of recorded events. error_place: file, line and function
+    of the user's code that the exception in `error` came from.
     """
 
     case: str
@@ -84,6 +85,7 @@ class CaseResult:
     manoeuvre: str = ""
     manoeuvre_share: float | None = None
     exposure_note: str = ""
+    error_place: str = ""
     no_reaction_severity: float | None = None
     operation_tolerance: float | None = None
     mixture_similarity: float | None = None

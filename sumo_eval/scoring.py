@@ -130,6 +130,7 @@ def tabulate(
                 status=fact.status,
                 end_reason=fact.end_reason,
                 error=fact.error,
+                error_place=fact.error_place,
                 wall_time=fact.wall_time,
                 simulated_time=fact.simulated_time,
                 latency_mean=fact.latency_mean,

@@ -200,6 +200,7 @@ class Recording:
     log: str = ""
     controller_latency: tuple[float, float] = (0.0, 0.0)  # wall time of one step: mean, longest, s
     wall_time: float = 0.0
+    error_place: str = ""  # `my_ads.py:42 in act`: where in the user's code an exception came from
 
     @property
     def simulated_time(self) -> float:

@@ -9,6 +9,7 @@ from typing import Literal
 from sumo_eval.batch.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
+from sumo_eval.text import clean, clean_log
 from sumo_eval.trajectory import Recording
 
 Role = Literal["ads", "ideal", "no_reaction", "human"]
@@ -52,7 +53,8 @@ class Case:
 class Outcome:
     """What became of a case. `recording` is missing when the process that ran it was lost.
 
-    `log`: the traceback of an exception and the end of what the case printed.
+    `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
+    function of the user's code that an exception came from.
     """
 
     case: Case
@@ -60,6 +62,13 @@ class Outcome:
     recording: Recording | KeptRecording | None
     error: str | None = None
     log: str = ""
+    error_place: str = ""
+
+    def __post_init__(self) -> None:
+        """Cleaned once more: what a process that runs users' code sends may be anything."""
+        object.__setattr__(self, "error", None if self.error is None else clean(self.error))
+        object.__setattr__(self, "log", clean_log(self.log))
+        object.__setattr__(self, "error_place", clean(self.error_place))
 
 
 @dataclass(frozen=True, slots=True)

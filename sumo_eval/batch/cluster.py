@@ -9,7 +9,7 @@ from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.engines import Stopping, run_in_children
 from sumo_eval.batch.identity import harness_identity
 from sumo_eval.batch.packs import Pack, Packs
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, said
 
 BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
 _BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
@@ -77,7 +77,7 @@ def _fault(future: Any) -> str | None:
     if future.status == "finished":
         return None
     error = future.exception() if future.status == "error" else None
-    return f"{type(error).__name__}: {error}" if error is not None else str(future.status)
+    return said(error) if error is not None else str(future.status)
 
 
 def _connect(address: str) -> Any:
@@ -89,5 +89,5 @@ def _connect(address: str) -> Any:
         raise InputError("The engine `dask` needs the extra `cluster`: pip install 'sumo_eval[cluster]'.") from error
     try:
         return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"There is no Dask scheduler at {address}: {error}.") from error
+    except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: `tls://` without certificates
+        raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

@@ -15,6 +15,7 @@ from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.batch.pool import Ended, Pool
 from sumo_eval.batch.worker import Result, run_together
 from sumo_eval.errors import InputError
+from sumo_eval.text import clean
 
 Stopping = Callable[[], bool]
 """Asked before cases are begun: whether no more of them should be."""
@@ -124,7 +125,8 @@ def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
         return Outcome(case, status, None, _what_happened(ended, setup), remark + ended.log)
     result: Result = ended.result[0]
-    return Outcome(case, result.status, result.recording, result.error, remark + result.log + ended.log)
+    log = remark + result.log + ended.log
+    return Outcome(case, result.status, result.recording, result.error, log, result.error_place)
 
 
 def _what_happened(ended: Ended[Any], setup: Setup) -> str:
@@ -141,4 +143,4 @@ def _what_happened(ended: Ended[Any], setup: Setup) -> str:
 
 def _quoted(log: str) -> str:
     lines = [line.strip() for line in log.splitlines() if line.strip()]
-    return f" Its last words: {lines[-1]}" if lines else ""
+    return f" Its last words: {clean(lines[-1])}" if lines else ""

@@ -24,13 +24,14 @@ from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.batch.children import child_context, tie_to_owner
+from sumo_eval.text import clean_log
 
 Item = TypeVar("Item")
 Settled = TypeVar("Settled")
 Task = Callable[[Any, Any], Any]
 """A function of the item and of what all items share; importable by name, like both arguments picklable."""
 
-LOG_END = 8_000  # bytes that are kept of the beginning, and of the end, of what an item printed
+LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
 _MEGABYTE = 1 << 20
 _READS_AT_ONCE = 16  # of one child's output, before another one's turn
 _LEAVE_TIME = 5.0  # s for a killed process to be gone
@@ -67,7 +68,7 @@ class BoundedLog:
     def text(self) -> str:
         """What is kept of it, with a line in the place of what is not."""
         gap = f"\n[{self._left_out} bytes left out]\n".encode() if self._left_out else b""
-        return (self._head + gap + self._tail).decode("utf-8", errors="replace")
+        return clean_log((self._head + gap + self._tail).decode("utf-8", errors="replace"))
 
 
 class Pool:

@@ -308,7 +308,9 @@ def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) ->
     reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
     try:
         trajectories = list(reference(concrete))
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(
             f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: {said(error)}."
         ) from error

@@ -159,7 +159,7 @@ def read_exposures(folder: Path) -> dict[str, Any]:
         exposures: dict[str, Any] = json.loads((folder / EXPOSURES).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"The exposures of run {folder} cannot be read: {error}.") from error
     return exposures
 
@@ -182,7 +182,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     """The manifest of a run."""
     try:
         manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
     if manifest.get("format_version") != FORMAT_VERSION:
         raise InputError(

@@ -18,7 +18,7 @@ from sumo_eval.batch.kept import KeptRecording, keep, unpack
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import Clip, Collision, Trajectory
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
@@ -27,7 +27,8 @@ CREATE TABLE IF NOT EXISTS facts (
     error TEXT, simulated_time REAL, collision TEXT, clips TEXT NOT NULL, fingerprint TEXT NOT NULL
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS circumstances (
-    "case" TEXT PRIMARY KEY, log TEXT NOT NULL, wall_time REAL, latency_mean REAL, latency_max REAL
+    "case" TEXT PRIMARY KEY, log TEXT NOT NULL, wall_time REAL, latency_mean REAL, latency_max REAL,
+    error_place TEXT NOT NULL
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS trajectories (
     "case" TEXT NOT NULL, vehicle TEXT NOT NULL, data BLOB NOT NULL, PRIMARY KEY ("case", vehicle)
@@ -38,7 +39,7 @@ CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 _TABLES = ("facts", "circumstances", "trajectories")
 _COLUMNS = (
     'facts."case", scenario, point, role, driver, controller, "values", exposure, status, end_reason, error, log, '
-    "simulated_time, collision, clips, wall_time, latency_mean, latency_max"
+    "simulated_time, collision, clips, wall_time, latency_mean, latency_max, error_place"
 )
 
 
@@ -64,6 +65,7 @@ class Fact:
     wall_time: float | None
     latency_mean: float | None
     latency_max: float | None
+    error_place: str = ""
 
 
 class Store:
@@ -128,7 +130,7 @@ class Store:
                 if self._is_recorded_otherwise(outcome.case):
                     self._remove(outcome.case.key)
             self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
-            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?)", circumstances)
+            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?)", circumstances)
             self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
     def holds(self, case: Case) -> bool:
@@ -310,17 +312,17 @@ def _plain(record: Collision | Clip) -> dict[str, object]:
 
 def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
     times = (kept.wall_time, *kept.controller_latency) if kept else (None, None, None)
-    return outcome.case.key, outcome.log, *times
+    return outcome.case.key, outcome.log, *times, outcome.error_place
 
 
 def _fact(row: tuple[Any, ...]) -> Fact:
     (case, scenario, point, role, driver, controller, values, exposure, status, end_reason, error, log, simulated_time,
-     collision, clips, wall_time, latency_mean, latency_max) = row  # fmt: skip
+     collision, clips, wall_time, latency_mean, latency_max, error_place) = row  # fmt: skip
     return Fact(
         case, intern(scenario), point, role, intern(driver), intern(controller), _values(values), exposure,
         status, end_reason, error, log, simulated_time,
         _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
-        wall_time, latency_mean, latency_max,
+        wall_time, latency_mean, latency_max, error_place or "",
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from sumo_eval.cosim.traci_program import TraciProgram
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
+from sumo_eval.text import kind_of
 
 _ALARM = int(getattr(signal, "SIGALRM", 0))
 
@@ -32,6 +33,11 @@ def watched(controller: Controller, limits: RunSettings) -> Controller:
     if isinstance(controller, ObservingController):
         return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
     return WatchedController(controller, limits.step_timeout, limits.memory_limit)
+
+
+def interrupted(error: KeyboardInterrupt) -> RuntimeError:
+    """What to raise in its place: nobody at a keyboard reaches a child, so the ADS raised it."""
+    return RuntimeError(f"it raised {kind_of(error)}")
 
 
 class WatchedController:
@@ -53,7 +59,10 @@ class WatchedController:
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Pass on. Loading a model may take its time: only the deadline of the case holds."""
-        self._controller.reset(scenario, traci, ego)
+        try:
+            self._controller.reset(scenario, traci, ego)
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
         if self._armed:  # after the ADS's own reset, which may have set handlers
             signal.signal(signal.SIGALRM, self._handler)
 
@@ -65,6 +74,8 @@ class WatchedController:
                 signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
             try:
                 return self._controller.step(traci, ego, time)
+            except KeyboardInterrupt as error:
+                raise interrupted(error) from error
             finally:
                 self._stepping = False
                 # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
@@ -76,14 +87,15 @@ class WatchedController:
             ) from overdue
         except MemoryError as error:
             raise MemoryError(f"more than the {self._memory_limit:g} MB of `run.memory_limit`") from error
-        except (KeyboardInterrupt, GeneratorExit) as error:  # nobody at a keyboard reaches a child: the ADS raised it
-            raise RuntimeError(f"it raised {type(error).__name__}") from error
 
     def close(self) -> None:
         """Pass on, with no alarm set."""
         if self._armed:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-        self._controller.close()
+        try:
+            self._controller.close()
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         if self._stepping:

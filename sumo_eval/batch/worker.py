@@ -15,6 +15,7 @@ from sumo_eval.batch.kept import KeptRecording, keep
 from sumo_eval.batch.watch import watched
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.controller import find_controller, load_controller
+from sumo_eval.cosim.fault_place import fault_place
 from sumo_eval.cosim.packed import NO_PACKED_FORM, NOT_FOR_PACKS, simulate_packed
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic import SyntheticDriver, human_controller
@@ -41,8 +42,10 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     try:
         recording = _simulate(case, setup)
     except InputError as error:
-        return Outcome(case, "rejected", None, str(error))
-    return Outcome(case, _STATUS[recording.end_reason], recording, recording.error, recording.log)
+        return Outcome(case, "rejected", None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
+    return Outcome(
+        case, _STATUS[recording.end_reason], recording, recording.error, recording.log, recording.error_place
+    )
 
 
 class Result(NamedTuple):
@@ -52,6 +55,7 @@ class Result(NamedTuple):
     recording: KeptRecording | None
     error: str | None
     log: str
+    error_place: str = ""
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | None:
@@ -64,7 +68,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> list[Result | str] | No
         outcome = run_case(cases[0], setup)
         recording = outcome.recording
         kept = keep(recording) if isinstance(recording, Recording) else recording
-        return [Result(outcome.status, kept, outcome.error, outcome.log)]
+        return [Result(outcome.status, kept, outcome.error, outcome.log, outcome.error_place)]
     try:
         found = list(_simulate_packed(cases, setup))
     except InputError:  # each of them says why when it runs alone

@@ -28,11 +28,12 @@ def check(what: str, step_timeout: float) -> None:
 
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
-    import tomllib
+    from sumo_eval.errors import InputError
+    from sumo_eval.toml_file import read_toml
 
     try:
-        return "parameter" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return "parameter" in read_toml(path, "file")
+    except InputError:
         return False
 
 

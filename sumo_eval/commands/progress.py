@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time as clock
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import click
@@ -58,11 +59,16 @@ class Progress:
         elif done == total:
             if stage not in self._finished:
                 self._finished.add(stage)
-                click.echo(f"{stage}: {total} done{_failed(failed)}", err=True)
+                _say(f"{stage}: {total} done{_failed(failed)}")
         elif now - self._said.setdefault(stage, now) >= _LINE_EVERY:
             self._said[stage] = now
             left = f", {rate:.1f}/s, about {_duration((total - done) / rate)} left" if rate else ""
-            click.echo(f"{stage}: {done} of {total}{left}{_failed(failed)}", err=True)
+            _say(f"{stage}: {done} of {total}{left}{_failed(failed)}")
+
+
+def _say(line: str) -> None:
+    with suppress(OSError):  # a full device behind stderr ends no work
+        click.echo(line, err=True)
 
 
 def _failed(failed: int) -> str:

@@ -299,7 +299,9 @@ def _adapt(found: Any, described: str) -> Controller:
     if inspect.isclass(found):
         try:
             found = found()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
     if isinstance(found, TRACI.StepListener):
         return ListenerController(found)

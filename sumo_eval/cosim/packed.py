@@ -27,6 +27,7 @@ from sumo_eval.cosim.simulate import check_intervals, simulate
 from sumo_eval.errors import must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.text import traceback_of
 from sumo_eval.trajectory import Recording
 
 __all__ = ["PackedCommand", "PackedController", "PackedScene", "simulate_many"]
@@ -167,7 +168,7 @@ def _packed(
         with packed_session(network, packed_routes_xml(cases, settings.vehicle), settings) as traci:
             pack.drive(traci, step_timeout)
     except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is simulated alone
-        _LOG.exception("A pack of %d cases failed; each of them is simulated alone.", len(cases))
+        _LOG.error("A pack of %d cases failed; each of them is simulated alone.\n%s", len(cases), traceback_of(error))
         return [f"A pack failed: {said(error)}."] * len(cases)
     recordings = pack.recordings(clock.perf_counter() - began)
     return [pack.left[case] if one is None else one for case, one in enumerate(recordings)]

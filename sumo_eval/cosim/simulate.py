@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import numbers
 import time as clock
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from sumo_eval.cosim.controller import (
     ObservingController,
     load_controller,
 )
+from sumo_eval.cosim.fault_place import fault_place
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.session import session, vehicles
@@ -34,6 +34,7 @@ from sumo_eval.cosim.vehicle_model import Command, EgoState, advance
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.text import SENTENCE, clean, clean_log, shown, traceback_of, words_of
 from sumo_eval.trajectory import Clip, Collision, EndReason, Recording, Trajectory
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -45,6 +46,7 @@ _PLACE_TOLERANCE = 1e-3  # m
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
 _NEAR = 0.02  # m, along and across, as near to it as nobody need look closer
+_LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long, and a step makes several
 _SEEN_AS_IT_IS: dict[str, Any] = {
     "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
@@ -77,6 +79,7 @@ def simulate(
     began = clock.perf_counter()
     ego_type = ads.vtype if isinstance(ads, NativeModel) else None
     run = _Run(concrete, settings, ads, step_timeout, seed)
+    run.folder = folder
     if settings.plant is not None:
         run.plant = FmuPlant(settings.plant, settings.plant.file, folder)
     if isinstance(ads, TraciProgram):
@@ -87,11 +90,11 @@ def simulate(
         with opened as traci, seen_as_traci():
             run.drive(traci)
     except ControllerTimeoutError as error:
-        run.fail("ads_timeout", str(error))
+        run.fail("ads_timeout", words_of(error, SENTENCE))
     except ControllerError as error:
-        run.fail("ads_error", str(error))
+        run.fail("ads_error", words_of(error, SENTENCE))
     except SimulationError as error:
-        run.fail("sim_error", str(error))
+        run.fail("sim_error", words_of(error, SENTENCE))
     run.log += getattr(ads, "log", "")
     return run.recording(clock.perf_counter() - began)
 
@@ -169,6 +172,8 @@ class _Run:
         self.collision: Collision | None = None
         self.end_reason: EndReason | None = None
         self.error: str | None = None
+        self.error_place = ""
+        self.folder: Path | None = None  # where the user's files lie
         self.log = ""
         self.latency_sum = 0.0
         self.latency_max = 0.0
@@ -231,9 +236,9 @@ class _Run:
                 if self.end_reason is None and self.steps % samples_every == 0:
                     self.sample(self.time)
         except ControllerTimeoutError as error:
-            self.fail("ads_timeout", str(error))
+            self.fail("ads_timeout", words_of(error, SENTENCE))
         except ControllerError as error:
-            self.fail("ads_error", str(error))
+            self.fail("ads_error", words_of(error, SENTENCE))
         except (traci.TraCIException, traci.FatalTraCIError) as error:
             self.fail("sim_error", f"SUMO stopped at {self.time:.2f} s: {said(error)}.")
         finally:
@@ -248,7 +253,9 @@ class _Run:
         """Close one of the things a case holds; what goes wrong there keeps none of the others from being closed."""
         try:
             close()
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - kept in full: sentence and traceback
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
             self._keep_traceback(error)
             sentence = f"{who} raised in close: {said(error)}."
             if self.collision is None:
@@ -285,8 +292,10 @@ class _Run:
         except RefusedCallError as error:
             self._keep_traceback(error)
         except ControllerError as error:
-            raise type(error)(f"{error} in reset.") from error
-        except (Exception, SystemExit) as error:
+            raise _fault(error, "in reset") from error
+        except KeyboardInterrupt:  # the user's; an ADS's own is put in words by the watch over it
+            raise
+        except BaseException as error:
             self._keep_traceback(error)
             self._check_refusal(0.0)
             raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
@@ -307,8 +316,10 @@ class _Run:
         except ControllerError as error:  # an adapter, or the watch over the step, has put it in words
             self.latency_max = max(self.latency_max, clock.perf_counter() - asked)
             self._keep_traceback(error)
-            raise type(error)(f"{error} at {time:.2f} s.") from error
-        except (Exception, SystemExit) as error:
+            raise _fault(error, f"at {time:.2f} s") from error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             self._keep_traceback(error)
             self._check_refusal(time)
             raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
@@ -348,7 +359,9 @@ class _Run:
             )
 
     def _keep_traceback(self, error: BaseException) -> None:
-        self.log += "".join(traceback.format_exception(error))
+        """Traceback and place of an exception, for a log and for a table."""
+        self.log = clean_log(self.log + traceback_of(error))
+        self.error_place = self.error_place or fault_place(error, self.driver, self.folder)
 
     # -- motion --------------------------------------------------------------------------------------------------------
 
@@ -595,10 +608,11 @@ class _Run:
             collision=self.collision,
             end_reason=self.end_reason,
             clips=tuple(self.clips[name] for name in sorted(self.clips)),
-            error=self.error,
-            log=self.log,
+            error=None if self.error is None else clean(self.error),
+            log=clean_log(self.log),
             controller_latency=(self.latency_sum / max(self.answers, 1), self.latency_max),
             wall_time=wall_time,
+            error_place=self.error_place,
         )
 
 
@@ -608,6 +622,12 @@ def scripted_spans(actor: Actor, step: float) -> list[tuple[float, float]]:
     if actor.brake is not None:
         spans.append((actor.brake.begin, actor.brake.end(actor.start.speed) + step))
     return spans
+
+
+def _fault(error: ControllerError, when: str) -> ControllerError:
+    """What an adapter, or the watch over a step, has put in words, with the time. The class may be the user's own."""
+    kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
+    return kind(f"{words_of(error, _LONGEST_WORDS)} {when}.")
 
 
 def _checked(answer: object, time: float) -> Command:
@@ -620,7 +640,7 @@ def _checked(answer: object, time: float) -> Command:
     for name, value in (("acceleration", acceleration), ("steering", steering)):
         if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
             raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {value!r} at {time:.2f} s."
+                f"`{name}` of the ADS's Command must be a finite number, got {shown(value)} at {time:.2f} s."
             )
     return Command(float(acceleration), float(steering))
 

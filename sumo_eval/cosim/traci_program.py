@@ -1,8 +1,8 @@
 """`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process on a loopback port.
 
-The harness is the first client and the program the second; SUMO takes a step when both have asked for one. The program
-finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says `traci.setOrder(2)` after
-`traci.init(port)`. Needs the sumo program: extra `gui`.
+The harness is the first client and the program, through a relay, the second; SUMO takes a step when both have asked
+for one. The program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says
+`traci.setOrder(2)` after `traci.init(port)`. Needs the sumo program: extra `gui`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 
 from sumo_eval.cosim.child_program import ChildProgram, split_command
 from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.session import check_start, command_line, quoted
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -92,6 +93,7 @@ class ServedSimulation:
         """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits until both are there."""
         self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
         self._wait(self._connection.simulationStep, START_TIMEOUT)
+        self._ads.took = 0.0  # starting and connecting is no step
 
     def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
         """Ask for a step, which SUMO takes when the program has asked for one too."""
@@ -130,25 +132,25 @@ def served(
         log, console = folder / "sumo.log", folder / "console.txt"
         port = _free_port()
         command = command_line(concrete, settings, folder, log, None)
-        server = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", "2"]
+        words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", str(CLIENTS)]
         with console.open("wb") as output:
-            sumo = subprocess.Popen(server, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+            server = PrivateServer(words, port, output)
         program: ChildProgram | None = None
-        connection: Any = None
+        relay: Relay | None = None
         try:
-            connection = _connect(port, sumo, (log, console))
-            words = [word.replace("{port}", str(port)) for word in ads.command]
-            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(port)})
+            connection = _connect(server, (log, console))
+            relay = Relay(server.sockets[1])
+            words = [word.replace("{port}", str(relay.port)) for word in ads.command]
+            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(relay.port)})
             simulation = ServedSimulation(connection, program, ads, step_timeout)
             threading.Thread(target=_hang_up, args=(program, connection), daemon=True).start()
             simulation.begin()
             check_start(simulation, concrete, settings)
             yield simulation
         finally:
-            if connection is not None and connection._socket is not None:
-                connection._socket.close()
-            sumo.kill()
-            sumo.wait()
+            if relay is not None:
+                relay.end()
+            server.end()
             if program is not None:
                 ads.log = program.stop()
 
@@ -167,16 +169,28 @@ def _free_port() -> int:
     return port
 
 
-def _connect(port: int, sumo: subprocess.Popen[bytes], logs: tuple[Path, ...]) -> Any:
+def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
+    """The harness's connection, when the server has begun and both of its clients are connected."""
     import traci.connection
     import traci.main  # makes the domains that a connection has
 
+    sumo = server.process
     until = clock.monotonic() + START_TIMEOUT
     while True:
         try:
-            return traci.connection.Connection("127.0.0.1", port, None, None, False, None)
+            server.connect()
+            return _over(server.sockets[0], traci.connection.Connection)
         except OSError as error:
             if sumo.poll() is not None or clock.monotonic() > until:
                 raise SimulationError(f"SUMO could not start the case: {quoted(error, *logs)}.") from error
             with suppress(subprocess.TimeoutExpired):
                 sumo.wait(_BETWEEN_TRIES)
+
+
+def _over(connected: socket.socket, kind: Any) -> Any:
+    """A TraCI connection over a socket that is connected already; its class makes and connects one of its own."""
+    with socket.create_server((LOOPBACK, 0)) as nobody:
+        connection = kind(*nobody.getsockname(), None, None, False, None)
+    connection._socket.close()
+    connection._socket = connected
+    return connection

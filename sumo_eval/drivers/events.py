@@ -25,6 +25,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
 from sumo_eval.errors import InputError
+from sumo_eval.text import cells
 
 KINDS: Final = ("approach", "cut_out", "cut_in", "lead_braking")
 
@@ -459,10 +460,9 @@ def write_events(events: Events, folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for kind, table in events.tables.items():
-            table.round(4).to_csv(folder / f"{kind}.csv", index=False)
-        events.lane_changes.drop(columns="row", errors="ignore").round(4).to_csv(
-            folder / "lane_change.csv", index=False
-        )
+            cells(table.round(4)).to_csv(folder / f"{kind}.csv", index=False)
+        changes = events.lane_changes.drop(columns="row", errors="ignore").round(4)
+        cells(changes).to_csv(folder / "lane_change.csv", index=False)
     except OSError as error:
         raise InputError(f"The events cannot be written to {folder}: {error}.") from error
 

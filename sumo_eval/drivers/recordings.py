@@ -28,6 +28,7 @@ import pandas as pd
 
 from sumo_eval.drivers.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
+from sumo_eval.text import cells, from_cell
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 COLUMNS = (
@@ -144,7 +145,7 @@ def write_csv(recordings: Recordings, path: Path) -> None:
         handle, partial = tempfile.mkstemp(suffix="".join(path.suffixes), dir=path.parent)
         os.close(handle)
         try:
-            recordings.table.round(_DECIMALS).to_csv(partial, index=False)
+            cells(recordings.table.round(_DECIMALS)).to_csv(partial, index=False)
             os.replace(partial, path)
         finally:
             Path(partial).unlink(missing_ok=True)
@@ -173,7 +174,7 @@ def read_csv(path: Path) -> Recordings:
     if "lane" not in table:
         table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
     for name in ("recording", "vehicle", "driver", "class"):
-        table[name] = table[name].astype(str)
+        table[name] = table[name].astype(str).map(from_cell)
     table["lane"] = table["lane"].round().astype(np.int64)
     return Recordings(table[list(COLUMNS)]) if _is_canonical(table) else canonical(table)
 

@@ -15,6 +15,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.drawn_points import evenly
 from sumo_eval.search.boundary import FailureBoundary
+from sumo_eval.text import cell
 
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
@@ -59,7 +60,7 @@ def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
         folder.mkdir(parents=True, exist_ok=True)
         with table.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*found.logical.names, "collided"])
+            writer.writerow(map(cell, [*found.logical.names, "collided"]))
             for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
                 writer.writerow([*(repr(value) for value in row), int(hit)])
         plain.write_text(json.dumps(summary(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -13,7 +13,17 @@ from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
-from sumo_eval.report.words import MEASURES, cases_of, end_reason, explain_s, number, outcome, point, ratio_of
+from sumo_eval.report.words import (
+    MEASURES,
+    cases_of,
+    end_reason,
+    explain_s,
+    number,
+    outcome,
+    placed,
+    point,
+    ratio_of,
+)
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
 ROUNDING = 1e-9
@@ -38,7 +48,7 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
             f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
             f"  {outcome(case)}; {end_reason(case)}"
             + (f" after {case.simulated_time:.2f} s" if case.simulated_time is not None else "")
-            + (f"; {case.error}" if case.error else ""),
+            + (f"; {placed(case.error, case)}" if case.error else ""),
             *(f"  {line}" for line in _zone(case, zones)),
             *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
             *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),

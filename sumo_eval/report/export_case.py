@@ -17,6 +17,7 @@ from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xm
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.settings import DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
+from sumo_eval.text import cell
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
         with (out / f"{stem}.csv").open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerows([columns, [repr(value) for value in values]])
+            csv.writer(file, lineterminator="\n").writerows(
+                [[cell(name) for name in columns], [repr(value) for value in values]]
+            )
     except OSError as error:
         raise InputError(f"The case cannot be written into {out}: {error}.") from error
     return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)

@@ -18,7 +18,7 @@ from lxml import etree
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import ChangedCase, Comparison
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.words import count, end_reason, number, point, unevaluated
+from sumo_eval.report.words import count, end_reason, number, placed, point, unevaluated
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.settings import ReportSettings
 
@@ -44,7 +44,7 @@ Suites = Mapping[tuple[str, str], Sequence[Test]]
 
 def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of the space."""
-    reasons = {case.case: sentence for case, sentence in unevaluated(evaluation)}
+    reasons = {case.case: placed(sentence, case) for case, sentence in unevaluated(evaluation)}
     report = evaluation.settings.report
     suites: dict[tuple[str, str], list[Test]] = {}
     for score in evaluation.scores:
@@ -139,7 +139,13 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
         return Test(name, "passed")
     by = "" if change.by is None else f" by {abs(change.by):.3g}"
     if change.change == "not evaluated any more":
-        return Test(name, "error", case.status, f"{change.change}: {_first_line(case.error or case.status)}", case.case)
+        return Test(
+            name,
+            "error",
+            case.status,
+            f"{change.change}: {_first_line(placed(case.error or case.status, case))}",
+            case.case,
+        )
     message = f"{change.change} than in the base{by}" if by else f"{change.change}, not so in the base"
     return Test(name, "failure", change.change.replace(" ", "_"), message, _facts(case))
 

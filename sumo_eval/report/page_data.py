@@ -181,6 +181,7 @@ def _case(
         "outcome": outcome(case),
         "end": end_reason(case),
         "error": case.error,
+        "errorPlace": case.error_place,
         "missing": reason,
         "time": case.simulated_time,
         "latency": case.latency_max,

@@ -12,6 +12,7 @@ from plotly.subplots import make_subplots
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample
+from sumo_eval.text import cell
 
 CHOSEN, REFUSED = "#0072b2", "#9aa1aa"
 
@@ -23,7 +24,7 @@ def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: 
         folder.mkdir(parents=True, exist_ok=True)
         with table.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow([*logical.names, "exposure"])
+            writer.writerow(map(cell, [*logical.names, "exposure"]))
             for row, exposure in zip(points.points.tolist(), points.exposure.tolist(), strict=True):
                 writer.writerow([repr(value) for value in (*row, exposure)])
         page.write_text(

@@ -13,6 +13,7 @@ from typing import Any
 from sumo_eval.errors import InputError
 from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.text import cell
 
 _ALSO = {"d_i": "index"}  # columns that show a field under a second name
 _FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
@@ -23,21 +24,21 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     """Write one row a case, empty where a value does not apply. SI units, as in `sumo_eval.results.CaseResult`.
 
     Parameters have a column each under their own name; one that is called like another column is `parameter_<name>`.
+    Text that a spreadsheet would run as a formula begins with `'`.
     """
     parameters = list(dict.fromkeys(name for case in evaluation.cases for name in case.values))
     headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow((*_FIRST, *headings, *_REST, *_ALSO))
+            writer.writerow(map(cell, (*_FIRST, *headings, *_REST, *_ALSO)))
             for case in evaluation.cases:
-                writer.writerow(
-                    (
-                        *(getattr(case, name) for name in _FIRST),
-                        *(case.values.get(name) for name in parameters),
-                        *(getattr(case, name) for name in (*_REST, *_ALSO.values())),
-                    )
+                row = (
+                    *(getattr(case, name) for name in _FIRST),
+                    *(case.values.get(name) for name in parameters),
+                    *(getattr(case, name) for name in (*_REST, *_ALSO.values())),
                 )
+                writer.writerow(map(cell, row))
     except OSError as error:
         raise InputError(f"The table {path} cannot be written: {error}.") from error
 

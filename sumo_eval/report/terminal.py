@@ -21,7 +21,7 @@ from sumo_eval.report.words import (
     reason_without_d,
     unevaluated,
 )
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
 COLUMNS = (
     "ADS", "scenario", "collisions", "avoidable", "in safe zone", "A", "H", "S+", "C", "D", "S", "cases",
@@ -29,7 +29,7 @@ COLUMNS = (
 )  # fmt: skip
 NOT_COMPUTED = "not computed"
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
-MOST_LISTED = 5  # cases that could not be evaluated; the report lists them all
+MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
 
 
 def score_table(evaluation: Evaluation) -> Table:
@@ -82,11 +82,11 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     missing = unevaluated(evaluation)
     if missing:
         lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
-        lines += [
-            f"  {_one_line(case.case)}: {_shortened(_one_line(sentence))}" for case, sentence in missing[:MOST_LISTED]
-        ]
-        if len(missing) > MOST_LISTED:
-            lines.append(f"  and {len(missing) - MOST_LISTED} more, all in the report.")
+        kinds = _by_kind(missing)
+        lines += [f"  {_of_a_kind(kind)}" for kind in kinds[:MOST_LISTED]]
+        rest = sum(len(kind) for kind in kinds[MOST_LISTED:])
+        if rest:
+            lines.append(f"  and {rest} more, all in the report.")
     lines += [
         f"{score.ads} in {score.scenario}: {note}"
         for score in evaluation.scores
@@ -98,6 +98,24 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         lines.append(drivers_sentence(evaluation.settings))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")
     return lines
+
+
+def _by_kind(missing: Sequence[tuple[CaseResult, str]]) -> list[list[tuple[CaseResult, str]]]:
+    """The cases that could not be evaluated, those together that one ADS lost at one place of its code, or with one
+    sentence; in the order of the first of each kind.
+    """
+    kinds: dict[tuple[str, str, str], list[tuple[CaseResult, str]]] = {}
+    for case, sentence in missing:
+        kinds.setdefault((case.ads, case.status, case.error_place or sentence), []).append((case, sentence))
+    return list(kinds.values())
+
+
+def _of_a_kind(kind: Sequence[tuple[CaseResult, str]]) -> str:
+    """The first case of a kind and its sentence, how many more there are, and where in the ADS's code it happened."""
+    case, sentence = kind[0]
+    more = f" and {len(kind) - 1} more" if len(kind) > 1 else ""
+    place = f" At {_one_line(case.error_place)}." if case.error_place else ""
+    return f"{_one_line(case.case)}{more}: {_shortened(_one_line(sentence))}{place}"
 
 
 def _row(score: ScenarioResult) -> list[tuple[str, str]]:

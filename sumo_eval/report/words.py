@@ -169,6 +169,11 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
     return missing
 
 
+def placed(sentence: str, case: CaseResult) -> str:
+    """A sentence about a case with the place in the user's code that its exception came from, where there is one."""
+    return f"{sentence} At {case.error_place}." if case.error_place else sentence
+
+
 # --- why C, D and S are what they are ---------------------------------------------------------------------------------
 
 

@@ -8,6 +8,7 @@ anything else and no `eval`. Values are numpy arrays, so that one expression ser
 from __future__ import annotations
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.text import clean, shown
 
 LONGEST = 1_000  # characters of an expression
 DEEPEST = 50  # brackets within brackets
@@ -83,6 +85,8 @@ def checked_names(expression: Expression, known: Iterable[str], owner: str) -> E
 
 def number(text: str | float, owner: str) -> Expression:
     """An expression that must be a number."""
+    if isinstance(text, int | float) and not _is_finite(text):
+        raise must_be("A number", owner, "finite", text)
     found = Expression(repr(float(text)) if isinstance(text, int | float) else text)
     if found.is_condition:
         raise must_be(f"`{found.text}`", owner, "a number, not a comparison", found.text)
@@ -106,7 +110,7 @@ def _tree(text: str) -> ast.expr:
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise InputError(f"Expression `{text}` cannot be read: {_reason(error)}.") from None
+        raise InputError(f"Expression `{clean(text)}` cannot be read: {_reason(error)}.") from None
     _check(tree, text, 0)
     return tree
 
@@ -121,10 +125,12 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
         raise InputError(f"Expression `{text}` must not be nested more than {DEEPEST} deep.")
     match node:
         case ast.Constant(value=value):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(float(value)):
-                raise InputError(f"Expression `{text}` must hold numbers and names only, got {value!r}.")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+                raise InputError(f"Expression `{text}` must hold finite numbers and names only, got {shown(value)}.")
             return
-        case ast.Name():
+        case ast.Name(id=name):
+            if name in _FUNCTIONS:
+                raise InputError(f"`{name}` in expression `{text}` is a function: it must be given values in brackets.")
             return
         case ast.UnaryOp(op=ast.Not(), operand=operand):
             parts, wants_condition = [operand], True
@@ -156,6 +162,13 @@ def _check(node: ast.expr, text: str, depth: int) -> None:
     for part in parts:
         _check_kind(part, text, wants_condition=wants_condition)
         _check(part, text, depth + 1)
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer that no float can hold
+        return False
 
 
 def _check_kind(node: ast.expr, text: str, *, wants_condition: bool) -> None:

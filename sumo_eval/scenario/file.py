@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.config import mistakes
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
@@ -36,6 +35,7 @@ from sumo_eval.scenario.logical import (
 )
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
+from sumo_eval.toml_file import read_toml
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Formula = str | float
@@ -188,16 +188,7 @@ _ADAPTER = TypeAdapter(ScenarioFile)
 
 def read_scenario(path: Path) -> LogicalScenario:
     """The logical scenario in a TOML file. Raises InputError naming what is wrong."""
-    where = f"scenario file {path}"
-    try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"There is no scenario file {path}.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{where.capitalize()} cannot be read: {error}.") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"Scenario file {path} is not valid TOML: {error}.") from error
-    return scenario_from(content, where, path.parent)
+    return scenario_from(read_toml(path, "scenario file"), f"scenario file {path}", path.parent)
 
 
 def scenario_from(content: Mapping[str, Any], where: str, folder: Path) -> LogicalScenario:
@@ -442,6 +433,8 @@ class _Builder:
         definitions = Definitions(tuple(entries))
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
+        for item in vehicles:
+            check_name("`name`", f"a vehicle of {self.where}", item.name)
         constraints = tuple(
             Constraint(
                 item.about or f"one where {item.require}",

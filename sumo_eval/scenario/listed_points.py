@@ -13,6 +13,7 @@ from sumo_eval.locators import load_object
 from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.request import Drawn, Request
+from sumo_eval.text import clean, from_cell, shown
 
 EXPOSURE = "exposure"
 
@@ -25,7 +26,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
-            header = [str(name).strip() for name in reader.fieldnames or ()]
+            header = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
             reader.fieldnames = header
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
@@ -35,6 +36,12 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
             raise InputError(f"The points {path} must have a column `{name}`.{did_you_mean(name, header)}")
     if not rows:
         raise InputError(f"The points {path} must have at least one row.")
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"The points {path} must have every column once, got {shown(name)} twice.")
+    for number, row in enumerate(rows, 2):
+        if None in row:  # where DictReader puts what is too much
+            raise InputError(f"Line {number} of the points {path} must have {len(header)} values, got more.")
     columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
     table = np.array([[_real(row[name], name, number, path) for name in columns] for number, row in enumerate(rows, 2)])
     points = table[:, : len(logical.names)]
@@ -43,7 +50,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
     ignored = [name for name in header if name not in columns]
-    notes = (f"Columns of {path.name} that are no parameters: {', '.join(ignored)}.",) if ignored else ()
+    notes = (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
     return Drawn(points, exposure=exposure, notes=notes)
 
 
@@ -56,7 +63,9 @@ def from_function(logical: LogicalScenario, request: Request, locator: str) -> D
     try:
         found = function(logical, count, random_stream(request.seed, "sampling", logical.name, locator))
         points = np.asarray(found, dtype=np.float64)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
     if points.ndim != 2 or points.shape[1] != len(logical.names) or not len(points):
         wanted = f"an (n, {len(logical.names)}) array with a column for each of {', '.join(logical.names)}"

@@ -11,7 +11,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -131,6 +131,11 @@ class LogicalScenario:
     samples: tuple[NamedSample, ...] = ()
     default_sample: str = "grid"
     zone_coordinates: ZoneCoordinates | None = None
+
+    def __post_init__(self) -> None:
+        check_name("`name`", "a logical scenario", self.name)
+        for parameter in self.parameters:
+            check_name("`name`", f"a parameter of scenario `{self.name}`", parameter.name)
 
     @property
     def names(self) -> tuple[str, ...]:

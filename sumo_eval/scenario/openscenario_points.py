@@ -18,7 +18,6 @@ from __future__ import annotations
 import itertools
 import math
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -33,6 +32,7 @@ from sumo_eval.random_streams import random_stream
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.request import MAX_POINTS, Drawn, Request
+from sumo_eval.toml_file import read_toml
 
 Value = float | str
 Combination = dict[str, Value]
@@ -136,10 +136,7 @@ def from_openscenario(logical: LogicalScenario, request: Request) -> Drawn:
 
 def read_mapping(path: Path, logical: LogicalScenario) -> SpaceMapping:
     """A mapping file. Raises InputError where a parameter of ours is missing or not known."""
-    try:
-        content = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"Mapping {path} cannot be read: {error}.") from error
+    content = read_toml(path, "mapping")
     owner = f"mapping {path}"
     for key in content:
         if key not in ("distribution", "parameters", "only"):

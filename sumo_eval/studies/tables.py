@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.text import cell
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -31,11 +32,9 @@ def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:
 
 
 def _cell(value: Any) -> Any:
-    return (
-        " ".join(item if isinstance(item, str) else f"{item:g}" for item in value)
-        if isinstance(value, tuple)
-        else value
-    )
+    if isinstance(value, tuple):
+        value = " ".join(item if isinstance(item, str) else f"{item:g}" for item in value)
+    return cell(value)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

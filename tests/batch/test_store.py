@@ -11,7 +11,7 @@ import pytest
 
 from sumo_eval.batch.cases import Case, Outcome
 from sumo_eval.batch.kept import pack, unpack
-from sumo_eval.batch.store import open_store
+from sumo_eval.batch.store import FORMAT_VERSION, open_store
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, Recording, Trajectory
@@ -112,7 +112,10 @@ def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
     connection.execute("PRAGMA user_version = 99")
     connection.commit()
     connection.close()
-    with pytest.raises(InputError, match="format version 99; this sumo_eval reads version 2"), open_store(path):
+    with (
+        pytest.raises(InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"),
+        open_store(path),
+    ):
         pass
 
 

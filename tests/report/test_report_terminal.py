@@ -57,10 +57,10 @@ def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None
     assert str(evaluation.folder / "report.html") in lines[-1]
 
 
-def test_at_most_five_cases_are_listed_and_the_rest_is_counted(evaluation: Evaluation) -> None:
+def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluation: Evaluation) -> None:
     broken = tuple(
-        replace(case, status="timeout", collided=False, error=None)
-        for case in evaluation.cases
+        replace(case, status="timeout", collided=False, error=f"Lost at {number}.")
+        for number, case in enumerate(evaluation.cases)
         if (case.ads, case.scenario) == (builders.CALM, builders.SCENARIOS[1])
     )
     odd = replace(evaluation, cases=broken)

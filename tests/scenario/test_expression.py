@@ -66,3 +66,26 @@ def test_a_number_is_no_condition_and_the_other_way_round():
 
 def test_what_is_not_defined_is_not_finite_and_warns_nobody():
     assert not np.isfinite(Expression("1 / a").value({"a": 0.0}))
+
+
+@pytest.mark.parametrize("text", ["abs(abs)", "min", "x + min", "where(x < 1, min, 2)", "x < abs"])
+def test_a_function_without_its_values_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="is a function: it must be given values in brackets"):
+        Expression(text)
+
+
+@pytest.mark.parametrize("text", ["9" * 990, "1e999", "0x" + "f" * 900, "x + " + "1" * 400])
+def test_a_number_that_no_float_can_hold_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="must hold finite numbers and names only"):
+        Expression(text)
+    with pytest.raises(InputError, match="must be finite"):
+        number(10**400, "the test")
+
+
+@pytest.mark.parametrize(
+    "text", ["\ud800", "x\x00", "-" * 900 + "x", "(" * 400 + "x" + ")" * 400, "1" * 5_000, "f'{x}'"]
+)
+def test_odd_text_is_one_sentence_that_can_be_shown(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Expression(text)
+    str(caught.value).encode("utf-8")

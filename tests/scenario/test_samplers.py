@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter,
 from sumo_eval.scenario.combinations import tuples_of
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.file import Definitions, Exposure
+from sumo_eval.scenario.listed_points import from_csv
 from sumo_eval.scenario.request import Request
 from sumo_eval.scenario.sampling import METHODS, sample
 
@@ -280,3 +282,18 @@ def test_constraints_that_exclude_everything_leave_no_point():
     chosen = draw(nothing, "sobol")
     assert (len(chosen.points), len(chosen.refused)) == (0, 64)
     assert math.isclose(float(chosen.exposure.sum()), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("ego_speed,lead_speed\n20,10,5\n", "Line 2 of the points .* must have 2 values, got more"),
+        ("ego_speed,ego_speed,lead_speed\n20,20,10\n", "must have every column once, got 'ego_speed' twice"),
+        (f"ego_speed,lead_speed\n{'1' * 5_000},10\n", "must be a number"),
+        ("ego_speed,lead_speed\n20\n", "must be a number"),
+    ],
+)
+def test_a_list_of_points_with_odd_rows_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "points.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        from_csv(catalogue.load("front_vehicle_low_speed"), Request(file="points.csv", folder=tmp_path))

@@ -439,6 +439,7 @@
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);
     if (item.zone === "safe") rows.push(["drivers compared with", String(item.drivers)]);
     rows.push(["ended", item.end, true]);
+    if (item.errorPlace) rows.push(["where in the ADS's code", item.errorPlace, true]);
     if (item.clips) rows.push(["limits that acted (how often)", item.clips, true]);
     if (item.indexNote) rows.push(["note on D_i", item.indexNote, true]);
     return rows;

@@ -1,0 +1,120 @@
+"""A sumo process that is a TraCI server, out of reach of every network.
+
+SUMO listens for its clients on all interfaces and has no option for anything else. So, on Linux, it is started in a
+network namespace of its own, where there is nothing but a loopback interface: whatever it listens on, nobody outside
+reaches it. The harness's sockets come from that namespace, made in the child before it becomes sumo. The user's program
+connects to a relay, which listens on this machine's loopback interface and takes one connection.
+
+Where a namespace may not be had (other systems, containers that forbid it) SUMO's port is open to the network. Both of
+its clients are connected as soon as it listens; it takes no third one, so a stranger who connects later is never
+served, and one who was quicker takes a client's place, which ends the case.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import select
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import IO
+
+LOOPBACK = "127.0.0.1"
+CLIENTS = 2
+_NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
+_SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
+_WORD = b"made"
+
+
+class PrivateServer:
+    """A server's process, and its two clients' sockets. `isolated`: whether it has a network namespace of its own."""
+
+    def __init__(self, command: Sequence[str], port: int, output: IO[bytes], *, isolated: bool = True) -> None:
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            self.process = subprocess.Popen(
+                list(command), stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                preexec_fn=_into_own_network(theirs) if isolated and sys.platform == "linux" else None,
+            )  # fmt: skip
+            theirs.close()
+            word = b""
+            handles: list[int] = []
+            if isolated and sys.platform == "linux":
+                word, handles, _, _ = socket.recv_fds(ours, len(_WORD), CLIENTS)
+        self.isolated = word == _WORD and len(handles) == CLIENTS
+        self.sockets = [socket.socket(fileno=handle) for handle in handles] or [socket.socket() for _ in range(CLIENTS)]
+        self._to_connect = list(self.sockets)
+        self._port = port
+
+    def connect(self) -> None:
+        """Connect both clients, the one right after the other. Raises OSError while the server does not listen yet."""
+        while self._to_connect:
+            self._to_connect[0].connect((LOOPBACK, self._port))
+            self._to_connect.pop(0).setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def end(self) -> None:
+        """End the process and its connections."""
+        for one in self.sockets:
+            with suppress(OSError):  # it was not connected, or is closed
+                one.shutdown(socket.SHUT_RDWR)  # wakes whoever waits for it
+        self.process.kill()
+        self.process.wait()
+        self.sockets[0].close()  # the other one is the relay's to close
+
+
+class Relay:
+    """Listens on the loopback interface for one client and passes on what it and the server say to each other."""
+
+    def __init__(self, server: socket.socket) -> None:
+        self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
+        self.port: int = self._listener.getsockname()[1]
+        self._server = server
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Listen no more."""
+        with suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)  # wakes the thread that waits for a client
+
+    def _run(self) -> None:
+        with self._server, suppress(OSError):  # either side may be gone at any time
+            with self._listener:
+                client, _ = self._listener.accept()
+            with client:
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                other = {client: self._server, self._server: client}
+                while True:
+                    for one in select.select(list(other), [], [])[0]:
+                        data = one.recv(65_536)
+                        if not data:
+                            return
+                        other[one].sendall(data)
+
+
+def _into_own_network(report: socket.socket) -> Callable[[], None]:
+    """What a child does before it becomes the server: take a network of its own and hand out sockets of that."""
+
+    def prepare() -> None:
+        import fcntl
+
+        with suppress(OSError):  # not allowed here: whoever waits for the sockets reads the end of the file
+            users, group = os.geteuid(), os.getegid()
+            if ctypes.CDLL(None, use_errno=True).unshare(_NEW_USERS | _NEW_NETWORK) != 0:
+                return
+            maps = {"uid_map": f"{users} {users} 1", "setgroups": "deny", "gid_map": f"{group} {group} 1"}
+            for name, text in maps.items():  # the child stays who it is
+                with suppress(OSError), open(f"/proc/self/{name}", "w") as file:
+                    file.write(text)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+                request = struct.pack("16sh14x", b"lo", _UP_AND_RUNNING)
+                fcntl.ioctl(any_socket, _SET_FLAGS, request)
+            made = [socket.socket() for _ in range(CLIENTS)]
+            socket.send_fds(report, [_WORD], [one.fileno() for one in made])
+
+    return prepare

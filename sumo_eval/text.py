@@ -1,0 +1,135 @@
+"""Text from outside - exceptions, tracebacks, logs, names, cells - made fit to be kept, sent and shown.
+
+`clean` is the one function for that. It is called where a text is made, so that no more of it travels than is kept.
+"""
+
+from __future__ import annotations
+
+import re
+import traceback
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SENTENCE: Final = 500
+"""Characters that are kept of an error's sentence: one or two lines of a table."""
+
+WORDS: Final = 300
+"""Characters that are kept of an exception's own words, so that the sentence around them is kept whole."""
+
+LOG: Final = 16_000
+"""Characters that are kept of a log: its beginning and its end."""
+
+_LEFT_OUT: Final = "[{} characters left out]"
+_MARK_ROOM: Final = 40  # characters of `_LEFT_OUT` with its number and what stands around it
+_UNFIT: Final = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f"  # controls, escape among them; tab and line feed are kept
+    "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # what turns the direction of writing
+    "\u2028\u2029\ufeff\ufffe\uffff\ud800-\udfff]"  # line ends of Unicode's own, no characters, halves of characters
+)
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\n")
+
+
+def clean(text: str, most: int = SENTENCE, *, lines: bool = False) -> str:
+    """Text from outside with what harms replaced visibly, by its number in hexadecimal, at most `most` characters long.
+
+    What is longer says how many characters are left out: behind its beginning, with `lines` between beginning and end.
+    Without `lines` it becomes one line. Cleaning what is clean changes nothing.
+    """
+    whole = str.__len__(text)
+    begin, end = (most, most) if lines else (most, 0)
+    if whole <= begin + end:
+        fit, left_out = _replaced(text, lines=lines), 0
+    else:  # what is cut anyway is not looked through
+        head = str.__getitem__(text, slice(0, begin))
+        tail = str.__getitem__(text, slice(whole - end, whole))
+        fit, left_out = _replaced(head, lines=lines) + _replaced(tail, lines=lines), whole - begin - end
+    if len(fit) <= most and not left_out:
+        return fit
+    room = max(most - _MARK_ROOM, 0)
+    if not lines:
+        return f"{fit[:room].rstrip()} … {_LEFT_OUT.format(left_out + len(fit) - room)}"
+    half = room // 2
+    return f"{fit[:half]}\n{_LEFT_OUT.format(left_out + len(fit) - 2 * half)}\n{fit[len(fit) - half :]}"
+
+
+def clean_log(text: str) -> str:
+    """A log with what harms replaced, and of a long one the beginning and the end."""
+    return clean(text, LOG, lines=True)
+
+
+def _replaced(text: str, *, lines: bool) -> str:
+    plain = str.replace(text, "\r\n", "\n")
+    plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))
+    return _UNFIT.sub(lambda found: ascii(found.group())[1:-1], plain)
+
+
+def words_of(value: object, most: int = WORDS) -> str:
+    """What an exception, or any other object of a user's, says of itself, cleaned; whatever its `__str__` does."""
+    try:
+        return clean(str(value), most)
+    except BaseException as error:  # noqa: BLE001 - `__str__` is the user's code
+        return f"(its text cannot be had: __str__ raised {kind_of(error)})"
+
+
+def shown(value: object) -> str:
+    """`repr` of anything, cleaned and cut; whatever its `__repr__` does."""
+    try:
+        return clean(repr(value), WORDS)
+    except BaseException as error:  # noqa: BLE001 - `__repr__` is the user's code; an int may have too many digits
+        return f"({kind_of(value)} that cannot be shown: {kind_of(error)})"
+
+
+def kind_of(value: object) -> str:
+    """The name of a value's class."""
+    return clean(type.__dict__["__name__"].__get__(type(value)), WORDS)
+
+
+def traceback_of(error: BaseException) -> str:
+    """The traceback of an exception as text for a log."""
+    try:
+        return clean_log("".join(traceback.format_exception(error)))
+    except BaseException as fault:  # noqa: BLE001 - an exception's attributes are the user's, and memory may be short
+        return f"(the traceback of {kind_of(error)} cannot be had: {kind_of(fault)})\n"
+
+
+def cell(value: Any) -> Any:
+    """A value for a cell of a CSV file. Text that a spreadsheet would run as a formula gets a `'` before it."""
+    if isinstance(value, str) and value.startswith(_FORMULA) and not _is_number(value):
+        return f"'{value}"
+    return value
+
+
+def from_cell(value: Any) -> Any:
+    """What `cell` was given."""
+    if isinstance(value, str) and value.startswith("'") and cell(value[1:]) == value:
+        return value[1:]
+    return value
+
+
+def cells(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with `cell` applied to everything that is text, headings included."""
+    return _each_text(table, cell)
+
+
+def without_quotes(table: pd.DataFrame) -> pd.DataFrame:
+    """What `cells` was given."""
+    return _each_text(table, from_cell)
+
+
+def _each_text(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFrame:
+    table = table.rename(columns=change)
+    for name in table.columns:
+        if table[name].dtype.kind not in "biuf":
+            table[name] = table[name].map(change)
+    return table
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,105 @@
+"""Bad input at the command line: one clear sentence, the right status, no traceback, and no finished work lost."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.text import LOG
+
+HEAD = """name = "bad input"
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+levels = 2
+[[ads]]
+name = "idm"
+controller = "idm"
+[drivers]
+count = 2
+[run]
+workers = 1
+"""
+FULL = Path("/dev/full")
+
+
+def sumo_eval(*arguments: object, stdout: object = subprocess.PIPE, stderr: object = subprocess.PIPE):  # type: ignore[no-untyped-def]
+    words = [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
+    return subprocess.run(words, stdout=stdout, stderr=stderr, text=True, timeout=300, check=False)  # type: ignore[call-overload]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "good.toml").write_text(HEAD)
+    (tmp_path / "digits.toml").write_text(f"seed = {'1' * 5_000}\n{HEAD}")
+    (tmp_path / "deep.toml").write_text(f"x = {'[' * 5_000}{']' * 5_000}\n{HEAD}")
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"\n')
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "long.toml").write_text(HEAD.replace('controller = "idm"', f'controller = "{"a" * 5_000}.py:x"'))
+    (tmp_path / "surrogate.py").write_text('raise ValueError("\\ud800" + "x" * 10_000_000)\n')
+    (tmp_path / "import.toml").write_text(HEAD.replace('controller = "idm"', 'controller = "surrogate.py:x"'))
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "digits.toml", "--out", "o"), "is not valid TOML"),
+        (("check", "deep.toml"), "must not be nested more than 50 deep"),
+        (("check", "latin.toml"), "cannot be read: 'utf-8' codec"),
+        (("run", "folder.toml", "--out", "o"), "cannot be read: "),
+        (("run", "good.toml", "--out", "good.toml"), "good.toml"),
+        (("run", "good.toml", "--out", "good.toml/below"), "good.toml"),
+        (("run", "good.toml", "--out", "x" * 300), "File name too long"),
+        (("run", "long.toml", "--out", "o"), "File name too long"),
+        (("run", "import.toml", "--out", "o"), r"ValueError: \ud800xxx"),
+        (("report", "good.toml"), "good.toml"),
+        (("report", "."), "there is no facts.sqlite in it"),
+    ],
+)
+def test_what_cannot_be_used_is_one_short_sentence_and_status_2(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], words: str
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+    done = sumo_eval(*arguments)
+    said = done.stdout + done.stderr
+    assert done.returncode == 2, said
+    assert words in said
+    assert "Traceback" not in said
+    assert len(said) <= LOG
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
+def test_a_full_device_behind_stdout_loses_no_finished_work_and_is_one_sentence(folder: Path) -> None:
+    with FULL.open("w") as full:
+        done = sumo_eval("run", folder / "good.toml", "--out", folder / "o", stdout=full)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("sumo-eval: No space left on device")
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    for name in ("facts.sqlite", "cases.csv", "scores.json", "junit.xml", "report.html"):
+        assert (folder / "o" / name).stat().st_size
+    again = sumo_eval("score", folder / "o")
+    assert (again.returncode, "Traceback" in again.stderr) == (0, False)
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
+def test_a_full_device_behind_stderr_does_not_end_a_run(folder: Path) -> None:
+    with FULL.open("w") as full:
+        done = sumo_eval("run", folder / "good.toml", "--out", folder / "o", stderr=full)
+    assert done.returncode == 0
+    assert "front_vehicle_low_speed" in done.stdout
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="nothing is closed to root")
+def test_a_folder_that_may_not_be_written_is_a_sentence(folder: Path) -> None:
+    (folder / "closed").mkdir(mode=0o500)
+    done = sumo_eval("run", folder / "good.toml", "--out", folder / "closed" / "o")
+    assert done.returncode == 2
+    assert "Permission denied" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,75 @@
+"""A TOML file may hold anything: what cannot be used is one clear sentence, never a traceback."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.errors import InputError
+from sumo_eval.toml_file import DEEPEST, read_toml, toml_from
+
+DIGITS = "1" * 5_000
+WRONG = {
+    "a number of 5,000 digits": (f"x = {DIGITS}", "is not valid TOML: Exceeds the limit"),
+    "an integer of 4,000 digits": (f"x = {DIGITS[:4_000]}", "must hold integers of at most 64 bits"),
+    "an integer of 65 bits": (f"x = {2**64}", "must hold integers of at most 64 bits"),
+    "lists in lists": (f"x = {'[' * 5_000}{']' * 5_000}", "must not be nested more than 50 deep"),
+    "lists a little too deep": (f"x = {'[' * DEEPEST}{']' * DEEPEST}", "must not be nested more than 50 deep"),
+    "tables in tables": (f"[{'.'.join('a' * 3_000)}]\nx = 1", "must not be nested more than 50 deep"),
+    "inline tables": ("x = " + "{a = " * 900 + "1" + "}" * 900, "must not be nested more than 50 deep"),
+    "NUL": (r'x = "a\u0000b"', r"must hold text without control characters, got 'a\x00b'"),
+    "an escape sequence": (r'x = ["\u001b[2J"]', "must hold text without control characters"),
+    "turned writing": ('x = "\u202e"', "must hold text without control characters"),
+    "a key with NUL": (r'"a\u0000" = 1', "must hold text without control characters"),
+    "no TOML": ("x = ", "is not valid TOML"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_cannot_be_used_is_one_sentence(name: str) -> None:
+    text, words = WRONG[name]
+    with pytest.raises(InputError) as caught:
+        toml_from(text, "The file")
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("The file ")
+    assert len(str(caught.value)) < 500
+
+
+def test_ordinary_content_is_read_as_it_is() -> None:
+    text = f'a = -9223372036854775808\nb = """two\nlines\tand a tab"""\nc = {"[" * 20}1.5{"]" * 20}\nd = "Fußgänger"'
+    assert toml_from(text, "The file")["a"] == -(2**63)
+    assert toml_from(text, "The file")["b"] == "two\nlines\tand a tab"
+
+
+@given(st.text(max_size=60))
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_any_text_is_read_or_refused_in_a_sentence(text: str) -> None:
+    for content in (text, f"x = {text}", f'x = "{text}"', f"[{text}]"):
+        try:
+            toml_from(content, "The file")
+        except InputError as error:
+            str(error).encode("utf-8")
+
+
+def test_what_is_no_file_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "latin").write_bytes(b'name = "\xe9"')
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "closed").write_text("x = 1")
+    (tmp_path / "closed").chmod(0)
+    cases = {
+        tmp_path / "nowhere": "There is no test file",
+        tmp_path / "folder": "cannot be read: ",
+        tmp_path / "latin": "cannot be read: 'utf-8' codec",
+        tmp_path / "latin" / "below": "cannot be read: ",
+        tmp_path / ("x" * 300): "cannot be read: ",
+        tmp_path / "a\x00b": "cannot be read: ",
+    }
+    if os.geteuid() != 0:  # whom nothing is closed to
+        cases[tmp_path / "closed"] = "cannot be read: "
+    for path, words in cases.items():
+        with pytest.raises(InputError, match=words):
+            read_toml(path, "test file")
