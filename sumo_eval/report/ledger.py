@@ -85,7 +85,7 @@ def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
         *_scaled("A", settings.method.score.a, _avoided_lines(score, cases, settings)),
         *_scaled("H", settings.method.score.b, _human_lines(score, cases)),
     )
-    return Ledger("S+", score.ads, score.scenario, lines, math.fsum(line.points for line in lines))
+    return Ledger("S+", score.ads, score.scenario, lines, _total(lines))
 
 
 def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
@@ -96,7 +96,13 @@ def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
         *_scaled("C", terms.a * terms.k5, _collision_lines(score, cases, settings)),
         *_scaled("D", terms.b * terms.k6, _likeness_lines(score, cases)),
     )
-    return Ledger("S", score.ads, score.scenario, lines, math.fsum(line.points for line in lines))
+    return Ledger("S", score.ads, score.scenario, lines, _total(lines))
+
+
+def _total(lines: Iterable[Line]) -> float:
+    """The sum of all points; rounding that would print as -0 is none."""
+    total = math.fsum(line.points for line in lines)
+    return 0.0 if abs(total) < ROUNDING else total
 
 
 def sentences(found: Ledger) -> list[str]:

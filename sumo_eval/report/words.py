@@ -105,6 +105,16 @@ _END = {
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
 }
+SCORES = {
+    "A": ("avoided_share", 3),
+    "H": ("human_likeness", 3),
+    "S+": ("s_plus", 1),
+    "C": ("c", 3),
+    "D": ("d", 3),
+    "S": ("s", 1),
+    "regret": ("regret", 3),
+}
+"""The scores by the letters that people read: (field of ScenarioResult, digits)."""
 NEGLIGIBLE_LIMIT = 0.995  # a factor above this limits nothing that three digits would show
 SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
@@ -115,6 +125,11 @@ SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 def number(value: float | None, digits: int) -> str:
     """A fixed number of decimals; a dash for what does not apply."""
     return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+
+
+def interval_words(interval: tuple[float, float] | None, digits: int) -> str:
+    """`0.912..1.000`; nothing where there is no interval."""
+    return "" if interval is None else f"{number(interval[0], digits)}..{number(interval[1], digits)}"
 
 
 def percent(share: float | None) -> str:
