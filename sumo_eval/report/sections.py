@@ -15,10 +15,10 @@ from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.ledger import ledger, sentences
+from sumo_eval.report.ledger import ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
-from sumo_eval.report.terminal import quantity_words, verdict_of
+from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
 from sumo_eval.report.words import number, point
 from sumo_eval.results import Evaluation
 
@@ -97,7 +97,7 @@ def _changed(item: ChangedCase) -> dict[str, Any]:
         "point": point(item.new.values),
         "change": item.change,
         "worse": item.worse,
-        "by": "" if item.by is None else f"{item.by:+.3g}" + (" m/s" if item.change in ("harsher", "softer") else ""),
+        "by": ", ".join(moved_words(item)),
         "base": _outcome(item, base=True),
         "new": _outcome(item, base=False),
     }
@@ -107,15 +107,23 @@ def _outcome(item: ChangedCase, *, base: bool) -> str:
     case = item.base if base else item.new
     if case.severity is not None:
         return f"U {number(case.severity, 1)} m/s"
-    return case.status if case.index is None else f"{case.status}, D_i {number(case.index, 3)}"
+    likeness = [
+        f"{name} {number(value, 3)}"
+        for name, value in (("H_i", case.human_likeness), ("D_i", case.index))
+        if value is not None
+    ]
+    return ", ".join([case.status, *likeness])
 
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """Where the points of every S went."""
-    found = [ledger(evaluation, score) for score in evaluation.scores]
+    """Where the points of every S+ and S went."""
+    found = [
+        one for score in evaluation.scores for one in (ledger_plus(evaluation, score), ledger(evaluation, score))
+    ]
     return {
         "ledgers": [
             {
+                "name": one.name,
                 "ads": one.ads,
                 "scenario": one.scenario,
                 "total": one.total,

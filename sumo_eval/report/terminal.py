@@ -11,7 +11,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from sumo_eval.report.comparison import BETTER, WORSE, Comparison, QuantityChange
+from sumo_eval.report.comparison import BETTER, MOVED, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.words import (
@@ -220,13 +220,20 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> lis
                 continue
             lines.append(f"  {kind}: {len(found)}")
             for item in found[:MOST_CHANGES]:
-                by = "" if item.by is None else f", {item.by:+.3g} {'m/s' if kind in ('harsher', 'softer') else ''}"
-                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by.rstrip()}")
+                by = "".join(f", {words}" for words in moved_words(item))
+                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by}")
             if len(found) > MOST_CHANGES:
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
     return [*lines, *gate_lines(gates)]
+
+
+def moved_words(item: ChangedCase) -> list[str]:
+    """By how much what the change is about moved, and everything else in the case that moves a score."""
+    about_impact = item.change in ("harsher", "softer")
+    words = [f"U {item.by:+.3g} m/s"] if about_impact and item.by is not None else []
+    return [*words, *(f"{name} {by:+.3g} {MOVED[name]}".rstrip() for name, by in item.moved.items())]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
