@@ -1,0 +1,67 @@
+"""Where in the user's code an exception came from, from real files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cosim_cases import HALF_SECOND, case
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.fault_place import fault_place
+
+ADS = """import numpy as np
+import fault_place_helper
+from sumo_eval import Command
+
+class InHelper:
+    def act(self, seen):
+        return fault_place_helper.plan()
+
+class InLibrary:
+    def act(self, seen):
+        return Command(float(np.linalg.inv(np.zeros((2, 2)))[0, 0]))
+
+class InReset:
+    def reset(self, *briefing):
+        raise ValueError("no map")
+    def act(self, seen):
+        return Command(0.0)
+
+def with_cause(traci, ego, time):
+    try:
+        {}["key"]
+    except KeyError as error:
+        raise RuntimeError("no plan") from error
+
+def nonsense(traci, ego, time):
+    return "brake"
+"""
+PLACES = {
+    "InHelper": "fault_place_ads.py:7 in act",  # the ADS's own file, not its helper's
+    "InLibrary": "fault_place_ads.py:11 in act",  # not numpy's
+    "InReset": "fault_place_ads.py:15 in reset",
+    "with_cause": "fault_place_ads.py:23 in with_cause",
+    "nonsense": "",  # nothing was raised
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_the_place_is_the_innermost_line_of_the_users_own_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "fault_place_helper.py").write_text("def plan():\n    raise ValueError('no path')\n")
+    (tmp_path / "fault_place_ads.py").write_text(ADS)
+    found = simulate(case(), f"fault_place_ads.py:{name}", HALF_SECOND, folder=tmp_path)
+    assert found.end_reason == "ads_error"
+    assert found.error_place == PLACES[name]
+
+
+def test_outside_the_users_file_it_is_the_innermost_line_of_no_library() -> None:
+    try:
+        {}["key"]
+    except KeyError as error:
+        place = fault_place(error, None, Path(__file__).parent)
+    assert place.startswith("test_fault_place.py:")
+    assert fault_place(None, None, None) == ""
