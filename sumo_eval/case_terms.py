@@ -32,8 +32,9 @@ class CaseTerms:
     """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a term.
 
     exposure: p_i. weight: r_i. severity: U_i, 0 without contact, nan where it could not be evaluated. ideal: Ug_i and
-    unreacting: U0_i in the same concrete scenarios, likewise. ratio: Ug_i/U_i of a collision (or that of the loss
-    classes). collided, evaluated: flags. index: D_i, likeness: human-likeness, of the safe cases that have one.
+    unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all three, 0.1
+    without contact. ratio: Ug_i/U_i (Lg/L) of a collision. collided, evaluated: flags. index: D_i, likeness:
+    human-likeness, of the safe cases that have one.
     voids: collisions after which there is no D.
     """
 
@@ -54,15 +55,22 @@ def case_terms(cases: Sequence[CaseResult], method: MethodSettings) -> CaseTerms
     """The terms of cases, in their order."""
     collided = np.array([case.collided for case in cases], dtype=np.bool_)
     evaluated = np.array([case.evaluated for case in cases], dtype=np.bool_)
-    ideal = _column(case.ideal_severity for case in cases)
     hit = _column(case.severity for case in cases)
+    severity, ideal, unreacting = (
+        _loss(values) if method.collision.loss == "class" else values
+        for values in (
+            np.where(collided, hit, np.where(evaluated, 0.0, np.nan)),
+            _column(case.ideal_severity for case in cases),
+            _column(case.no_reaction_severity for case in cases),
+        )
+    )
     return CaseTerms(
         exposure=_column(case.exposure for case in cases),
         weight=_column(case.weight for case in cases),
-        severity=np.where(collided, hit, np.where(evaluated, 0.0, np.nan)),
+        severity=severity,
         ideal=ideal,
-        unreacting=_column(case.no_reaction_severity for case in cases),
-        ratio=ratios(np.where(collided, hit, np.nan), ideal, method),
+        unreacting=unreacting,
+        ratio=score_terms.ideal_ratio(np.where(collided, severity, np.nan), ideal),
         collided=collided,
         evaluated=evaluated,
         index=_column(case.index if case.counts_for_index else None for case in cases),

@@ -25,6 +25,8 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring import (
+    beyond_range,
+    chosen_severity,
     combine,
     describe_zones,
     drive_measures,
@@ -74,6 +76,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
     exposures = run_folder.read_exposures(folder)
+    severity = chosen_severity(method.collision, source)
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
@@ -100,12 +103,17 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 logical, compared, judged, store, settings, spread, progress
             )
             left_out = drivers_left_out(logical, store)
-            there = point_terms(logical, zones, store)  # step 5: U, L, Ug, r, and U0 beside the paper
+            there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
             for name, facts in drives.items():
                 measured = drive_measures(facts, store)  # beside the paper: TTC, DRAC, PET, plausibility ...
-                rows = tabulate(facts, hazardous[name], people.indexes, there, measured)
+                rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
-                notes = (*left_out, *simulated_alone(logical, name, store), *reference_sentences(rows))
+                notes = (
+                    *left_out,
+                    *simulated_alone(logical, name, store),
+                    *reference_sentences(rows),
+                    *beyond_range(facts, severity),
+                )
                 cases += rows
                 scores.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
     return Evaluation(

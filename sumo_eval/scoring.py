@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,11 +22,12 @@ from sumo_eval.method.collision_avoidance import (
 from sumo_eval.method.measures import CriticalityMeasures, measures
 from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
 from sumo_eval.method.score import combined_score
+from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample
-from sumo_eval.settings import MethodSettings
+from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray
 
 
@@ -59,11 +61,13 @@ class PointTerms:
     no_reaction_severity: float | None
 
 
-def point_terms(logical: LogicalScenario, zones: ZonePartition, store: Store) -> dict[int, PointTerms]:
-    """r, Ug and U0 of every concrete scenario of a run, by point."""
+def point_terms(
+    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity
+) -> dict[int, PointTerms]:
+    """r, Ug and U0 of every concrete scenario of a run, by point. severity: what stands in the place of U."""
     values = {fact.point: fact.values for fact in store.facts("ideal", logical.name)}
     ideal, unreacting = (
-        {fact.point: _reference_severity(fact) for fact in store.facts(role, logical.name)}
+        {fact.point: _reference_severity(fact, severity) for fact in store.facts(role, logical.name)}
         for role in ("ideal", "no_reaction")
     )
     weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
@@ -95,15 +99,37 @@ def drive_measures(facts: Sequence[Fact], store: Store) -> dict[str, DriveMeasur
     return measured
 
 
-def _severity(fact: Fact) -> float | None:
-    """U of a case's collision, None without one."""
+def _loss(fact: Fact) -> float | None:
+    """L of a case's collision, None without one."""
     hit = fact.collision
-    return None if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+    if hit is None:
+        return None
+    return float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
 
 
-def _reference_severity(fact: Fact) -> float | None:
+def _severity(fact: Fact, severity: Severity) -> float | None:
+    """U of a case's collision, or what stands in its place, None without one."""
+    return None if fact.collision is None else severity.of(fact.collision, fact.case)
+
+
+def _reference_severity(fact: Fact, severity: Severity) -> float | None:
     """Ug or U0: U of a reference's drive, 0 where it avoids, None where it could not be evaluated."""
-    return (_severity(fact) or 0.0) if fact.status in EVALUATED else None
+    return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
+
+
+def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
+    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
+    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
+
+
+def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[str, ...]:
+    """A sentence about collisions outside the range that the severity is known for."""
+    reasons = Counter(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+    reasons.pop("", None)
+    if not reasons:
+        return ()
+    why = "; ".join(f"{number} x {reason}" for reason, number in sorted(reasons.items()))
+    return (f"{_count(sum(reasons.values()), 'collision')} outside the range of `{severity.name}`: {why}.",)
 
 
 def tabulate(
@@ -112,12 +138,13 @@ def tabulate(
     indexes: Mapping[str, AnthropomorphicIndex],
     points: Mapping[int, PointTerms],
     measured: Mapping[str, DriveMeasures],
+    chosen: Severity,
 ) -> list[CaseResult]:
-    """One row a case. indexes, measured: by case. points: by point."""
+    """One row a case. indexes, measured: by case. points: by point. chosen: what stands in the place of U."""
     rows = []
     for fact, dangerous in zip(facts, hazardous, strict=True):
         index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
-        severity, ideal = _severity(fact), there.ideal_severity
+        severity, ideal = _severity(fact, chosen), there.ideal_severity
         likeness = index.likeness if index else None
         rows.append(
             CaseResult(
@@ -140,7 +167,7 @@ def tabulate(
                 overlap=hit.overlap if hit else None,
                 side=hit.side if hit else None,
                 severity=severity,
-                loss=None if severity is None else float(collision_loss(severity)),
+                loss=_loss(fact),
                 ideal_severity=ideal,
                 no_reaction_severity=there.no_reaction_severity,
                 weight=there.weight,

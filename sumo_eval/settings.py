@@ -244,6 +244,30 @@ class CollisionSettings(Checked):
     loss: Annotated[
         Literal["severity", "class"], About("compare U (as printed) or the loss class L", equation="17")
     ] = "severity"
+    severity: Annotated[
+        str,
+        MinLen(1),
+        About(
+            "what stands in the place of U: severity (U of Eq. 15), eq14 (its class L), injury:car_driver, "
+            "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a loss in 0..1",
+            symbol="U",
+            equation="15",
+        ),
+    ] = "severity"
+    age: Annotated[
+        float | None, Positive, Le(120.0), About("age of who is hit, for injury risks; default: the curve's own", "a")
+    ] = None
+    ego_mass: Annotated[float, Positive, About("mass of the ego, for severities of one's own", "kg")] = 1500.0
+    other_mass: Annotated[float, Positive, About("mass of what it hits, for severities of one's own", "kg")] = 1500.0
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.loss == "class" and self.severity not in ("severity", "eq14"):
+            raise must_be(
+                "`severity`", "`CollisionSettings`", "'severity' or 'eq14' beside `loss` 'class'", self.severity
+            )
+        if self.severity == "eq14":  # two names of one choice
+            object.__setattr__(self, "loss", "class")
 
 
 @dataclass(frozen=True, slots=True)

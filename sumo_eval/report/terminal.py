@@ -45,7 +45,6 @@ WORDS = (
     "C, D, S: the paper's scores. Below a score: its interval."
 )
 NOT_COMPUTED = "not computed"
-NARROW_NOT_COMPUTED = "none"
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
 
@@ -86,10 +85,7 @@ def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str)
 def _styled(value: str, interval: str, heading: str) -> Text:
     """A cell: bold for the scores, yellow for what a person should look into, the interval below it."""
     warns = value == NOT_COMPUTED or (heading in WARNING and value != "0")
-    text = Text(
-        NARROW_NOT_COMPUTED if value == NOT_COMPUTED else value,
-        "yellow" if warns else "bold" if heading in BOLD else "",
-    )
+    text = Text(value, "yellow" if warns else "bold" if heading in BOLD else "")
     return text.append(f"\n{interval}", "dim") if interval else text
 
 

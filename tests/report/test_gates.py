@@ -11,7 +11,7 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings, LimitSettings, read_gate
+from sumo_eval.report.gate_settings import DEFAULT_LIMITS, GateSettings, LimitSettings, read_gate
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.results import Evaluation
 
@@ -27,7 +27,7 @@ def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
 
 def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
     results = judged(evaluation, evaluation)
-    assert len(results) == 6 * len(evaluation.scores)
+    assert len(results) == len(DEFAULT_LIMITS) * len(evaluation.scores)
     assert all(result.passed for result in results)
 
 
