@@ -28,8 +28,6 @@ Change = Literal[
 WORSE: Final[tuple[Change, ...]] = (
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
 )  # fmt: skip
-MOVED: Final[Mapping[str, str]] = {"regret": "m/s", "H_i": "", "D_i": ""}
-"""What of a case moves a score, with its unit: max(0, U - Ug), its human-likeness, its D_i."""
 BETTER: Final[tuple[Change, ...]] = ("collision gone", "back on the road", "evaluated again", "softer", "more human")
 
 
@@ -38,7 +36,8 @@ class ChangedCase:
     """One concrete scenario in which the two runs differ.
 
     by: new minus base of what the change is about, U (m/s), the case's human-likeness or D_i; None for a flip. moved:
-    new minus base of everything in the case that moves a score, by `MOVED`, without what did not move.
+    new minus base of everything in the case that moves a score, without what did not move: `regret` max(0, U - Ug),
+    `H_i` its human-likeness, `D_i`.
     """
 
     change: Change

@@ -11,7 +11,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from sumo_eval.report.comparison import BETTER, MOVED, WORSE, ChangedCase, Comparison, QuantityChange
+from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.words import (
@@ -229,7 +229,7 @@ def moved_words(item: ChangedCase) -> list[str]:
     """By how much what the change is about moved, and everything else in the case that moves a score."""
     about_impact = item.change in ("harsher", "softer")
     words = [f"U {item.by:+.3g} m/s"] if about_impact and item.by is not None else []
-    return [*words, *(f"{name} {by:+.3g} {MOVED[name]}".rstrip() for name, by in item.moved.items())]
+    return [*words, *(f"{name} {by:+.3g}" for name, by in item.moved.items())]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:

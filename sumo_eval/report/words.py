@@ -234,6 +234,12 @@ def placed(sentence: str, case: CaseResult) -> str:
     return f"{sentence} At {case.error_place}." if case.error_place else sentence
 
 
+def severity_unit(settings: EvaluationSettings) -> str:
+    """Unit of U, Ug, U0 and the regret, with a blank before it; a loss in 0..1 in their place has none."""
+    chosen = settings.method.collision
+    return " m/s" if chosen.severity == "severity" and chosen.loss == "severity" else ""
+
+
 # --- why A, H and S+ are what they are --------------------------------------------------------------------------------
 
 
@@ -254,7 +260,7 @@ def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
     said = [collisions_sentence(score)]
     if score.avoided_share is None:
         return [*said, "A is not computed: no case could be evaluated. Its term counts 0 points."]
-    regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)} m/s"
+    regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{severity_unit(settings)}"
     if score.avoided_share == 1.0:
         return [*said, f"A = 1: no collision is harder than the ideal vehicle's{regret}."]
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
