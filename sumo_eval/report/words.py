@@ -265,12 +265,18 @@ def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
         return [*said, f"A = 1: no collision is harder than the ideal vehicle's{regret}."]
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     said.append(f"A = {number(score.avoided_share, 3)}{below}{regret}.")
-    losses = avoided_share_losses(case_terms(cases, settings.method))
-    worst = int(np.nanargmax(losses))
+    losses = [loss or 0.0 for loss in share_lost(cases, settings)]
+    worst = int(np.argmax(losses))
     if losses[worst] >= SHARE_WORTH_NAMING * (1.0 - score.avoided_share):
         of = number(1.0 - score.avoided_share, 3)
-        said.append(f"{point(cases[worst].values)} took the most from A: {number(float(losses[worst]), 3)} of {of}.")
+        said.append(f"{point(cases[worst].values)} took the most from A: {number(losses[worst], 3)} of {of}.")
     return said
+
+
+def share_lost(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[float | None]:
+    """What each case of one ADS and scenario takes from A, together 1 - A; None where it has no part in A."""
+    losses = avoided_share_losses(case_terms(cases, settings.method)).tolist()
+    return [loss if math.isfinite(loss) else None for loss in losses]
 
 
 def explain_h(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
