@@ -15,11 +15,11 @@ from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.ledger import ledger, ledger_plus, sentences
+from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
-from sumo_eval.report.words import number, point
+from sumo_eval.report.words import interval_words, number, point
 from sumo_eval.results import Evaluation
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
@@ -116,32 +116,33 @@ def _outcome(item: ChangedCase, *, base: bool) -> str:
 
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """Where the points of every S+ and S went."""
-    found = [
-        one for score in evaluation.scores for one in (ledger_plus(evaluation, score), ledger(evaluation, score))
-    ]
+    """Where the points of every S+, and of the S beside it, went."""
     return {
         "ledgers": [
+            (_ledger(ledger_plus(evaluation, score)), _ledger(ledger(evaluation, score)))
+            for score in evaluation.scores
+        ]
+    }
+
+
+def _ledger(found: Ledger) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "ads": found.ads,
+        "scenario": found.scenario,
+        "total": found.total,
+        "sentences": sentences(found),
+        "lines": [
             {
-                "name": one.name,
-                "ads": one.ads,
-                "scenario": one.scenario,
-                "total": one.total,
-                "sentences": sentences(one),
-                "lines": [
-                    {
-                        "line": line,
-                        "cases": [
-                            (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
-                            for entry in line.entries[:MOST_LEDGER_CASES]
-                            if entry.points < 0.0
-                        ],
-                    }
-                    for line in one.lines
+                "line": line,
+                "cases": [
+                    (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
+                    for entry in line.entries[:MOST_LEDGER_CASES]
+                    if entry.points < 0.0
                 ],
             }
-            for one in found
-        ]
+            for line in found.lines
+        ],
     }
 
 
@@ -152,7 +153,33 @@ def confidence_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, A
 
 def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
     """The ADSs in order of S+ over all scenarios; nothing where they were not ranked."""
-    return None
+    found = getattr(evaluation, "ranking", None)
+    if found is None:
+        return None
+    weights = {name: f"{weight:g}" for name, weight in found.weights.items()}
+    return {
+        "weights": weights if len(set(weights.values())) > 1 else {},
+        "level": f"{found.level:.0%}",
+        "rows": [
+            {
+                "ads": one.ads,
+                "place": "–" if one.place is None else str(one.place),
+                "s_plus": number(one.s_plus, 1),
+                "interval": interval_words(one.interval, 1).replace("..", " to "),
+            }
+            for one in found.ads
+        ],
+        "pairs": [
+            {
+                "above": pair.above,
+                "below": pair.below,
+                "difference": f"{pair.difference:+.1f}",
+                "interval": interval_words(pair.interval, 1).replace("..", " to ") or "not known",
+                "told_apart": pair.told_apart,
+            }
+            for pair in found.pairs
+        ],
+    }
 
 
 SECTIONS = (
