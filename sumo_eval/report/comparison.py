@@ -261,9 +261,7 @@ def _moved(change: ChangedCase, regret_before: float, regret_now: float) -> dict
         "H_i": (change.base.human_likeness, change.new.human_likeness),
         "D_i": (change.base.index, change.new.index),
     }
-    moved = {
-        name: now - before for name, (before, now) in pairs.items() if before is not None and now is not None
-    }
+    moved = {name: now - before for name, (before, now) in pairs.items() if before is not None and now is not None}
     return {name: by for name, by in moved.items() if np.isfinite(by) and by}
 
 

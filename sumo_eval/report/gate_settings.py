@@ -63,7 +63,8 @@ class GateSettings(Checked):
         float,
         NotNegative,
         About(
-            "change of a case's human-likeness, or of D_i, from which it is less or more human", symbol="D_i",
+            "change of a case's human-likeness, or of D_i, from which it is less or more human",
+            symbol="D_i",
             equation="12",
         ),
     ] = 0.01

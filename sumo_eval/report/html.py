@@ -238,7 +238,9 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):.2f}",
         "probability": percent(score.collision_probability),
         "explained": [
-            explain_a(score, cases, settings), explain_h(score, cases), [explain_s_plus(score, settings)],
+            explain_a(score, cases, settings),
+            explain_h(score, cases),
+            [explain_s_plus(score, settings)],
         ],
         "explained_paper": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
         "factor_means": [number(means.get(name), 3) for name in FACTORS],
@@ -256,7 +258,7 @@ def _value(score: ScenarioResult, name: str) -> dict[str, str]:
     value, interval = getattr(score, field), getattr(score, f"{field}_interval")
     return {
         "value": "" if value is None else number(value, digits),
-        "interval": interval_words(interval, digits).replace("..", " to "),
+        "interval": interval_words(interval, digits - 1),
     }
 
 

@@ -162,9 +162,12 @@ def _human_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
     weights = {case.case: case.exposure / exposure for case in counted}
     hits = [case for case in counted if case.collided]
     if hits:
-        yield "", "a collision in a safe case that the ideal vehicle avoids", 0.0, [
-            (case, -weights[case.case]) for case in hits
-        ]
+        yield (
+            "",
+            "a collision in a safe case that the ideal vehicle avoids",
+            0.0,
+            [(case, -weights[case.case]) for case in hits],
+        )
     yield from _factor_lines([case for case in counted if not case.collided], weights, "human_likeness")
 
 
@@ -210,9 +213,12 @@ def _factor_lines(
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"
-        yield equation, label, 0.0, [
-            (case, -weights[case.case] * loss) for case, loss in zip(cases, losses[:, column].tolist(), strict=True)
-        ]
+        yield (
+            equation,
+            label,
+            0.0,
+            [(case, -weights[case.case] * loss) for case, loss in zip(cases, losses[:, column].tolist(), strict=True)],
+        )
     rest = [
         (case, weights[case.case] * (getattr(case, what) - product))
         for case, product in zip(cases, values.prod(axis=1).tolist(), strict=True)

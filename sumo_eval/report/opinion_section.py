@@ -27,7 +27,12 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
             for name, most in _MOST.items()
             if name in rho
         ]
-        return {"rows": rows, "names": [panel["name"] for panel in panels], "concordance": told["concordance"], "panels": panels}
+        return {
+            "rows": rows,
+            "names": [panel["name"] for panel in panels],
+            "concordance": told["concordance"],
+            "panels": panels,
+        }
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -133,7 +133,9 @@ def _scenario(
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
-        row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case), taken.get(case.case))
+        row = _case(
+            case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case), taken.get(case.case)
+        )
         row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
         row["contact"] = contact(hits.get(case.case), recorded.get(EGO))
         rows.append(row)

@@ -119,8 +119,7 @@ def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """Where the points of every S+, and of the S beside it, went."""
     return {
         "ledgers": [
-            (_ledger(ledger_plus(evaluation, score)), _ledger(ledger(evaluation, score)))
-            for score in evaluation.scores
+            (_ledger(ledger_plus(evaluation, score)), _ledger(ledger(evaluation, score))) for score in evaluation.scores
         ]
     }
 
@@ -159,7 +158,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
     weights = {name: f"{weight:g}" for name, weight in found.weights.items()}
     return {
         "weights": weights if len(set(weights.values())) > 1 else {},
-        "level": f"{found.level:.0%}",
+        "level": f"{100.0 * found.level:g} %",
         "rows": [
             {
                 "ads": one.ads,

@@ -51,7 +51,7 @@ GLOSSARY = {
     "avoidable": "a collision that the ideal vehicle does not have in the same concrete scenario",
     "unavoidable": "a collision that the ideal vehicle has as well",
     "caused": "an avoidable collision that even a car that does nothing would not have had",
-    "ideal vehicle": "sees perfectly and brakes at once, as hard as the road allows",
+    "ideal vehicle": "sees whatever is in sight, brakes at once and as hard as the road allows",
     "doing nothing": "the driver `no_reaction`: keeps speed and lane whatever happens",
     "U": "severity of a collision, Eq. 15: relative speed at first contact over the overlap of the bumpers, m/s",
     "Ug": "severity of the ideal vehicle in the same concrete scenario, m/s; 0 where it avoids",

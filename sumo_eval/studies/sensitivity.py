@@ -110,20 +110,16 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, floa
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> dict[str, float]:
     """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
-    settings = evaluation.settings.method.score
+    scales = evaluation.settings.method.score
+    first, second = ("avoided_share", "human_likeness") if index == "S+" else ("c", "d")
+    a_values, b_values = (_scores(evaluation, scenario, field) for field in (first, second))
     totals = {}
-    for result in evaluation.scores:
-        if result.scenario == scenario:
-            first, second = (
-                (result.avoided_share, result.human_likeness) if index == "S+" else (result.c, result.d)
-            )
-            terms = [[np.nan if value is None else value] for value in (first, second)]
-            total = (
-                score_plus(*terms, a, 100.0 - a)
-                if index == "S+"
-                else combined(*terms, a, 100.0 - a, settings.k5, settings.k6)
-            )
-            totals[result.ads] = float(total[0])
+    for ads, value in a_values.items():
+        terms = np.array([value]), np.array([b_values[ads]])
+        total = (
+            score_plus(*terms, a, 100.0 - a) if index == "S+" else combined(*terms, a, 100.0 - a, scales.k5, scales.k6)
+        )
+        totals[ads] = float(total[0])
     return totals
 
 
@@ -174,7 +170,10 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                 )
             figure.update_yaxes(title_text=index, row=line, col=column)
     figure.update_layout(
-        title="What the constants do to the scores", template="plotly_white", height=320 * len(scenarios) + 100, width=260 * len(constants) + 160
+        title="What the constants do to the scores",
+        template="plotly_white",
+        height=320 * len(scenarios) + 100,
+        width=260 * len(constants) + 160,
     )
     try:
         figure.write_html(path, include_plotlyjs=True)

@@ -87,7 +87,9 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
         value if (value.night, value.quantity) != (nights[1].night, "S") else type(value)(*value_without(value))
         for value in values
     ]
-    chart = next(one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S of the paper")
+    chart = next(
+        one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S of the paper"
+    )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert len(chart.gates) == 3
     assert all(TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part)
