@@ -111,13 +111,12 @@ def _case_test(case: CaseResult, reason: str | None, report: ReportSettings) -> 
         return Test(name, "error", case.status, _first_line(reason or case.status), reason or "", seconds)
     if case.status == "off_road":
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
-    if case.collided:
-        # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
-        if report.junit_failures == "any" or not case.unavoidable:
-            kind = "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable"
-            which = f"{kind} collision" if case.ideal_severity is not None else "collision"
-            message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
-            return Test(name, "failure", "collision", message, _facts(case), seconds)
+    # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
+    if case.collided and (report.junit_failures == "any" or not case.unavoidable):
+        kind = "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable"
+        which = f"{kind} collision" if case.ideal_severity is not None else "collision"
+        message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
+        return Test(name, "failure", "collision", message, _facts(case), seconds)
     if reason is not None:
         return Test(name, "error", "not_evaluated", _first_line(reason), reason, seconds)
     return Test(name, "passed", seconds=seconds)

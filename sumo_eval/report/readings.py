@@ -116,12 +116,12 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         ),
         (
             "beside 17",
-            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 is the severity of "
-            "`no_reaction`, U = 0 without contact. Whoever is no worse in any case and better in one never has a lower A.",
+            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 is that of "
+            "`no_reaction`, U = 0 without contact. Who is no worse in any case and better in one never has a lower A.",
         ),
         (
             "beside 13",
-            "H is the mean over the safe cases of f_L, f_n+, the similarity among the drivers who make the same kind of "
+            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who make the same kind of "
             "manoeuvre and the plausibility, multiplied. A collision there that the ideal vehicle avoids counts 0; one "
             "that it has as well is left out.",
         ),

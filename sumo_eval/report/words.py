@@ -43,10 +43,10 @@ GLOSSARY = {
     "H": "human-likeness: mean over the safe cases of length factor, operations factor, similarity and plausibility "
     "multiplied; 0 for a safe case with an avoidable collision",
     "S+": "the score that orders: a A + b H, 0 to 100 points; an A below 0 counts 0",
-    "regret": "by how much severity the ADS exceeds the ideal vehicle, a mean over all cases weighted by r, m/s; 0 is best",
+    "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, weighted by r; 0 is best",
     "C": "collision avoidance of the paper, Eq. 17: mean of Ug/U over the collisions alone; 1 without a collision",
-    "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after an avoidable collision "
-    "among them",
+    "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after an avoidable "
+    "collision among them",
     "S": "score of the paper, Eq. 18: a C + b D, 0 to 100 points",
     "avoidable": "a collision that the ideal vehicle does not have in the same concrete scenario",
     "unavoidable": "a collision that the ideal vehicle has as well",
@@ -68,8 +68,8 @@ GLOSSARY = {
     "trajectory field": "how strongly a vehicle claims the space around its path, Eqs. 9–10",
     "plausibility": "share of recorded people who go to such extremes of headway, time to collision, braking, jerk and "
     "lateral motion, 1 from 5 % on",
-    "safe zone, hazardous zone": "where braking with 5 m/s² (or as set) keeps clear of a collision, and where it does not",
-    "interval": "where the number would lie in 95 of 100 repetitions with other cases and drivers",
+    "safe zone, hazardous zone": "where braking as set (5 m/s²) keeps clear of a collision, and where not",
+    "interval": "a range that would hold the true number in 95 of 100 evaluations with other cases and drivers",
 }
 """The terms of the report in plain words; what the page explains of a term stands here once."""
 

@@ -39,8 +39,8 @@ _POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
 class SensitivityRow:
     """The ADSs in one scenario with one constant changed.
 
-    index: what they are ranked by, `H`, `D`, `S+` or `S`. value: of the constant. scores: in the order of `ads`, nan where not
-    computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan
+    index: what they are ranked by, `H`, `D`, `S+` or `S`. value: of the constant. scores: in the order of `ads`, nan
+    where not computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan
     where fewer than two ADSs can be ranked.
     """
 
