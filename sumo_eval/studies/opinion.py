@@ -36,7 +36,8 @@ class RatedScore:
 @dataclass(frozen=True, slots=True)
 class Opinion:
     """rows: one for each rated ADS and scenario. correlations: Spearman's rho with each of `INDEXES`; None where
-    fewer than 3 rows have the score. concordance: Kendall's W between the raters who rated everything; None for fewer than two.
+    fewer than 3 rows have the score. concordance: Kendall's W between the raters who rated everything; None for fewer
+    than two.
     """
 
     rows: tuple[RatedScore, ...]

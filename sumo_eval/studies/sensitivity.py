@@ -40,8 +40,8 @@ class SensitivityRow:
     """The ADSs in one scenario with one constant changed.
 
     index: what they are ranked by, `H`, `D`, `S+` or `S`. value: of the constant. scores: in the order of `ads`, nan
-    where not computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan
-    where fewer than two ADSs can be ranked.
+    where not computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the
+    same; nan where fewer than two ADSs can be ranked.
     """
 
     scenario: str
