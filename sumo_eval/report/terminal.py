@@ -76,7 +76,7 @@ def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str)
     for heading in columns:
         table.add_column(HEADINGS.get(heading, heading), justify="right", no_wrap=True)
     for score in scores:
-        cells = _cells(score)
+        cells = _cells(score, coarser=1)
         # Text, because an ADS may be called `[red]`: rich would read that as a colour.
         table.add_row(Text(_one_line(score.ads)), *(_styled(*cells[heading], heading) for heading in columns))
     return table
@@ -164,8 +164,11 @@ def _row(score: ScenarioResult) -> list[str]:
     return [_one_line(cell) for cell in (score.ads, score.scenario, *joined)]
 
 
-def _cells(score: ScenarioResult) -> dict[str, tuple[str, str]]:
-    """(value, interval) of every column but the names; a value is never shown without the interval that it has."""
+def _cells(score: ScenarioResult, coarser: int = 0) -> dict[str, tuple[str, str]]:
+    """(value, interval) of every column but the names; a value is never shown without the interval that it has.
+
+    coarser: decimals that the interval has less than its value.
+    """
     counts = {
         "collisions": score.collisions,
         "avoidable": score.avoidable_collisions,
@@ -178,7 +181,7 @@ def _cells(score: ScenarioResult) -> dict[str, tuple[str, str]]:
     cells = {heading: (str(value), "") for heading, value in counts.items()}
     for heading, (field, digits) in SCORES.items():
         value, interval = getattr(score, field), getattr(score, f"{field}_interval")
-        cells[heading] = _or_not_computed(value, digits), interval_words(interval, digits - 1)
+        cells[heading] = _or_not_computed(value, digits), interval_words(interval, digits - coarser)
     return cells
 
 

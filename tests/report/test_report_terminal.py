@@ -85,8 +85,9 @@ def with_intervals(evaluation: Evaluation) -> Evaluation:
 
 def test_an_interval_stands_with_its_score_on_every_terminal(evaluation: Evaluation) -> None:
     odd = with_intervals(evaluation)
-    for text in (rendered(odd), plain_table(odd)):
-        for interval in ("-0.25..1.00", "0.00..0.75", "12..100", "0.50..1.00"):
+    narrow, plain = ("-0.25..1.00", "0.00..0.75", "12..100", "0.50..1.00"), ("-0.250..1.000", "12.5..100.0")
+    for text, intervals in ((rendered(odd), narrow), (plain_table(odd), plain)):
+        for interval in intervals:
             assert text.count(interval) >= len(odd.scores)
 
 
