@@ -118,6 +118,13 @@ def scores_of(terms: CaseTerms, counts: FloatArray, method: MethodSettings) -> d
     }
 
 
+def avoided_share_losses(terms: CaseTerms) -> FloatArray:
+    """What each case takes from A, (n,); together 1 - A. nan where a case has no part in it."""
+    seen = np.isfinite(terms.weight)
+    u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
+    return score_terms.avoided_share_losses(u, ideal, unreacting, np.nan_to_num(terms.weight))
+
+
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `SCORES` of the cases themselves; None where it does not exist."""
     found = scores_of(terms, score_terms.once(len(terms.exposure)), method)

@@ -106,6 +106,21 @@ class CaseResult:
         return self.zone == "safe" and not self.collided
 
     @property
+    def avoidable(self) -> bool:
+        """Whether it is a collision that the ideal vehicle avoids in the same concrete scenario."""
+        return self.collided and self.ideal_severity == 0.0
+
+    @property
+    def unavoidable(self) -> bool:
+        """Whether it is a collision that the ideal vehicle has as well."""
+        return self.collided and bool(self.ideal_severity)
+
+    @property
+    def caused(self) -> bool:
+        """Whether it is a collision that the ADS brought about: neither the ideal vehicle nor doing nothing has one."""
+        return self.avoidable and self.no_reaction_severity == 0.0
+
+    @property
     def evaluated(self) -> bool:
         """Whether the case has an outcome that counts."""
         return self.status in EVALUATED
@@ -118,6 +133,9 @@ class ScenarioResult:
     c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s None: neither C nor D.
     avoided_share A (w = r), avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`) and
     s_plus S+, with a_points and h_points, what A and H give to S+; None where nothing could be evaluated.
+
+    collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it collides as well) + those
+    whose ideal vehicle could not be evaluated. caused_collisions: the avoidable ones that doing nothing avoids too.
 
     <name>_interval: the 95 % interval of each score, from the points, the drivers and the collisions that were not seen
     (`sumo_eval.confidence.intervals`), each end moved to where the score lies when the cases that could not be
@@ -160,6 +178,8 @@ class ScenarioResult:
     regret_interval: tuple[float, float] | None = None
     human_likeness_interval: tuple[float, float] | None = None
     s_plus_interval: tuple[float, float] | None = None
+    unavoidable_collisions: int = 0
+    caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 

@@ -511,8 +511,8 @@ class ReportSettings(Checked):
     junit_cells: Annotated[int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")] = 4
     junit_failures: Annotated[
         Literal["any", "avoidable"],
-        About("which collisions are JUnit failures: all, or those in the safe zone or that the ideal vehicle avoids"),
-    ] = "any"
+        About("which collisions are JUnit failures: those that the ideal vehicle avoids, or any"),
+    ] = "avoidable"
     axes: Annotated[
         dict[str, tuple[str, str]],
         About("the two parameters that a scenario's maps show, by scenario; others: the two with most values"),

@@ -8,6 +8,9 @@ its arguments, so a score, its interval and a difference between two scores are 
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -107,6 +110,43 @@ def avoided_share(
     share = 1.0 - _ratio(numerator, denominator, np.ones(numerator.shape))
     share = np.where(numerator > 0.0, share, 1.0)
     return np.where(_drawn(known, counts), share, np.nan)
+
+
+def avoided_share_losses(
+    severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
+) -> FloatArray:
+    """What each point takes from A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,); together 1 - A.
+
+    The arguments are those of `avoided_share`. nan where a point is not known. Where nothing was at stake but
+    something was lost, A is 0 and the points share the 1 by what each lost.
+    """
+    lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
+    known = np.isfinite(lost) & np.isfinite(at_stake)
+    weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
+    if not weight.any():
+        weight = known.astype(np.float64)
+    taken = weight * np.where(known, lost, 0.0)
+    whole = float(np.sum(weight * np.where(known, at_stake, 0.0))) or float(np.sum(taken)) or 1.0
+    return np.where(known, taken / whole, np.nan)
+
+
+def product_losses(factors: FloatArray) -> FloatArray:
+    """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus its product.
+
+    The mean over all orders in which the factors can be taken off (the Shapley value), because a product has no order
+    of its own: (1 - v_j) times the mean over the sets of other factors, each set size weighing the same.
+    """
+    k = factors.shape[1]
+    losses = np.empty(factors.shape)
+    for column in range(k):
+        others = [other for other in range(k) if other != column]
+        share = np.zeros(len(factors))
+        for size in range(k):
+            weight = 1.0 / (k * math.comb(k - 1, size))
+            for chosen in itertools.combinations(others, size):
+                share += weight * factors[:, list(chosen)].prod(axis=1)
+        losses[:, column] = (1.0 - factors[:, column]) * share
+    return losses
 
 
 def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: FloatArray) -> FloatArray:

@@ -15,7 +15,16 @@ from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import FloatArray
 
 BLOCK = 1_000_000  # counts drawn at once
-COMPARED = {"S": "s", "C": "c", "D": "d", "collision_probability": "collision_probability"}
+COMPARED = {
+    "A": "avoided_share",
+    "regret": "regret",
+    "H": "human_likeness",
+    "S+": "s_plus",
+    "C": "c",
+    "D": "d",
+    "S": "s",
+    "collision_probability": "collision_probability",
+}
 """What two runs are compared by, and its name among the scores."""
 
 

@@ -1,5 +1,7 @@
 """The arithmetic of the scores: worked numbers, the law of dominance, one arithmetic for one sample and for many."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -168,3 +170,38 @@ def test_s_and_s_plus_are_linear_above_0(a_share, other, h, a, part):
     ends = terms.score_plus([a_share, other], [h, h], a, 100.0 - a)
     assert mixed == pytest.approx([part * ends[0] + (1 - part) * ends[1]], abs=1e-9)
     assert 0.0 <= ends[0] <= 100.0 + 1e-9
+
+
+factors = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4)
+
+
+@law
+@given(values=factors)
+def test_the_factors_of_a_product_share_its_loss_as_the_mean_over_all_orders(values):
+    """The plain twin: take the factors off in every order and average what each one took."""
+    orders = list(itertools.permutations(range(len(values))))
+    slow = np.zeros(len(values))
+    for order in orders:
+        left = 1.0
+        for place in order:
+            slow[place] += left * (1.0 - values[place]) / len(orders)
+            left *= values[place]
+    (found,) = terms.product_losses(np.array([values]))
+    np.testing.assert_allclose(found, slow, atol=1e-12)
+    assert found.sum() == pytest.approx(1.0 - np.prod(values), abs=1e-12)
+
+
+def test_what_each_point_takes_from_a_by_hand():
+    # w (U - Ug): 1 * (10 - 5) = 5, 2 * (4 - 0) = 8; at stake w (U0 - Ug): 1 * (15 - 5) + 2 * (8 - 0) = 26
+    taken = terms.avoided_share_losses([10.0, 4.0, 3.0], [5.0, 0.0, nan], [15.0, 8.0, 9.0], [1.0, 2.0, 1.0])
+    np.testing.assert_allclose(taken, [5.0 / 26.0, 8.0 / 26.0, nan])
+
+
+@law
+@given(cases=outcomes)
+def test_what_the_points_take_from_a_adds_up_to_what_it_lost(cases):
+    u, ideal, nothing, weights = columns(cases)
+    taken = terms.avoided_share_losses(u, ideal, nothing, weights)
+    (a_share,) = terms.avoided_share(u, ideal, nothing, weights, terms.once(len(u)))
+    assert taken.sum() == pytest.approx(1.0 - a_share, rel=1e-9, abs=1e-12)
+    assert (taken >= 0.0).all()
