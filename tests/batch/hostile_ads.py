@@ -83,7 +83,7 @@ def send(plain, blobs=(), *, text=None, rest=None, length=None, nonce=None, numb
 
 
 def drive(status="ok", error=None, log="", end="standstill", latency=(0.0, 0.0), time=0.1, names=("ego", "lead")):
-    return [False, False, [[status, error, log, [end, None, [], list(latency), 0.1, time, list(names)]]]]
+    return [False, False, [[status, error, log, "", [end, None, [], list(latency), 0.1, time, list(names)]]]]
 
 
 def trajectory(n=2, samples=2):
