@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sumo_eval.batch.human_reference import PointJob, compute_points
+from sumo_eval.batch.human_reference import LeftOut, PointJob, compute_points
 from sumo_eval.batch.recording import RECORDED, Progress
 from sumo_eval.batch.spread import Spread
 from sumo_eval.batch.store import Fact, Store
@@ -28,11 +28,13 @@ Judged = TypeVar("Judged")
 
 @dataclass(frozen=True, slots=True)
 class PointReference:
-    """The drivers of one concrete scenario. cases: their drives that ended well. recorded: how many of these are
-    recorded people. note: where the reference is too thin. usable: whether a D_i may be computed from it.
+    """The drivers of one concrete scenario. cases: their drives that ended well, and drivers: who drove them. recorded:
+    how many of these are recorded people. note: where the reference is too thin. usable: whether a D_i may be computed
+    from it.
     """
 
     cases: tuple[str, ...]
+    drivers: tuple[str, ...]
     recorded: int
     note: str
     usable: bool
@@ -54,18 +56,21 @@ def references(logical: LogicalScenario, store: Store, settings: DriverSettings)
                 note += f"; filled with {len(facts) - recorded} synthetic ones."
             else:
                 note, usable = f"{note}; left out.", False
-        found[point] = PointReference(tuple(fact.case for fact in facts), recorded, note, usable)
+        found[point] = PointReference(
+            tuple(fact.case for fact in facts), tuple(fact.driver for fact in facts), recorded, note, usable
+        )
     return found
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """What comes of putting people beside cases. indexes: D_i by case. bands: what the drivers of a point score among
-    themselves, each left out once, by point.
+    themselves, each left out once, by point. left_out: what evenly chosen cases get without each driver, by case.
     """
 
     indexes: Mapping[str, AnthropomorphicIndex]
     bands: Mapping[int, HumanBand]
+    left_out: Mapping[str, LeftOut]
 
 
 def compare_with_people(
@@ -111,6 +116,7 @@ def compare_with_people(
     return Comparison(
         {case: index for result in results for case, index in result.indexes.items()},
         {point: result.band for point, result in zip(points, results, strict=True) if result.band is not None},
+        {case: found for result in results for case, found in result.left_out.items()},
     )
 
 

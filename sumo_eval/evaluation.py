@@ -18,6 +18,10 @@ from sumo_eval.batch.human_reference import point_processes
 from sumo_eval.batch.recording import Progress, quiet
 from sumo_eval.batch.store import Fact, open_store
 from sumo_eval.comparison import compare_with_people, reference_sentences, references, with_people
+from sumo_eval.confidence.drivers import driver_deviations
+from sumo_eval.confidence.intervals import ScoreIntervals
+from sumo_eval.confidence.ranking import rank
+from sumo_eval.confidence.scored import with_intervals
 from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
 from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
@@ -25,13 +29,13 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring import (
-    collision_terms,
+    beyond_range,
+    chosen_severity,
     combine,
-    criticality_measures,
     describe_zones,
+    drive_measures,
     drivers_left_out,
-    ideal_outcomes,
-    missing_weights,
+    point_terms,
     simulated_alone,
     tabulate,
 )
@@ -76,9 +80,13 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     manifest = run_folder.read_manifest(folder)
     source, method = Path(manifest["source_folder"]), settings.method
     exposures = run_folder.read_exposures(folder)
+    severity = chosen_severity(method.collision, source)
+    made_with = {"name": method.collision.severity, "unit": severity.unit, "sha256": severity.sha256}
+    manifest = {**manifest, "severity": made_with}
     zone_results: list[ZoneResult] = []
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
+    spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
     with open_store(folder / run_folder.FACTS) as store, point_processes(store, settings.run.workers) as spread:
         check_complete(store, folder)
         for entry in settings.scenario:
@@ -94,26 +102,57 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 facts = store.facts("ads", logical.name, ads.name)  # step 2: the ADS in every concrete scenario
                 if not facts:
                     raise InputError(f"Run {folder} holds no case of ADS `{ads.name}` in scenario `{logical.name}`.")
-                inside = zones.hazardous(np.array([logical.row(fact.values) for fact in facts]))
+                inside = zones.exactly_hazardous(np.array([logical.row(fact.values) for fact in facts]))
                 safe = [fact for fact, dangerous in zip(facts, inside, strict=True) if not dangerous]
                 drives[ads.name], hazardous[ads.name] = facts, inside
-                if not any(fact.collision for fact in safe):  # step 3: else there is no D
-                    judged.append(safe)
+                judged.append([fact for fact in safe if fact.collision is None])  # step 3: collisions have no D_i
             people = compare_with_people(  # step 4: D_i
                 logical, compared, judged, store, settings, spread, progress
             )
-            ideal_hits, left_out = ideal_outcomes(logical, store), drivers_left_out(logical, store)
+            left_out = drivers_left_out(logical, store)
+            there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
+            combined: list[ScenarioResult] = []
+            tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
-                collisions = collision_terms(logical, zones, facts, store)  # step 5: U, L, Ug, r
-                measured = criticality_measures(facts, store)  # beside the paper: TTC, DRAC, PET ...
-                rows = tabulate(facts, hazardous[name], people.indexes, collisions, ideal_hits, measured)
-                unknown = missing_weights(logical, zones, facts)
+                measured = drive_measures(facts, store)  # beside the paper: TTC, DRAC, PET, plausibility ...
+                rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
-                notes = (*left_out, *simulated_alone(logical, name, store), *reference_sentences(rows))
-                cases += rows
-                scores.append(combine(name, logical.name, rows, method, notes, unknown))  # step 6: C, D, S
+                notes = (
+                    *left_out,
+                    *simulated_alone(logical, name, store),
+                    *reference_sentences(rows),
+                    *beyond_range(facts, severity),
+                )
+                tables.append(rows)
+                combined.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
+            present = {
+                fact.case: compared[fact.point].drivers
+                for facts in drives.values()
+                for fact in facts
+                if fact.point in compared
+            }
+            finished, found = with_intervals(
+                combined,
+                tables,
+                [[fact.point for fact in facts] for facts in drives.values()],
+                [driver_deviations(rows, people.left_out, present, settings.drivers, settings.seed) for rows in tables],
+                logical.to_unit(points.points),
+                points.method,
+                settings,
+            )
+            scores += finished
+            cases += [row for rows in tables for row in rows]
+            spreads |= {(one.ads, one.scenario): spread for one, spread in zip(finished, found, strict=True)}
     return Evaluation(
-        settings.name, folder, settings, manifest, tuple(zone_results), tuple(scores), tuple(cases), exposures
+        settings.name,
+        folder,
+        settings,
+        manifest,
+        tuple(zone_results),
+        tuple(scores),
+        tuple(cases),
+        exposures,
+        rank(scores, spreads, method.ranking),
     )
 
 

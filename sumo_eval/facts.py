@@ -15,19 +15,29 @@ from sumo_eval.batch import loops, run_folder
 from sumo_eval.batch.cases import Case, Setup
 from sumo_eval.batch.engines import Stopping, never, run_cases, run_packs
 from sumo_eval.batch.human_reference import prepared_meanwhile
-from sumo_eval.batch.recording import Planner, Progress, Space, planner, quiet, record, refuse_to_lose_cases
+from sumo_eval.batch.recording import (
+    REFERENCES,
+    Planner,
+    Progress,
+    Space,
+    planner,
+    quiet,
+    record,
+    refuse_to_lose_cases,
+)
 from sumo_eval.batch.store import Store, open_store
 from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.cosim.controller import find_controller, made_absolute
 from sumo_eval.drivers.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.method.severity import severity_of
 from sumo_eval.random_streams import random_stream
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
-from sumo_eval.spaces import choose_points, zones_of
+from sumo_eval.spaces import choose_points, scenario_weights, zones_of
 
 Evaluable = EvaluationSettings | str | os.PathLike[str] | None
 """Settings, the path of an evaluation file, or None: the run's own when it is resumed, else the paper's."""
@@ -52,14 +62,14 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What an evaluation will take: drives of ADSs and humans, those recorded already, and s of wall time.
+    """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
 
-    The ideal vehicle drives wherever an ADS collides, `most_ideal` times at most; the time counts it everywhere.
+    references: drives of the ideal vehicle and of `no_reaction`, one each at every point.
     """
 
     ads: int
     humans: int
-    most_ideal: int
+    references: int
     recorded: int
     seconds: float
     timed: int
@@ -70,8 +80,8 @@ class Estimate:
         minutes, seconds = divmod(round(self.seconds), 60)
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         return (
-            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and at most {self.most_ideal} of the ideal "
-            f"vehicle{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
+            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the ideal vehicle "
+            f"and of `no_reaction`{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
             f"by {self.timed} drives timed just now; scoring comes on top."
         )
 
@@ -116,6 +126,7 @@ def record_facts(
 
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
+    severity_of(evaluation.method.collision, source)
     loops.ready()  # on a machine's first run
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
@@ -226,6 +237,7 @@ def verify(
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
     """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
+    loops.ready()
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
@@ -241,7 +253,7 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
         some = replace(space, numbers=_spread(space.numbers))
         ads_cases = list(plan.ads(some))
         kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
-        kinds.append((list(plan.ideal(some, set(some.numbers))), space.numbers))
+        kinds += [(list(plan.reference(some, role)), space.numbers) for role in REFERENCES]
         samples = [(cases, len(numbers)) for cases, numbers in kinds]
         if synthetic:
             people = list(islice(plan.humans(some), _TIMED))
@@ -251,10 +263,10 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
                 a_drive, drives = _seconds_a_drive(cases, setup)
                 seconds += a_drive * times
                 timed += drives
-    share_to_do = 1.0 - recorded / max(ads + humans, 1)
-    points = sum(len(space.numbers) for space in spaces)
+    references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
+    share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
     workers = evaluation.run.workers
-    return Estimate(ads, humans, points, recorded, seconds * share_to_do / workers, timed, workers)
+    return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
 
 
 def _spread(numbers: Sequence[int]) -> Sequence[int]:
@@ -278,6 +290,8 @@ def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:
 
 def _planned(plan: Planner, space: Space) -> Iterator[Case]:
     yield from plan.ads(space)
+    for role in REFERENCES:
+        yield from plan.reference(space, role)
     if plan.settings.drivers.source == "synthetic":
         yield from plan.humans(space)
 
@@ -287,8 +301,7 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
     stream = random_stream(seed, "verify")
     chosen: list[Case] = []
     for space in spaces:
-        struck = store.struck(space.logical.name)
-        kinds = [list(plan.ads(space)), list(plan.ideal(space, struck))]
+        kinds = [list(plan.ads(space)), *(list(plan.reference(space, role)) for role in REFERENCES)]
         if plan.settings.drivers.source == "synthetic":
             kinds.append(list(plan.humans(space)))
         for cases in kinds:
@@ -306,6 +319,7 @@ def _spaces(
         spaces.append(space_of(entry, settings, source, shard, offset))
         refuse_doubles(spaces)
         progress("zones", len(spaces), len(settings.scenario))
+    scenario_weights([space.logical.name for space in spaces], settings.method.ranking)
     return spaces
 
 
@@ -327,7 +341,7 @@ def space_of(
     check_points(logical, points.points)
     for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
         logical.column(name)
-    hazardous = zones_of(logical, settings.method.zones).hazardous(points.points)
+    hazardous = zones_of(logical, settings.method.zones).exactly_hazardous(points.points)
     index, count = shard
     numbers = range((index - 1 - offset) % count, len(points.points), count)
     return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))

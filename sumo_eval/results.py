@@ -19,9 +19,13 @@ EVALUATED = ("ok", "collision", "off_road")
 class CaseResult:
     """One concrete scenario driven by one ADS. None: does not apply, or could not be evaluated (see `status`).
 
-    severity U, loss L, ideal_severity Ug, weight r and avoided_share (Ug/U or its class form) belong to collisions,
-    Eqs. 14-17; index D_i and its factors to safe-zone cases, Eqs. 11-12. ideal_collided: whether the ideal vehicle hit
-    something in the same concrete scenario; None where it was not driven, because no ADS collided there.
+    severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and no_reaction_severity U0: those of the
+    ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
+    not be evaluated; ideal_collided: whether the former hit something. weight: r of Eq. 16, of every case.
+
+    index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
+    terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
+    which is 0 for a safe case with a collision that the ideal vehicle avoids.
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
     delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound.
@@ -82,6 +86,39 @@ class CaseResult:
     manoeuvre_share: float | None = None
     exposure_note: str = ""
     error_place: str = ""
+    no_reaction_severity: float | None = None
+    operation_tolerance: float | None = None
+    mixture_similarity: float | None = None
+    plausibility: float | None = None
+    human_likeness: float | None = None
+
+    @property
+    def voids_index(self) -> bool:
+        """Whether it is a collision after which there is no D: in the safe zone, and not the ideal vehicle's as well.
+
+        One whose ideal vehicle could not be evaluated is.
+        """
+        return self.zone == "safe" and self.collided and not self.ideal_severity
+
+    @property
+    def counts_for_index(self) -> bool:
+        """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
+        return self.zone == "safe" and not self.collided
+
+    @property
+    def avoidable(self) -> bool:
+        """Whether it is a collision that the ideal vehicle avoids in the same concrete scenario."""
+        return self.collided and self.ideal_severity == 0.0
+
+    @property
+    def unavoidable(self) -> bool:
+        """Whether it is a collision that the ideal vehicle has as well."""
+        return self.collided and bool(self.ideal_severity)
+
+    @property
+    def caused(self) -> bool:
+        """Whether it is a collision that the ADS brought about: neither the ideal vehicle nor doing nothing has one."""
+        return self.avoidable and self.no_reaction_severity == 0.0
 
     @property
     def evaluated(self) -> bool:
@@ -91,12 +128,20 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class ScenarioResult:
-    """One ADS in one logical scenario: C, D, S and what stands beside them.
+    """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside them.
 
-    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`.
+    c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s None: neither C nor D.
+    avoided_share A (w = r), avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`) and
+    s_plus S+, with a_points and h_points, what A and H give to S+; None where nothing could be evaluated.
 
-    c_interval, d_interval, s_interval: where C, D and S lie when the cases that could not be evaluated are counted as
-    worst and as best; None where nothing is missing. The worst of a missing safe case is a collision: then S has no D.
+    collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it collides as well) + those
+    whose ideal vehicle could not be evaluated. caused_collisions: the avoidable ones that doing nothing avoids too.
+
+    <name>_interval: the 95 % interval of each score, from the points, the drivers and the collisions that were not seen
+    (`sumo_eval.confidence.intervals`), each end moved to where the score lies when the cases that could not be
+    evaluated are counted as worst and as best (the worst of a missing safe case is a collision: then S has no D). None
+    where there are fewer than two evaluated cases, and nothing is missing. half_widths_by_source: of S and S+ by points
+    (`cases`) and by drivers alone.
     """
 
     ads: str
@@ -104,7 +149,7 @@ class ScenarioResult:
     c: float | None
     d: float | None
     d_reason: str
-    s: float
+    s: float | None
     c_points: float
     d_points: float
     cases: int
@@ -120,6 +165,22 @@ class ScenarioResult:
     c_interval: tuple[float, float] | None = None
     d_interval: tuple[float, float] | None = None
     s_interval: tuple[float, float] | None = None
+    avoided_share: float | None = None
+    avoided_share_exposure: float | None = None
+    regret: float | None = None
+    human_likeness: float | None = None
+    h_reason: str = ""
+    s_plus: float | None = None
+    a_points: float = 0.0
+    h_points: float = 0.0
+    avoided_share_interval: tuple[float, float] | None = None
+    avoided_share_exposure_interval: tuple[float, float] | None = None
+    regret_interval: tuple[float, float] | None = None
+    human_likeness_interval: tuple[float, float] | None = None
+    s_plus_interval: tuple[float, float] | None = None
+    unavoidable_collisions: int = 0
+    caused_collisions: int = 0
+    half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +203,50 @@ class ZoneResult:
 
 
 @dataclass(frozen=True, slots=True)
+class RankedAds:
+    """An ADS in the order of an evaluation. s_plus: the mean over its scenarios by their weights, with its interval;
+    None, like place, where a scenario that weighs has no S+ of it.
+    """
+
+    ads: str
+    place: int | None
+    s_plus: float | None
+    interval: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class RankedPair:
+    """S+ of one ADS less that of another that does not stand above it. interval: of the difference, both over the same
+    points and drivers. told_apart: whether it leaves out 0. None: one of both has no interval.
+    """
+
+    above: str
+    below: str
+    difference: float
+    interval: tuple[float, float] | None
+    told_apart: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a place.
+
+    weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`.
+    """
+
+    weights: Mapping[str, float]
+    level: float
+    ads: tuple[RankedAds, ...]
+    pairs: tuple[RankedPair, ...]
+
+    def pair(self, above: str, below: str) -> RankedPair:
+        """The pair of these two."""
+        return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
+
+
+@dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run."""
+    """A scored run. ranking: None where nobody ranked its ADSs."""
 
     name: str
     folder: Path
@@ -155,11 +258,20 @@ class Evaluation:
     exposures: Mapping[str, Any] = field(
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
+    ranking: Ranking | None = None
 
     @property
     def not_evaluated(self) -> int:
         """Number of cases without an outcome that counts."""
         return sum(score.not_evaluated for score in self.scores)
+
+    def exposure_known(self, scenario: str | None = None) -> bool:
+        """Whether somebody declared or measured how often the concrete scenarios of one scenario, or of any, are met.
+
+        Else a mean over them is one over the points, and no share of encounters.
+        """
+        names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
+        return any(self.exposures.get(name, {}).get("known", False) for name in names)
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""

@@ -6,10 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from sumo_eval.batch.store import EGO, Fact, Store
+from sumo_eval.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
@@ -18,23 +20,15 @@ from sumo_eval.method.collision_avoidance import (
     impact_severity,
 )
 from sumo_eval.method.measures import CriticalityMeasures, measures
+from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
 from sumo_eval.method.score import combined_score
+from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling import Sample
-from sumo_eval.settings import MethodSettings
+from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray
-
-
-@dataclass(frozen=True, slots=True)
-class CollisionTerms:
-    """One collision in Eqs. 14-17. `ideal_severity` None: the ideal vehicle's case could not be evaluated."""
-
-    severity: float
-    loss: float
-    ideal_severity: float | None
-    weight: float
 
 
 def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:
@@ -56,75 +50,102 @@ def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[s
     return (f"{_count(sum(reasons.values()), 'drive')} left the pack and had to be simulated alone. {why}",)
 
 
-def collision_terms(
-    logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact], store: Store
-) -> dict[str, CollisionTerms]:
-    """U, L, Ug and r of every collision, by case."""
-    ideal = {fact.point: fact for fact in store.facts("ideal", logical.name)}
-    terms = {}
-    for fact in facts:
-        severity = _severity(fact)
-        if severity is not None:
-            weight = float(collision_weight(logical.row(fact.values), zones))
-            terms[fact.case] = CollisionTerms(
-                severity, float(collision_loss(severity)), _ideal_severity(ideal.get(fact.point)), weight
-            )
-    return terms
+@dataclass(frozen=True, slots=True)
+class PointTerms:
+    """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
+    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated.
+    """
+
+    weight: float
+    ideal_severity: float | None
+    no_reaction_severity: float | None
 
 
-def missing_weights(logical: LogicalScenario, zones: ZonePartition, facts: Sequence[Fact]) -> dict[str, float]:
-    """r of every case that could not be evaluated, as if it had been a collision, by case."""
+def point_terms(
+    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity
+) -> dict[int, PointTerms]:
+    """r, Ug and U0 of every concrete scenario of a run, by point. severity: what stands in the place of U."""
+    values = {fact.point: fact.values for fact in store.facts("ideal", logical.name)}
+    ideal, unreacting = (
+        {fact.point: _reference_severity(fact, severity) for fact in store.facts(role, logical.name)}
+        for role in ("ideal", "no_reaction")
+    )
+    weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
     return {
-        fact.case: float(collision_weight(logical.row(fact.values), zones))
-        for fact in facts
-        if fact.status not in EVALUATED and fact.collision is None
+        point: PointTerms(weight, ideal[point], unreacting.get(point))
+        for point, weight in zip(values, weights.tolist(), strict=True)
     }
 
 
-def ideal_outcomes(logical: LogicalScenario, store: Store) -> dict[int, bool]:
-    """Whether the ideal vehicle collided, by point; without the points where it was not driven or not evaluated."""
-    return {
-        fact.point: fact.collision is not None
-        for fact in store.facts("ideal", logical.name)
-        if fact.status in EVALUATED
-    }
+@dataclass(frozen=True, slots=True)
+class DriveMeasures:
+    """What an evaluated case's trajectories tell besides D_i."""
+
+    criticality: CriticalityMeasures
+    plausibility: float
 
 
-def criticality_measures(facts: Sequence[Fact], store: Store) -> dict[str, CriticalityMeasures]:
-    """The criticality measures of every evaluated case, by case."""
+def drive_measures(facts: Sequence[Fact], store: Store) -> dict[str, DriveMeasures]:
+    """The criticality measures and the plausibility of every evaluated case, by case."""
     measured = {}
     for fact in facts:
         if fact.status in EVALUATED:
             actors = store.trajectories(fact.case)
-            measured[fact.case] = measures(actors.pop(EGO), actors, fact.collision)
+            ego = actors.pop(EGO)
+            measured[fact.case] = DriveMeasures(
+                measures(ego, actors, fact.collision),
+                plausibility(extremes_of(ego, actors, fact.collision), MOTORWAY_PEOPLE),
+            )
     return measured
 
 
-def _severity(fact: Fact) -> float | None:
-    """U of a case's collision, None without one."""
+def _loss(fact: Fact) -> float | None:
+    """L of a case's collision, None without one."""
     hit = fact.collision
-    return None if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
-
-
-def _ideal_severity(fact: Fact | None) -> float | None:
-    """Ug: the ideal vehicle's U, 0 where it avoids, None where its case could not be evaluated."""
-    if fact is None or fact.status not in EVALUATED:
+    if hit is None:
         return None
-    return _severity(fact) or 0.0
+    return float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
+
+
+def _severity(fact: Fact, severity: Severity) -> float | None:
+    """U of a case's collision, or what stands in its place, None without one."""
+    return None if fact.collision is None else severity.of(fact.collision, fact.case)
+
+
+def _reference_severity(fact: Fact, severity: Severity) -> float | None:
+    """Ug or U0: U of a reference's drive, 0 where it avoids, None where it could not be evaluated."""
+    return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
+
+
+def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
+    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
+    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
+
+
+def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[str, ...]:
+    """A sentence about collisions outside the range that the severity is known for."""
+    reasons = Counter(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+    reasons.pop("", None)
+    if not reasons:
+        return ()
+    why = "; ".join(f"{number} x {reason}" for reason, number in sorted(reasons.items()))
+    return (f"{_count(sum(reasons.values()), 'collision')} outside the range of `{severity.name}`: {why}.",)
 
 
 def tabulate(
     facts: Sequence[Fact],
     hazardous: BoolArray,
     indexes: Mapping[str, AnthropomorphicIndex],
-    collisions: Mapping[str, CollisionTerms],
-    ideal_hits: Mapping[int, bool],
-    measured: Mapping[str, CriticalityMeasures],
+    points: Mapping[int, PointTerms],
+    measured: Mapping[str, DriveMeasures],
+    chosen: Severity,
 ) -> list[CaseResult]:
-    """One row a case. The mappings go by case, `ideal_hits` by point."""
+    """One row a case. indexes, measured: by case. points: by point. chosen: what stands in the place of U."""
     rows = []
     for fact, dangerous in zip(facts, hazardous, strict=True):
-        index, hit, terms = indexes.get(fact.case), fact.collision, collisions.get(fact.case)
+        index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
+        severity, ideal = _severity(fact, chosen), there.ideal_severity
+        likeness = index.likeness if index else None
         rows.append(
             CaseResult(
                 case=fact.case,
@@ -145,21 +166,36 @@ def tabulate(
                 impact_speed=hit.relative_speed if hit else None,
                 overlap=hit.overlap if hit else None,
                 side=hit.side if hit else None,
-                severity=terms.severity if terms else None,
-                loss=terms.loss if terms else None,
-                ideal_severity=terms.ideal_severity if terms else None,
-                weight=terms.weight if terms else None,
-                beats_ideal=bool(terms and terms.ideal_severity is not None and terms.severity < terms.ideal_severity),
+                severity=severity,
+                loss=_loss(fact),
+                ideal_severity=ideal,
+                no_reaction_severity=there.no_reaction_severity,
+                weight=there.weight,
+                beats_ideal=severity is not None and ideal is not None and severity < ideal,
                 index=index.value if index else None,
                 length_factor=index.length_factor if index else None,
                 operation_factor=index.operation_factor if index else None,
                 similarity=index.similarity if index else None,
+                operation_tolerance=likeness.operation_tolerance if likeness else None,
+                mixture_similarity=likeness.similarity if likeness else None,
                 index_note=" ".join(index.notes) if index else "",
                 clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
-                ideal_collided=ideal_hits.get(fact.point),
+                ideal_collided=None if ideal is None else ideal > 0.0,
             )
         )
-    return [_with_measures(row, measured[row.case]) if row.case in measured else row for row in rows]
+    return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
+
+
+def _judged(row: CaseResult, index: AnthropomorphicIndex | None, found: DriveMeasures | None) -> CaseResult:
+    """The row with what its trajectories tell."""
+    if found is None:
+        return row
+    likeness: float | None = None
+    if row.zone == "safe" and row.collided and row.ideal_severity == 0.0:
+        likeness = 0.0
+    elif row.counts_for_index and index is not None and index.likeness is not None:
+        likeness = index.likeness.value * found.plausibility
+    return replace(_with_measures(row, found.criticality), plausibility=found.plausibility, human_likeness=likeness)
 
 
 def _with_measures(row: CaseResult, found: CriticalityMeasures) -> CaseResult:
@@ -183,71 +219,49 @@ def _finite(value: float) -> float | None:
 
 
 def combine(
-    ads: str,
-    scenario: str,
-    cases: Sequence[CaseResult],
-    method: MethodSettings,
-    notes: Sequence[str] = (),
-    unknown: Mapping[str, float] | None = None,
+    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[str] = ()
 ) -> ScenarioResult:
-    """C, D and S of one ADS in one scenario, Eqs. 13, 17 and 18, and the counts that stand beside them.
-
-    unknown: r of the cases that could not be evaluated, had they been collisions; 1 where it is not given.
-    """
+    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them."""
     notes = list(notes)
+    terms = case_terms(cases, method)
+    values = point_values(terms, method)
+    c, d = values["c"], values["d"]
     hits = [case for case in cases if case.collided]
-    compared = [
-        (case.severity, case.ideal_severity, case.weight)
-        for case in hits
-        if case.severity is not None and case.ideal_severity is not None and case.weight is not None
-    ]
-    judged = [case for case in cases if case.evaluated]
-    c: float | None = None  # an ADS that never got as far as a collision has not avoided any
-    if compared or (judged and not hits):
-        u, ideal_u, weights = np.array(compared).reshape(-1, 3).T
-        c = collision_avoidance_index(u, ideal_u, weights, loss=method.collision.loss)
     safe = [case for case in cases if case.zone == "safe"]
-    safe_hits = sum(case.collided for case in safe)
-    indexed = [(case.index, case.exposure) for case in safe if case.index is not None]
-    d: float | None = None
-    reason = ""
-    if safe_hits:
-        reason = f"not computed: {_count(safe_hits, 'collision')} in the safe zone"
-    elif not safe:
-        reason = "not computed: no case lies in the safe zone"
-    elif not indexed:
-        reason = "not computed: no safe case could be evaluated and compared with drivers"
-    elif not sum(exposure for _, exposure in indexed) > 0.0:
-        reason = "not computed: every safe case with a D_i has exposure 0"
-    else:
-        d = exposure_weighted_index(*np.array(indexed).T)
-    missing = {case.case for case in cases if not case.evaluated}
-    missing |= {case.case for case in hits if case.ideal_severity is None}
-    if not safe_hits:
-        missing |= {case.case for case in safe if case.index is None}
-    c_interval = _c_interval(cases, method, unknown or {})
-    d_interval = _d_interval(safe) if safe and not safe_hits else None
+    safe_hits, voiding = sum(case.collided for case in safe), sum(case.voids_index for case in safe)
+    missing = {case.case for case in cases if not case.evaluated or case.ideal_severity is None}
+    missing |= {case.case for case in cases if case.no_reaction_severity is None}
+    if not voiding:
+        missing |= {case.case for case in safe if case.counts_for_index and case.index is None}
+    c_interval = _c_interval(cases, method)
+    d_interval = _d_interval(safe) if safe and not voiding else None
     s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
+    others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
     if missing:
         where = Counter(case.zone for case in cases if case.case in missing)
         places = " and ".join(f"{number} in the {zone} zone" for zone, number in sorted(where.items()))
         notes.append(
-            f"{_count(len(missing), 'case')} could not be evaluated ({places}); C and D are means over the others."
+            f"{_count(len(missing), 'case')} could not be evaluated ({places}); the scores are means over the others."
         )
     if s_interval:
         notes.append(_interval_sentence(c_interval, d_interval, s_interval))
     beaten = sum(case.beats_ideal for case in hits)
     if beaten:
         notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
+    if safe_hits > voiding:
+        notes.append(
+            f"The ideal vehicle has {safe_hits - voiding} of {_count(safe_hits, 'collision')} in the safe zone as "
+            "well: C and A judge them, and D and H leave them out."
+        )
     total = combined_score(c, d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6)
-    exposure = sum(case.exposure for case in judged)
+    avoided, human = values["avoided_share"], values["human_likeness"]
     statuses = Counter(case.status for case in cases)
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
         c=c,
         d=d,
-        d_reason=reason,
+        d_reason="" if d is not None else _without_index(safe, voiding, "D_i", [case.index for case in safe]),
         s=total.total,
         c_points=total.c_points,
         d_points=total.d_points,
@@ -256,23 +270,53 @@ def combine(
         hazardous_cases=len(cases) - len(safe),
         collisions=len(hits),
         safe_collisions=safe_hits,
-        avoidable_collisions=sum(case.ideal_severity == 0.0 for case in hits),
-        collision_probability=sum(case.exposure for case in hits) / exposure if exposure else float("nan"),
+        avoidable_collisions=sum(case.avoidable for case in hits),
+        unavoidable_collisions=sum(case.unavoidable for case in hits),
+        caused_collisions=sum(case.caused for case in hits),
+        collision_probability=_or_nan(values["collision_probability"]),
         off_road=statuses["off_road"],
         not_evaluated=len(missing),
         notes=tuple(notes),
         c_interval=c_interval,
         d_interval=d_interval,
         s_interval=s_interval,
+        avoided_share=avoided,
+        avoided_share_exposure=values["avoided_share_exposure"],
+        regret=values["regret"],
+        human_likeness=human,
+        h_reason=""
+        if human is not None
+        else _without_index(safe, 0, "human-likeness", [case.human_likeness for case in safe]),
+        s_plus=values["s_plus"],
+        a_points=method.score.a * max(avoided or 0.0, 0.0),
+        h_points=method.score.b * (human or 0.0),
+        avoided_share_interval=others.get("avoided_share"),
+        avoided_share_exposure_interval=others.get("avoided_share_exposure"),
+        regret_interval=others.get("regret"),
+        human_likeness_interval=others.get("human_likeness"),
+        s_plus_interval=others.get("s_plus"),
     )
+
+
+def _without_index(safe: Sequence[CaseResult], voiding: int, what: str, values: Sequence[float | None]) -> str:
+    """Why there is no mean over the safe cases. voiding: collisions that leave none."""
+    if voiding:
+        return f"not computed: {_count(voiding, 'collision')} in the safe zone"
+    if not safe:
+        return "not computed: no case lies in the safe zone"
+    if all(value is None for value in values):
+        return "not computed: no safe case could be evaluated and compared with drivers"
+    return f"not computed: every safe case with a {what} has exposure 0"
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 _SEVEREST = 100.0  # m/s: past every class of severity
 
 
-def _c_interval(
-    cases: Sequence[CaseResult], method: MethodSettings, unknown: Mapping[str, float]
-) -> tuple[float, float] | None:
+def _c_interval(cases: Sequence[CaseResult], method: MethodSettings) -> tuple[float, float] | None:
     """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
 
     Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
@@ -286,7 +330,7 @@ def _c_interval(
             worst.append((case.severity, case.ideal_severity if known else 0.0, case.weight))
             best.append((case.severity, case.ideal_severity if known else case.severity, case.weight))
         elif not case.evaluated:
-            weight = unknown.get(case.case, 1.0)
+            weight = 1.0 if case.weight is None else case.weight
             open_cases += 1
             worst.append((_SEVEREST, 0.0, weight))
             best.append((_SEVEREST, _SEVEREST, weight))
@@ -300,12 +344,13 @@ def _c_interval(
 
 
 def _d_interval(safe: Sequence[CaseResult]) -> tuple[float, float] | None:
-    """D with every safe case that has no D_i as 0, and as 1."""
-    if all(case.index is not None for case in safe):
+    """D with every safe case without a collision that has no D_i as 0, and as 1."""
+    open_to = [case for case in safe if case.counts_for_index]
+    exposures = [case.exposure for case in open_to]
+    if all(case.index is not None for case in open_to) or not any(exposures):
         return None
-    exposures = [case.exposure for case in safe]
     low, high = (
-        exposure_weighted_index([fill if case.index is None else case.index for case in safe], exposures)
+        exposure_weighted_index([fill if case.index is None else case.index for case in open_to], exposures)
         for fill in (0.0, 1.0)
     )
     return low, high
@@ -323,8 +368,9 @@ def _s_interval(
     if c_interval is None and d_interval is None:
         return None
     lowest_d = None if any(not case.evaluated for case in safe) else (d_interval[0] if d_interval else d)
+    points = method.score
     low, high = (
-        combined_score(at_c, at_d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6).total
+        combined_score(at_c, at_d, a=points.a, b=points.b, k5=points.k5, k6=points.k6).total or 0.0
         for at_c, at_d in (
             (c_interval[0] if c_interval else c, lowest_d),
             (c_interval[1] if c_interval else c, d_interval[1] if d_interval else d),
@@ -346,7 +392,7 @@ def _interval_sentence(
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
     """What the report says of a partition."""
-    inside = zones.hazardous(points.points)
+    inside = zones.exactly_hazardous(points.points)
     error = boundary_error(zones)
     return ZoneResult(
         scenario=logical.name,

@@ -172,9 +172,33 @@ class AnthropomorphicSettings(Checked):
     field_deviation_floor: Annotated[
         float, Ge(1e-6), About("smallest deviation of the human field, as a share of its mean", equation="12")
     ] = 0.01
+    steering_rule: Annotated[
+        Literal["manoeuvre", "wheel"],
+        About(
+            "what a steering operation is, of the ADS and of the drivers: a lateral manoeuvre (over 0.12 m/s to one "
+            "side over at least 1 m), or the wheel past its threshold; `wheel` needs both to have a steering signal",
+            equation="12",
+        ),
+    ] = "manoeuvre"
     steering_threshold_deg: Annotated[
-        float, Positive, About("steering wheel angle above which an operation begins", "deg", "k3", "12")
+        float, Positive, About("steering wheel angle above which an operation begins (wheel)", "deg", "k3", "12")
     ] = 10.0
+    steering_lateral_acceleration: Annotated[
+        float | None,
+        Positive,
+        About(
+            "in place of that angle: the operation begins at the wheel angle that gives this lateral acceleration at "
+            "the speed driven (wheel)",
+            "m/s2",
+            equation="12",
+        ),
+    ] = None
+    steering_ratio: Annotated[
+        float, Positive, About("steering wheel angle over road wheel angle, where an acceleration is the threshold")
+    ] = 16.0
+    wheelbase: Annotated[
+        float, Positive, About("distance between the axles, where an acceleration is the threshold", "m")
+    ] = 2.7
     acceleration_threshold: Annotated[
         float, Positive, About("longitudinal acceleration above which an operation begins", "m/s2", "k4", "12")
     ] = 0.5
@@ -220,6 +244,30 @@ class CollisionSettings(Checked):
     loss: Annotated[
         Literal["severity", "class"], About("compare U (as printed) or the loss class L", equation="17")
     ] = "severity"
+    severity: Annotated[
+        str,
+        MinLen(1),
+        About(
+            "what stands in the place of U: severity (U of Eq. 15), eq14 (its class L), injury:car_driver, "
+            "injury:pedestrian, injury:cyclist, or package.module:function from a Contact to a loss in 0..1",
+            symbol="U",
+            equation="15",
+        ),
+    ] = "severity"
+    age: Annotated[
+        float | None, Positive, Le(120.0), About("age of who is hit, for injury risks; default: the curve's own", "a")
+    ] = None
+    ego_mass: Annotated[float, Positive, About("mass of the ego, for severities of one's own", "kg")] = 1500.0
+    other_mass: Annotated[float, Positive, About("mass of what it hits, for severities of one's own", "kg")] = 1500.0
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.loss == "class" and self.severity not in ("severity", "eq14"):
+            raise must_be(
+                "`severity`", "`CollisionSettings`", "'severity' or 'eq14' beside `loss` 'class'", self.severity
+            )
+        if self.severity == "eq14":  # two names of one choice
+            object.__setattr__(self, "loss", "class")
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +287,23 @@ class ScoreSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class RankingSettings(Checked):
+    """The order of the ADSs of an evaluation by S+."""
+
+    weights: Annotated[
+        dict[str, float],
+        About("weight of a scenario in the mean S+ that ADSs are ranked by, by name; others weigh 1"),
+    ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        for name, weight in self.weights.items():
+            number = isinstance(weight, Real) and not isinstance(weight, bool) and math.isfinite(weight)
+            if not (number and weight >= 0.0):
+                raise must_be(f"`weights.{name}`", "the ranking", "a number of at least 0", weight)
+
+
+@dataclass(frozen=True, slots=True)
 class MethodSettings(Checked):
     """Everything that turns recorded facts into scores."""
 
@@ -246,6 +311,7 @@ class MethodSettings(Checked):
     anthropomorphic: AnthropomorphicSettings = field(default_factory=AnthropomorphicSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     score: ScoreSettings = field(default_factory=ScoreSettings)
+    ranking: RankingSettings = field(default_factory=RankingSettings)
 
 
 # --- the simulation ---------------------------------------------------------------------------------------------------
@@ -350,6 +416,12 @@ class SimulationSettings(Checked):
     vehicle: VehicleSettings = field(default_factory=VehicleSettings)
     ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
     ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15
+    ideal_visible_share: Annotated[
+        float,
+        NotNegative,
+        Le(1.0),
+        About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
+    ] = 0.2
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
     plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None
 
@@ -439,8 +511,8 @@ class ReportSettings(Checked):
     junit_cells: Annotated[int, Ge(1), Le(100), About("cells on each axis of the space, for JUnit tests by cell")] = 4
     junit_failures: Annotated[
         Literal["any", "avoidable"],
-        About("which collisions are JUnit failures: all, or those in the safe zone or that the ideal vehicle avoids"),
-    ] = "any"
+        About("which collisions are JUnit failures: those that the ideal vehicle avoids, or any"),
+    ] = "avoidable"
     axes: Annotated[
         dict[str, tuple[str, str]],
         About("the two parameters that a scenario's maps show, by scenario; others: the two with most values"),

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.danger import danger
 from sumo_eval.method.zone_partition import ZonePartition, partition
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario, Values
 from sumo_eval.scenario.request import Request
 from sumo_eval.scenario.sampling import Sample, sample
-from sumo_eval.settings import EvaluationSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
 Exposure = Callable[[Values], FloatArray]
@@ -46,3 +46,14 @@ def choose_points(
     if len(points.points) == 0:
         raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
     return logical, points
+
+
+def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:
+    """The weight of every scenario of an evaluation, by name. Raises InputError for one that it does not have."""
+    for name in settings.weights:
+        if name not in scenarios:
+            raise unknown("scenario in `method.ranking.weights`", name, scenarios)
+    weights = {name: float(settings.weights.get(name, 1.0)) for name in scenarios}
+    if not any(weights.values()):
+        raise InputError("`method.ranking.weights` must leave at least one scenario a weight above 0, got only 0.")
+    return weights

@@ -30,6 +30,7 @@ STAGES = (  # of the last part of a stage's name in the command's lines, and wha
     ("human-likeness of", "D"),
     ("ADSs", "driving: ADSs"),
     ("ideal vehicle", "driving: ideal vehicle"),
+    ("no reaction", "driving: no reaction"),
     ("drivers", "driving: drivers"),
     ("confidence", "other scores and confidence"),
     ("report", "report"),

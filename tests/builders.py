@@ -10,11 +10,19 @@ import numpy as np
 from sumo_eval.batch.cases import Case, Outcome, Status
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import Store, open_store
+from sumo_eval.case_terms import case_terms, point_values
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.sampling import sample
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    MethodSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 from sumo_eval.trajectory import Clip, Collision, Recording, Trajectory
 
 CALM = "calm"
@@ -50,7 +58,7 @@ def evaluation(folder: Path, partitions: dict[str, ZonePartition]) -> Evaluation
         for name in SCENARIOS:
             logical = catalogue.load(name)
             points = sample(logical, levels=3)
-            hazardous = partitions[name].hazardous(points.points)
+            hazardous = partitions[name].exactly_hazardous(points.points)
             concretes = logical.concretes(points.points)
             for number, (concrete, dangerous) in enumerate(zip(concretes, hazardous, strict=True)):
                 if not dangerous:
@@ -105,7 +113,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     elif not cut_out and number == 2 and ads == HOSTILE:
         status = "off_road"
     case = Case(number, concrete, "ads", ads, "idm")
-    row = _empty(case, zone, status)
+    row = replace(_empty(case, zone, status), weight=0.25 + 0.01 * number)
     if status == "crashed":
         error = "The process that ran the case died with exit code -11."
         store.add(Outcome(case, status, None, error))
@@ -134,6 +142,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
     row = replace(
         row, error=error, end_reason=recording.end_reason, wall_time=0.01, simulated_time=recording.simulated_time,
         latency_mean=1e-5, latency_max=4e-4, clips="acceleration_rate x3", max_deceleration=0.2, max_jerk=1.5,
+        plausibility=0.8 if number % 3 else 1.0,
     )  # fmt: skip
     if status in ("ok", "collision"):
         row = replace(
@@ -143,13 +152,14 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
         return replace(
             row, collided=True, impact_speed=7.5, overlap=0.75, side="front", severity=10.0, loss=0.7,
             ideal_severity=0.0 if number % 4 else 4.0, ideal_collided=number % 4 == 0, delta_v=-3.75,
-            weight=0.25 + 0.01 * number,
+            human_likeness=0.0 if zone == "safe" and number % 4 else None,
         )  # fmt: skip
     if zone == "safe" and row.evaluated and not (ads == HOSTILE and cut_out):
         factors = 1.0, 0.5, 0.05 * (number % 10) + 0.5
         return replace(
             row, index=factors[1] * factors[2], length_factor=factors[0], operation_factor=factors[1],
-            similarity=factors[2],
+            similarity=factors[2], operation_tolerance=0.75, mixture_similarity=0.5 + 0.5 * factors[2],
+            human_likeness=factors[0] * 0.75 * (0.5 + 0.5 * factors[2]) * row.plausibility,
             index_note=f"Bimodal: at {number + 3} of 1101 slices one Gaussian spans two groups of drivers.",
         )  # fmt: skip
     return row
@@ -162,7 +172,8 @@ def _empty(case: Case, zone: str, status: str) -> CaseResult:
         exposure=case.concrete.exposure, status=status, end_reason=None, error=None, wall_time=None,
         simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None, overlap=None,
         side=None, severity=None,
-        loss=None, ideal_severity=None, weight=None, beats_ideal=False, index=None, length_factor=None,
+        loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0, weight=None,
+        beats_ideal=False, index=None, length_factor=None,
         operation_factor=None, similarity=None, index_note="", clips="",
     )  # fmt: skip
 
@@ -175,13 +186,19 @@ def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
     c = float((weights * ratios).sum() / weights.sum()) if hits else 1.0
     indexes = [row.index for row in rows if row.index is not None]
     d = None if safe_hits else float(np.mean(indexes))
+    values = point_values(case_terms(rows, MethodSettings()), MethodSettings())
+    avoided, human = values["avoided_share"], values["human_likeness"]
     return ScenarioResult(
         ads=ads, scenario=scenario, c=c, d=d,
         d_reason=f"not computed: {safe_hits} collisions in the safe zone" if safe_hits else "",
         s=50.0 * c + 50.0 * (d or 0.0), c_points=50.0 * c, d_points=50.0 * (d or 0.0),
         cases=len(rows), safe_cases=sum(row.zone == "safe" for row in rows),
         hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits), safe_collisions=safe_hits,
-        avoidable_collisions=sum(row.ideal_severity == 0.0 for row in hits),
+        avoidable_collisions=sum(row.avoidable for row in hits),
+        unavoidable_collisions=sum(row.unavoidable for row in hits), caused_collisions=sum(row.caused for row in hits),
+        avoided_share=avoided, avoided_share_exposure=values["avoided_share_exposure"], regret=values["regret"],
+        human_likeness=human, h_reason="" if human is not None else "not computed: no case lies in the safe zone",
+        s_plus=values["s_plus"], a_points=50.0 * max(avoided or 0.0, 0.0), h_points=50.0 * (human or 0.0),
         collision_probability=len(hits) / len(rows), off_road=sum(row.status == "off_road" for row in rows),
         not_evaluated=sum(not row.evaluated for row in rows), notes=("A note on <this> score.",),
     )  # fmt: skip

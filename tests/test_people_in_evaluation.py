@@ -151,11 +151,12 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
 def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
     rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
-    k2 = [row for row in rows if row.constant == "k2"]
+    assert {(row.constant, row.index) for row in rows} == {("k2", "D"), ("k2", "H"), ("a", "S"), ("a", "S+")}
+    k2 = [row for row in rows if (row.constant, row.index) == ("k2", "D")]
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])
     assert k2[1].tau == 1.0
     assert k2[0].scores != k2[1].scores
-    a = [row for row in rows if row.constant == "a"]
+    a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)
 

@@ -16,7 +16,8 @@ from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, 
 EMPTY = CaseResult(
     case="", scenario="s", ads="a", values={}, zone="hazardous", exposure=1.0, status="ok", end_reason=None, error=None,
     wall_time=None, simulated_time=None, latency_mean=None, latency_max=None, collided=False, impact_speed=None,
-    overlap=None, side=None, severity=None, loss=None, ideal_severity=None, weight=None, beats_ideal=False, index=None,
+    overlap=None, side=None, severity=None, loss=None, ideal_severity=0.0, no_reaction_severity=10.0, weight=None,
+    beats_ideal=False, index=None,
     length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
 )  # fmt: skip
 HIT = replace(EMPTY, case="hit", status="collision", collided=True, severity=10.0, ideal_severity=4.0, weight=0.5)
@@ -25,8 +26,8 @@ LOST = replace(EMPTY, case="lost", status="crashed")
 LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
 
 
-def combined(*cases: CaseResult, unknown: dict[str, float] | None = None) -> ScenarioResult:
-    return combine("a", "s", cases, MethodSettings(), (), unknown)
+def combined(*cases: CaseResult) -> ScenarioResult:
+    return combine("a", "s", cases, MethodSettings())
 
 
 def test_a_complete_score_has_no_interval() -> None:
@@ -35,7 +36,7 @@ def test_a_complete_score_has_no_interval() -> None:
 
 
 def test_a_missing_hazardous_case_widens_c_by_its_own_weight() -> None:
-    result = combined(HIT, SAFE, LOST, unknown={"lost": 1.5})
+    result = combined(HIT, SAFE, replace(LOST, weight=1.5))
     assert result.c == pytest.approx(0.4), "the mean over what is there: 4 / 10"
     low, high = result.c_interval or (0.0, 0.0)
     assert low == pytest.approx(0.5 * 0.4 / 2.0), "the ideal vehicle avoids it: (0.5 * 0.4 + 1.5 * 0) / (0.5 + 1.5)"
@@ -62,13 +63,13 @@ def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c() -> None
 
 def test_c_lies_within_its_interval_whatever_is_missing() -> None:
     for weight in (0.0, 0.1, 1.0, 3.0):
-        result = combined(HIT, SAFE, LOST, unknown={"lost": weight})
+        result = combined(HIT, SAFE, replace(LOST, weight=weight))
         low, high = result.c_interval or (9.0, -9.0)
         assert low <= (result.c or 0.0) <= high
 
 
 def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval() -> None:
-    result = combined(HIT, SAFE, LOST, LOST_SAFE, unknown={"lost": 1.5, "lost_safe": 1.0})
+    result = combined(HIT, SAFE, replace(LOST, weight=1.5), replace(LOST_SAFE, weight=1.0))
     counted, interval = result.notes
     assert counted.startswith("2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)")
     assert interval.startswith("With the missing cases counted as worst and as best: C within 0.067..0.900, D within")

@@ -2,7 +2,8 @@
 
 FOLDER holds cut_in.csv, cut_out.csv and decel.csv of single implementations (columns model, crash, robust_dt and the
 scenario's own). Of each model and scenario a seeded sample of ROWS rows (default 300) with robust_dt = 1 is driven
-through SUMO, and the table says how often the outcomes agree.
+through SUMO, and the table says how often the outcomes agree. `cut_in` is driven twice: as it ships, and with the
+lateral run-up that the other implementation has (`cut_in + run-up`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ SEED = 1
 def agreement(folder: Path, rows: int) -> pd.DataFrame:
     """One row for each controller and scenario: rows, agreement, false and missed crashes."""
     lines = []
-    for kind in ("cut_in", "cut_out", "decel"):
+    for kind, run_up in (("cut_in", False), ("cut_in", True), ("cut_out", False), ("decel", False)):
         table = pd.read_csv(folder / f"{kind}.csv", dtype=str)
         table = table[table["robust_dt"] == "1"]
         for model, controller in NAMES.items():
@@ -31,12 +32,13 @@ def agreement(folder: Path, rows: int) -> pd.DataFrame:
             mine = mine.sample(min(rows, len(mine)), random_state=SEED)
             theirs = (mine["crash"] == "1").to_numpy()
             scenes = [
-                of_row(kind, {str(name): str(value) for name, value in row.items()}) for row in mine.to_dict("records")
+                of_row(kind, {str(name): str(value) for name, value in row.items()}, run_up=run_up)
+                for row in mine.to_dict("records")
             ]
             ours = np.array([collides(scene, controller) for scene in scenes])
             false, missed = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
             agree = 100.0 * (1.0 - (false + missed) / len(mine))
-            lines.append((controller, kind, len(mine), f"{agree:.1f} %", false, missed))
+            lines.append((controller, kind + " + run-up" * run_up, len(mine), f"{agree:.1f} %", false, missed))
     return pd.DataFrame(lines, columns=["controller", "scenario", "rows", "agree", "false crash", "missed crash"])
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, lead_in_path
-from sumo_eval.cosim.compiled import Compiled, records
+from sumo_eval.cosim.compiled import Compiled, records, unknown
 from sumo_eval.cosim.world import Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
@@ -147,6 +147,16 @@ def enhanced_idm_acceleration(
     return float((1.0 - COOLNESS) * plain + COOLNESS * (needed + b * math.tanh((plain - needed) / b)))
 
 
+@kernel
+def in_half_a_step(
+    speed: float, gap: float, lead_speed: float, acceleration: float, lead_braking: float, step: float
+) -> tuple[float, float, float]:
+    """Speed, gap and the lead's speed half a step on, at these accelerations (m/s2): where the step's mean is felt."""
+    half = 0.5 * step
+    later_gap = gap + (lead_speed - speed) * half - 0.5 * (lead_braking + acceleration) * half * half
+    return max(speed + acceleration * half, 0.0), later_gap, max(lead_speed - lead_braking * half, 0.0)
+
+
 FOLLOWED = fields("accepted")
 """What a follower remembers of each vehicle: the headway accepted behind it, s, nan before."""
 
@@ -171,31 +181,44 @@ def follow(
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 _MEMORY = np.dtype([*fields("desired_speed", "curvature"), ("path", PATH), *flags("began")])
 
+_KNOWN = fields("last_speed")
+
 
 @kernel
-def idm(me: Any, others: Any, memory: Any, p: Any, scenario: Any) -> tuple[float, float]:
-    """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, along the lane's centre."""
+def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, scenario: Any) -> tuple[float, float]:
+    """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, in the middle of the step,
+    along the lane's centre.
+    """
     if memory.began == 0:
         memory.began, memory.desired_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
     lead = lead_in_path(me, others)
-    gap, lead_speed = math.inf, 0.0
+    gap, lead_speed, braking = math.inf, 0.0, 0.0
     if lead >= 0:
         gap, lead_speed = bumper_gap(me, others[lead]), others[lead].along
-    wanted = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
+        if not math.isnan(known[lead].last_speed):
+            braking = (known[lead].last_speed - lead_speed) / scenario.step
+    for j in range(len(others)):
+        known[j].last_speed = math.nan if math.isnan(others[j].x) else others[j].along
+    strongest = scenario.vehicle.max_deceleration
+    now = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
+    speed, gap, lead_speed = in_half_a_step(me.speed, gap, lead_speed, max(now, -strongest), braking, scenario.step)
+    wanted = idm_acceleration(speed, memory.desired_speed, gap, lead_speed, p)
     y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
-    return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
+    return max(wanted, -strongest), steering(memory, me, y, slope, bend, scenario)
 
 
 @rows
 def idm_rows(
-    egos: Records, seen: Records, memory: Records, parameters: Records, scenario: Records, time: float
+    egos: Records, seen: Records, memory: Records, known: Records, parameters: Records, scenario: Records, time: float
 ) -> None:
     """`idm` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             command = egos[i].command
-            command.acceleration, command.steering = idm(egos[i].seen, seen[i], memory[i], parameters[i], scenario[0])
+            command.acceleration, command.steering = idm(
+                egos[i].seen, seen[i], memory[i], known[i], parameters[i], scenario[0]
+            )
 
 
 class Idm(Compiled):
@@ -213,5 +236,7 @@ class Idm(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory and parameters."""
-        return np.zeros(len(together), _MEMORY), records([each.parameters for each in together], PARAMETERS)
+        """Memory, what is remembered of the others, parameters."""
+        count = len(together)
+        parameters = records([each.parameters for each in together], PARAMETERS)
+        return np.zeros(count, _MEMORY), unknown(count, others, _KNOWN), parameters

@@ -13,20 +13,21 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.ads.braking import follow_demand
 from sumo_eval.ads.perception import bumper_gap, is_visible
 from sumo_eval.ads.r157 import (
-    BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
-    MOTION,
+    SAFETY_MEMORY,
     SHOWING,
-    brake_towards,
-    deceleration,
-    lateral_closing_speed,
+    SIGHTING,
+    closing_across,
+    foresee_all,
     lateral_gap,
+    sight_all,
 )
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.world import Records, fields
+from sumo_eval.cosim.world import MOVER, Records, fields
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 
@@ -105,38 +106,49 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
 
 
-_MEMORY = np.dtype([("brakes", BRAKES), ("motion", MOTION)])
 _PARAMETERS = fields("standstill_gap")
 
 
 @kernel
-def fuzzy_safety_model(me: Any, others: Any, memory: Any, motions: Any, p: Any, scenario: Any, time: float) -> float:
-    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2."""
+def fuzzy_demand(scene: Any, after: float) -> float:
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as the rule makes it."""
+    now, me, sightings, others, p, scenario = scene
+    foresee_all(now, me, sightings, others, after, scenario.step)
     demanded = 0.0
-    acceleration = -deceleration(memory.motion, me, scenario.step)
     for j in range(len(others)):
         other = others[j]
         if not is_visible(me, others, j, SHOWING):
             continue
-        closing = lateral_closing_speed(motions[j], me, other, scenario.step)
-        if other.x > me.x and considered(me, other, closing):
+        if other.x > me.x and considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)
-            critical = critical_fuzzy_safety(gap - p.standstill_gap, me.along, other.along, acceleration)
+            critical = critical_fuzzy_safety(gap - p.standstill_gap, me.along, other.along, -me.braking)
             proactive = proactive_fuzzy_safety(gap, me.along, other.along)
             demanded = max(demanded, demanded_braking(critical, proactive))
-    return -brake_towards(memory.brakes, demanded, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+    return demanded
+
+
+@kernel
+def fuzzy_safety_model(
+    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, scenario: Any, time: float
+) -> float:
+    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2."""
+    sight_all(memory, me, others, sightings, scenario.step)
+    scene = (memory.me, memory.then, sightings, later, p, scenario)
+    return -follow_demand(
+        memory.braking, fuzzy_demand, scene, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.vehicle, scenario.step
+    )
 
 
 @rows
 def fuzzy_safety_model_rows(
-    egos: Records, seen: Records, memory: Records, motions: Records, parameters: Records, scenario: Records,
-    time: float,
+    egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, parameters: Records,
+    scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`fuzzy_safety_model` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             egos[i].command.acceleration = fuzzy_safety_model(
-                egos[i].seen, seen[i], memory[i], motions[i], parameters[i], scenario[0], time
+                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], scenario[0], time
             )
 
 
@@ -157,8 +169,7 @@ class FuzzySafetyModel(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, parameters."""
+        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters."""
         count = len(together)
-        memory = np.zeros(count, _MEMORY)
-        memory["motion"] = np.nan
-        return memory, unknown(count, others, MOTION), records(together, _PARAMETERS)
+        later = np.zeros((count, others), MOVER)
+        return np.zeros(count, SAFETY_MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS)

@@ -6,11 +6,17 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from sumo_eval.ads.braking import switched
+from sumo_eval.ads.foresight import foresee
 from sumo_eval.ads.perception import lateral_overlap
 from sumo_eval.cosim.compiled import Compiled, records
 from sumo_eval.cosim.world import Records, fields
-from sumo_eval.errors import must_be
+from sumo_eval.errors import ControllerError, must_be
 from sumo_eval.kernels import kernel, rows
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
 
 
 @rows
@@ -35,34 +41,57 @@ no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
 _PARAMETERS = fields("deceleration")
+_KNOWN = fields("noticed", "meets", "speed")
+"""A `Foresight`."""
 
 
 @kernel
-def ideal_braking(me: Any, others: Any, p: Any) -> float:
-    """Full braking while closing on anything ahead, else roll, as an acceleration, m/s2."""
+def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time: float) -> float:
+    """Full braking for anybody who calls for it, from within the step in which he first does, as an acceleration, m/s2.
+
+    known: of each of the others, a `Foresight`.
+    """
+    began = begins = math.inf
+    for j in range(len(others)):
+        if known[j].meets > 0.0:
+            began = min(began, known[j].noticed)
     for j in range(len(others)):
         other = others[j]
-        if other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0:
-            return float(-p.deceleration)
-    return 0.0
+        if known[j].meets > 0.0:
+            beside = abs(other.x - me.x) < me.half_length + other.half_length
+            called = me.along > known[j].speed or beside
+        else:
+            closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
+            called = closes and time > began
+        if called:
+            begins = min(begins, known[j].noticed)
+    return -float(switched(0.0, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step))
 
 
 @rows
-def ideal_braking_rows(egos: Records, seen: Records, parameters: Records, scenario: Records, time: float) -> None:
-    """`ideal_braking` for every row."""
+def ideal_braking_rows(
+    egos: Records, seen: Records, known: Records, parameters: Records, scenario: Records, time: float
+) -> None:
+    """`ideal_braking` for every row. It has always settled: while nothing comes nearer it does nothing."""
     for i in range(len(egos)):
         if egos[i].live:
-            egos[i].command.acceleration = ideal_braking(egos[i].seen, seen[i], parameters[i])
+            egos[i].command.acceleration = ideal_braking(
+                egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time
+            )
+            egos[i].settled = 1
 
 
 class IdealBraking(Compiled):
     """ADS `ideal_braking`, the reference Ug of Eq. 17: perfect perception, immediate braking at the road's limit.
 
-    It brakes whenever it closes on any vehicle ahead in its path, a hidden one too, until it is as slow as that
-    vehicle; it never drives faster again. The pressure build-up is the vehicle model's
-    (`VehicleSettings.brake_build_up`, 0.15 s), as far as `deceleration` is the strongest that the vehicle has. So its
-    impact speed is `criticality.ideal_impact_speed(..., deceleration=deceleration, delay=0, build_up=0.15)`. It is the
-    reference, and drives every case to its end: it never settles.
+    It knows what the others will do (`foresight`). From the first change of state that it can see of a vehicle that it
+    would touch if it kept its speed, it brakes as hard as the road allows, until it is neither faster than that vehicle
+    will ever be again nor beside it; it never drives faster again. Where keeping its speed touches nobody, it keeps
+    it: braking may only then cause a contact. Once slower it brakes, besides, while it closes on anybody in its path.
+
+    The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far as `deceleration` is
+    the strongest that the vehicle has. So its impact speed behind a vehicle that it sees from the start is
+    `criticality.ideal_impact_speed(..., deceleration=deceleration, delay=0, build_up=0.15)`.
     """
 
     loop = staticmethod(ideal_braking_rows)
@@ -74,5 +103,14 @@ class IdealBraking(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Parameters."""
-        return (records(together, _PARAMETERS),)
+        """Nothing can be made without the scripts: only the loop tells them, and only to this very class."""
+        raise ControllerError("The ideal vehicle must be told the scripts of the others; only `ideal_braking` is")
+
+    @classmethod
+    def foreseeing(
+        cls, together: Sequence[Any], cases: Sequence[ConcreteScenario], settings: SimulationSettings
+    ) -> tuple[Records, ...]:
+        """What is known of the others of each case, and parameters."""
+        known = [[tuple(other) for other in foresee(concrete, settings)] for concrete in cases]
+        shape = len(cases), len(cases[0].actors)
+        return np.array(known, dtype=_KNOWN).reshape(shape), records(together, _PARAMETERS)

@@ -26,19 +26,19 @@ PATH = fields("start", "offset", "begin", "length")
 @kernel
 def smooth_step(share: float) -> float:
     """10 s^3 - 15 s^4 + 6 s^5, limited to 0..1."""
-    return quintic(min(max(share, 0.0), 1.0))
+    return float(quintic(min(max(share, 0.0), 1.0)))
 
 
 @kernel
 def smooth_step_rate(share: float) -> float:
     """Derivative of `smooth_step`: 30 s^2 (1 - s)^2, 0 outside 0..1."""
-    return quintic_rate(min(max(share, 0.0), 1.0))
+    return float(quintic_rate(min(max(share, 0.0), 1.0)))
 
 
 @kernel
 def smooth_step_bend(share: float) -> float:
     """Second derivative of `smooth_step`: 60 s (1 - s) (1 - 2 s), 0 outside 0..1."""
-    return quintic_bend(min(max(share, 0.0), 1.0))
+    return float(quintic_bend(min(max(share, 0.0), 1.0)))
 
 
 @kernel

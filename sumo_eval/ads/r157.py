@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.ads.perception import bumper_gap
-from sumo_eval.cosim.world import fields, flags
+from sumo_eval.ads.braking import SAFETY_BRAKING
+from sumo_eval.ads.perception import bumper_gap, carry_on, take
+from sumo_eval.cosim.world import MOVER, fields
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2
@@ -23,6 +24,16 @@ def brake_ramp(since: float, level: float, build_up: float) -> float:
     if since <= 0.0:
         return 0.0
     return level * min(since / build_up, 1.0) if build_up > 0.0 else level
+
+
+@kernel
+def brake_ramp_lost(since: float, level: float, build_up: float) -> float:
+    """Speed that a `brake_ramp` has taken off `since` s after it began, m/s; 0 before."""
+    if since <= 0.0:
+        return 0.0
+    if since < build_up:
+        return 0.5 * level * since * since / build_up
+    return level * (since - 0.5 * build_up)
 
 
 @kernel
@@ -50,44 +61,70 @@ def within_headway(me: Any, other: Any, limit: float) -> bool:
     return time_headway(me, other) <= limit + HEADWAY_ROUNDING
 
 
-MOTION = [*fields("last_speed", "last_y")]
-"""What is remembered of a vehicle from one step to the next; nan before it was seen."""
-BRAKES = [*fields("level", "alarmed"), *flags("is_alarmed")]
-"""Brakes that follow a demand: how hard they brake, m/s2, and since when there is one, s."""
-
-
 @kernel
-def deceleration(motion: Any, other: Any, step: float) -> float:
-    """Mean deceleration of a vehicle over the last step, m/s2, 0 at first sight. Call once a step and vehicle."""
-    last = other.along if math.isnan(motion.last_speed) else motion.last_speed
-    motion.last_speed = other.along
-    return float((last - other.along) / step)
-
-
-@kernel
-def lateral_closing_speed(motion: Any, me: Any, other: Any, step: float) -> float:
-    """Mean speed over the last step at which the other came nearer across the road, m/s; negative: away.
-
-    It comes from positions, as a body may move across without turning. Call once a step and vehicle.
-    """
-    last = motion.last_y
-    motion.last_y = other.y
-    relative = (other.across if math.isnan(last) else (other.y - last) / step) - me.across
+def closing_across(me: Any, other: Any) -> float:
+    """Speed at which the other comes nearer across the road, m/s; negative: away."""
+    relative = other.across - me.across
     return float(-relative if other.y > me.y else relative)
 
 
-@kernel
-def brake_towards(
-    brakes: Any, demanded: float, time: float, reaction: float, strongest: float, jerk: float, step: float
-) -> float:
-    """Deceleration of the coming step, m/s2: `reaction` s after the first demand, rising at `jerk` m/s3, at most
-    `strongest`. demanded: m/s2, 0 for none. Call once a step.
+SIGHTING = [*fields("last_speed", "last_y", "across", "gain"), ("mover", MOVER)]
+"""Another vehicle as the last two steps show it; nan before it was seen.
 
-    The reaction is waited for once: who has been alarmed stays alert.
+last_speed, last_y: of the last look. mover: with its braking, and the mean of its speed across the road over the last
+step (across), which it had in the middle of it. gain: of that speed on the one in the middle of the step before, m/s2;
+0 if the motion began or turned round in between.
+"""
+SAFETY_MEMORY = [("braking", SAFETY_BRAKING), ("me", MOVER), ("then", MOVER)]
+"""What a driver with safety braking remembers; all 0 at the beginning. me: the ego as it is, with the driver's braking.
+then: where the ego is foreseen to be at some instant."""
+
+
+@kernel
+def sight(sighting: Any, other: Any, step: float) -> None:
+    """Take in what speed and position of one step to the next tell of a vehicle. Call once a step and vehicle.
+
+    Speeds across the road come from positions, as a body may move across without turning.
     """
-    if demanded > 0.0 and brakes.is_alarmed == 0:
-        brakes.is_alarmed, brakes.alarmed = 1, time
-    if brakes.is_alarmed == 0 or time < brakes.alarmed + reaction - 0.5 * step:
-        return 0.0
-    brakes.level = min(brakes.level + jerk * step, demanded, strongest)
-    return float(brakes.level)
+    mover = sighting.mover
+    take(mover, other)
+    if math.isnan(other.x):
+        return
+    last_speed = other.along if math.isnan(sighting.last_speed) else sighting.last_speed
+    last_y, before = sighting.last_y, 0.0 if math.isnan(sighting.across) else sighting.across
+    mover.braking = max((last_speed - other.along) / step, 0.0)
+    sighting.last_speed, sighting.last_y, sighting.gain = other.along, other.y, 0.0
+    if math.isnan(last_y):
+        return
+    across = (other.y - last_y) / step
+    mover.across = sighting.across = across
+    if across * before > 0.0:
+        sighting.gain = (across - before) / step
+
+
+@kernel
+def foresee(then: Any, sighting: Any, time: float, step: float) -> None:
+    """Write into `then` the vehicle `time` s from now, if it goes on as now, or before that."""
+    take(then, sighting.mover)
+    carry_on(then, time)
+    if sighting.gain != 0.0 and not math.isnan(sighting.gain):
+        middle = -0.5 * step
+        then.across += sighting.gain * (min(time, middle) - middle)
+
+
+@kernel
+def sight_all(memory: Any, me: Any, others: Any, sightings: Any, step: float) -> None:
+    """Take in the ego, with where its driver's braking is, and everybody else. memory: of `SAFETY_MEMORY`."""
+    take(memory.me, me)
+    memory.me.braking = memory.braking.path.level
+    for j in range(len(others)):
+        sight(sightings[j], others[j], step)
+
+
+@kernel
+def foresee_all(me: Any, then: Any, sightings: Any, later: Any, time: float, step: float) -> None:
+    """Write into `then` and `later` the ego and everybody else `time` s from now, if all go on as now."""
+    take(then, me)
+    carry_on(then, time)
+    for j in range(len(sightings)):
+        foresee(later[j], sightings[j], time, step)

@@ -16,17 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.ads.perception import bumper_gap, lateral_overlap, next_ahead
+from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
+from sumo_eval.ads.perception import bumper_gap, carry_on, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
+    SIGHTING,
     brake_ramp,
+    brake_ramp_lost,
+    foresee_all,
+    sight,
     time_to_collision,
     within_headway,
 )
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.world import Records, fields, flags
+from sumo_eval.cosim.world import MOVER, Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 
@@ -53,7 +58,25 @@ def needed_deceleration(gap: float, speed: float, lead_speed: float, lead_brakin
     return max(needed, speed * speed / (2.0 * room) if room > 0.0 else math.inf)
 
 
-_MEMORY = np.dtype([*fields("aeb_began"), *flags("aeb_brakes")])
+@kernel
+def ramped(level: float, build_up: float, path: Any, begins: float, ends: float, vehicle: Any, step: float) -> Braked:
+    """What a brake ramp takes off in a step, m/s, and the deceleration at the step's end, m/s2.
+
+    level: of the ramp, m/s2. build_up: of it, s. path: of the driver's braking so far. begins, ends: of the ramp, s
+    from the beginning of the step; after its end the brakes are released as fast as they can be, and so are those of an
+    earlier ramp.
+    """
+    ends = min(ends, step)
+    lost = brake_ramp_lost(ends - begins, level, build_up) - brake_ramp_lost(-begins, level, build_up)
+    released = moved(brake_ramp(ends - begins, level, build_up), 0.0, vehicle.brake_jerk, step - ends)
+    earlier = moved(path.level, 0.0, vehicle.brake_jerk, step)
+    return Braked(max(lost + released.lost, earlier.lost), max(released.level, earlier.level))
+
+
+_MEMORY = np.dtype(
+    [("path", BRAKE_PATH), ("me", MOVER), ("then", MOVER), *fields("aeb_began"), *flags("aeb_brakes", "looked")]
+)
+"""me: the ego as it is, with the driver's braking. then: where it is at some other instant."""
 _PARAMETERS = [*fields("wander", "evaluation", "reaction", "lead_braking", "in_path_limit"), *flags("aeb")]
 _WATCHED = fields(
     "lane", "offset", "time", "speed", "strayed", "braking", "braked", "evaluated", "necessary"
@@ -68,21 +91,29 @@ for it became necessary, s.
 
 
 @kernel
-def careful_driver(me: Any, others: Any, memory: Any, watched: Any, p: Any, scenario: Any, time: float) -> float:
-    """Braking for the vehicle that made it necessary first, else the speed is kept; as an acceleration, m/s2.
-
-    The command is the ramp's value at the middle of the coming step: its mean over the step.
-    """
-    middle = time + 0.5 * scenario.step
-    necessary = _braking_necessary(me, others, watched, p, scenario, time)
-    wanted = 0.0
-    if not math.isnan(necessary):
-        wanted = brake_ramp(middle - (necessary + p.reaction), HUMAN_BRAKING, BUILD_UP)
+def careful_driver(
+    seen: Any, others: Any, memory: Any, watched: Any, sightings: Any, later: Any, p: Any, scenario: Any, time: float
+) -> float:
+    """Braking for the vehicle that made it necessary first, else the speed is kept; as an acceleration, m/s2."""
+    me, path, vehicle, step = memory.me, memory.path, scenario.vehicle, scenario.step
+    take(me, seen)
+    me.braking = path.level
+    began = _braking_necessary(me, others, memory, watched, later, p, scenario, time) + p.reaction
+    memory.looked = 1
+    ends = _brakes_end(me, others, watched, step)
+    begins = math.inf if math.isnan(began) else began - time
+    braked = ramped(HUMAN_BRAKING, BUILD_UP, path, begins, ends, vehicle, step)
+    lost, level = braked.lost, braked.level
     if p.aeb:
-        _watch_over(me, others, memory, time)
+        _watch_over(others, memory, sightings, later, step, time)
         if memory.aeb_brakes:
-            wanted = max(wanted, brake_ramp(middle - memory.aeb_began, AEB_BRAKING, BUILD_UP))
-    return -wanted
+            braked = ramped(AEB_BRAKING, BUILD_UP, path, memory.aeb_began - time, step, vehicle, step)
+            if braked.lost > lost or (braked.lost == lost and braked.level > level):
+                lost, level = braked.lost, braked.level
+    path.level = level
+    releases = (math.isnan(began) or ends < step) and memory.aeb_brakes == 0
+    strongest = AEB_BRAKING if p.aeb else HUMAN_BRAKING
+    return -path_command(path, lost, releases, strongest / BUILD_UP, strongest, vehicle, step)
 
 
 @kernel
@@ -95,7 +126,9 @@ def has_settled(memory: Any, watched: Any) -> bool:
 
 
 @kernel
-def _braking_necessary(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> float:
+def _braking_necessary(
+    me: Any, others: Any, memory: Any, watched: Any, later: Any, p: Any, scenario: Any, time: float
+) -> float:
     """When braking became necessary for any vehicle ahead, s; nan when nothing calls for it."""
     for j in range(len(others)):
         if not math.isnan(others[j].x):
@@ -105,7 +138,7 @@ def _braking_necessary(me: Any, others: Any, watched: Any, p: Any, scenario: Any
         if not math.isnan(known.necessary) and _is_over(me, others[j], known, scenario):
             known.braked = known.evaluated = known.necessary = math.nan
     _judge_cut_ins(me, others, watched, p, scenario, time)
-    _judge_path(me, others, watched, p, scenario, time)
+    _judge_path(me, others, memory, watched, later, p, scenario, time)
     first = math.nan
     for j in range(len(others)):
         call = watched[j].necessary
@@ -167,7 +200,9 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
 
 
 @kernel
-def _judge_path(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time: float) -> None:
+def _judge_path(
+    me: Any, others: Any, memory: Any, watched: Any, later: Any, p: Any, scenario: Any, time: float
+) -> None:
     """The vehicles in the ego's lane, nearest first, down to the first that hides what is beyond it."""
     leaves = -1
     j = next_ahead(me, others, -1)
@@ -175,7 +210,7 @@ def _judge_path(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time:
         known = watched[j]
         in_path = lateral_overlap(me, others[j]) > 0.0
         if in_path and math.isnan(known.necessary) and not _comes_towards(me, known, scenario):
-            _judge_lead(me, others, watched, j, leaves, p, scenario, time)
+            _judge_lead(me, others, memory, watched, later, j, leaves, p, scenario, time)
         if not math.isnan(known.strayed) and _is_from_own_lane(me, known, scenario):
             leaves = j if leaves < 0 else leaves
         elif in_path:
@@ -184,17 +219,22 @@ def _judge_path(me: Any, others: Any, watched: Any, p: Any, scenario: Any, time:
 
 
 @kernel
-def _judge_lead(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, scenario: Any, time: float) -> None:
+def _judge_lead(
+    me: Any, others: Any, memory: Any, watched: Any, later: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
+) -> None:
     """A vehicle in the path: revealed by one that leaves, braking within 2 s of headway, or approached for long."""
     known = watched[j]
     if math.isnan(known.evaluated):
-        known.evaluated = _perceived(me, others, watched, j, leaves, p, time) + p.evaluation
+        perceived = _perceived(me, others, memory, watched, later, j, leaves, p, scenario, time)
+        known.evaluated = perceived + p.evaluation
     if not math.isnan(known.evaluated) and time >= known.evaluated - 0.5 * scenario.step:
         known.necessary = known.evaluated
 
 
 @kernel
-def _perceived(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, time: float) -> float:
+def _perceived(
+    me: Any, others: Any, memory: Any, watched: Any, later: Any, j: int, leaves: int, p: Any, scenario: Any, time: float
+) -> float:
     """When the driver perceived what calls for braking behind a vehicle, s; nan while nothing does."""
     other, known = others[j], watched[j]
     near = within_headway(me, other, FOLLOWING_HEADWAY)
@@ -204,37 +244,94 @@ def _perceived(me: Any, others: Any, watched: Any, j: int, leaves: int, p: Any, 
             return float(max(watched[leaves].strayed, time - p.evaluation))
     if not math.isnan(known.braked) and near:
         return float(max(known.braked, time - p.evaluation))
-    delay = p.evaluation + p.reaction
-    needed = needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
-    return time if needed > p.in_path_limit else math.nan
+    needed = _needed(me, other, known, p)
+    if not needed > p.in_path_limit:
+        return math.nan
+    if memory.looked == 0:
+        return float(time)
+    take(memory.then, me)
+    carry_on(memory.then, -scenario.step)
+    take(later[j], other)
+    later[j].braking = known.braking
+    carry_on(later[j], -scenario.step)
+    earlier = _needed(memory.then, later[j], known, p)
+    share = (p.in_path_limit - earlier) / (needed - earlier) if earlier < p.in_path_limit else 0.0
+    return float(time - (1.0 - share) * scenario.step)
 
 
 @kernel
-def _watch_over(me: Any, others: Any, memory: Any, time: float) -> None:
+def _needed(me: Any, other: Any, known: Any, p: Any) -> float:
+    delay = p.evaluation + p.reaction
+    return needed_deceleration(bumper_gap(me, other), me.along, other.along, known.braking, delay)
+
+
+@kernel
+def _brakes_end(me: Any, others: Any, watched: Any, step: float) -> float:
+    """When in the coming step the ego is as slow as everybody it brakes for, s, inf: not in it; those events are over
+    then.
+    """
+    ends, calls = 0.0, 0
+    for j in range(len(others)):
+        if math.isnan(watched[j].necessary) or not others[j].x > me.x:
+            continue
+        if watched[j].braking > 0.0 or me.braking <= 0.0:
+            return math.inf
+        ends = max(ends, (me.along - others[j].along) / me.braking)
+        calls += 1
+    if calls == 0 or ends >= step:
+        return math.inf
+    for j in range(len(others)):
+        known = watched[j]
+        if not math.isnan(known.necessary) and others[j].x > me.x:
+            known.braked = known.evaluated = known.necessary = math.nan
+    return float(ends)
+
+
+@kernel
+def _aeb_ttc(me: Any, other: Any) -> float:
+    """TTC to a vehicle ahead that fully overlaps the ego's path, s; inf to others."""
+    full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
+    return math.inf if not other.x > me.x or lateral_overlap(me, other) < full else time_to_collision(me, other)
+
+
+@kernel
+def _aeb_demand(scene: Any, after: float) -> float:
+    """1 where the AEB stage demands braking `after` s from now, if everybody goes on as now, else 0."""
+    now, me, sightings, others, step = scene
+    foresee_all(now, me, sightings, others, after, step)
+    for j in range(len(others)):
+        if 0.0 <= _aeb_ttc(me, others[j]) < AEB_TTC:
+            return 1.0
+    return 0.0
+
+
+@kernel
+def _watch_over(others: Any, memory: Any, sightings: Any, later: Any, step: float, time: float) -> None:
     """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
     for j in range(len(others)):
-        other = others[j]
-        full = 2.0 * min(me.half_width, other.half_width) - FULL_OVERLAP
-        if not other.x > me.x or lateral_overlap(me, other) < full:
-            continue
-        left = time_to_collision(me, other)
-        if memory.aeb_brakes == 0 and left < AEB_TTC:
-            memory.aeb_brakes, memory.aeb_began = 1, time
-        if left < math.inf:
+        sight(sightings[j], others[j], step)
+    if memory.aeb_brakes == 0:
+        scene = (memory.me, memory.then, sightings, later, step)
+        if _aeb_demand(scene, step) > 0.0:
+            begins = 0.0 if _aeb_demand(scene, 0.0) > 0.0 else first_instant(_aeb_demand, scene, 0.0, 0.0, step)
+            memory.aeb_brakes, memory.aeb_began = 1, time + begins
+        return
+    for j in range(len(others)):
+        if _aeb_ttc(memory.me, others[j]) < math.inf:
             return
     memory.aeb_brakes = 0
 
 
 @rows
 def careful_driver_rows(
-    egos: Records, seen: Records, memory: Records, watched: Records, parameters: Records, scenario: Records,
-    time: float,
+    egos: Records, seen: Records, memory: Records, watched: Records, sightings: Records, later: Records,
+    parameters: Records, scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`careful_driver` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             egos[i].command.acceleration = careful_driver(
-                egos[i].seen, seen[i], memory[i], watched[i], parameters[i], scenario[0], time
+                egos[i].seen, seen[i], memory[i], watched[i], sightings[i], later[i], parameters[i], scenario[0], time
             )
             egos[i].settled = 1 if has_settled(memory[i], watched[i]) else 0
 
@@ -276,9 +373,15 @@ class CarefulDriver(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, parameters."""
+        """Memory, what driver and emergency brakes remember of the others, room for where they are foreseen to be,
+        parameters.
+        """
         count = len(together)
-        return np.zeros(count, _MEMORY), unknown(count, others, _WATCHED), records(together, _PARAMETERS)
+        later, parameters = np.zeros((count, others), MOVER), records(together, _PARAMETERS)
+        return (
+            np.zeros(count, _MEMORY), unknown(count, others, _WATCHED), unknown(count, others, SIGHTING), later,
+            parameters,
+        )  # fmt: skip
 
 
 class CarefulDriverWithAeb(CarefulDriver):

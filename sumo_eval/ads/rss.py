@@ -12,19 +12,21 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.ads.braking import follow_demand
 from sumo_eval.ads.perception import bumper_gap, is_visible
 from sumo_eval.ads.r157 import (
-    BRAKES,
     HUMAN_BRAKING,
     HUMAN_JERK,
-    MOTION,
+    SAFETY_MEMORY,
     SHOWING,
-    brake_towards,
-    lateral_closing_speed,
+    SIGHTING,
+    closing_across,
+    foresee_all,
     lateral_gap,
+    sight_all,
 )
 from sumo_eval.cosim.compiled import Compiled, unknown
-from sumo_eval.cosim.world import Records
+from sumo_eval.cosim.world import MOVER, Records
 from sumo_eval.kernels import kernel, rows
 
 RESPONSE = 0.75  # rho, s
@@ -51,37 +53,44 @@ def lateral_safe_distance(lateral_speed: float) -> float:
     return LATERAL_MARGIN + driven + faster * faster / (2.0 * LATERAL_ACCELERATION)
 
 
-_MEMORY = np.dtype(BRAKES)
-
-
 @kernel
-def responsibility_sensitive_safety(
-    me: Any, others: Any, memory: Any, motions: Any, scenario: Any, time: float
-) -> float:
-    """0.774 g while unsafe, the speed kept while safe, as an acceleration, m/s2."""
-    unsafe = False
+def rss_demand(scene: Any, after: float) -> float:
+    """Deceleration demanded `after` s from now, if everybody goes on as now, m/s2. scene: as the rule makes it."""
+    now, me, sightings, others, scenario = scene
+    foresee_all(now, me, sightings, others, after, scenario.step)
     for j in range(len(others)):
         other = others[j]
         if not is_visible(me, others, j, SHOWING):
             continue
-        across = abs(lateral_closing_speed(motions[j], me, other, scenario.step))
         if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
             continue
-        unsafe = unsafe or lateral_gap(me, other) < lateral_safe_distance(across)
-    demanded = HUMAN_BRAKING if unsafe else 0.0
-    return -brake_towards(memory, demanded, time, RESPONSE, HUMAN_BRAKING, HUMAN_JERK, scenario.step)
+        if lateral_gap(me, other) < lateral_safe_distance(abs(closing_across(me, other))):
+            return HUMAN_BRAKING
+    return 0.0
+
+
+@kernel
+def responsibility_sensitive_safety(
+    me: Any, others: Any, memory: Any, sightings: Any, later: Any, scenario: Any, time: float
+) -> float:
+    """0.774 g while unsafe, the speed kept while safe, as an acceleration, m/s2."""
+    sight_all(memory, me, others, sightings, scenario.step)
+    scene = (memory.me, memory.then, sightings, later, scenario)
+    return -follow_demand(
+        memory.braking, rss_demand, scene, time, RESPONSE, HUMAN_BRAKING, HUMAN_JERK, scenario.vehicle, scenario.step
+    )
 
 
 @rows
 def rss_rows(
-    egos: Records, seen: Records, memory: Records, motions: Records, scenario: Records,
+    egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, scenario: Records,
     time: float,
 ) -> None:  # fmt: skip
     """`responsibility_sensitive_safety` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             egos[i].command.acceleration = responsibility_sensitive_safety(
-                egos[i].seen, seen[i], memory[i], motions[i], scenario[0], time
+                egos[i].seen, seen[i], memory[i], sightings[i], later[i], scenario[0], time
             )
 
 
@@ -92,5 +101,6 @@ class ResponsibilitySensitiveSafety(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, and what is remembered of the others."""
-        return np.zeros(len(together), _MEMORY), unknown(len(together), others, MOTION)
+        """Memory, what is remembered of the others, and room for where they are foreseen to be."""
+        count = len(together)
+        return np.zeros(count, SAFETY_MEMORY), unknown(count, others, SIGHTING), np.zeros((count, others), MOVER)

@@ -12,7 +12,7 @@ from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettin
 from sumo_eval.text import clean, clean_log
 from sumo_eval.trajectory import Recording
 
-Role = Literal["ads", "ideal", "human"]
+Role = Literal["ads", "ideal", "no_reaction", "human"]
 Status = Literal[
     "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
 ]
@@ -23,7 +23,7 @@ ALONE = "Simulated alone: "
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run to do. `driver` is the ADS's name, the human's name, or `ideal`; `controller` its locator.
+    """One run to do. `driver` is the ADS's name, the human's name, or that of the role; `controller` its locator.
 
     `fingerprint` stands for everything that the outcome depends on; two cases with the same one have the same facts.
     """
@@ -43,7 +43,7 @@ class Case:
     def key(self) -> str:
         """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver.
 
-        The ideal vehicle and the drivers carry a `~` before their name, so that no ADS can be called like one of them.
+        The references and the drivers carry a `~` before their name, so that no ADS can be called like one of them.
         """
         mark = "" if self.role == "ads" else "~"
         return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"

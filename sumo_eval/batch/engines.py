@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from sumo_eval.batch import loops
 from sumo_eval.batch.cases import ALONE, Case, Outcome, Setup, Status
 from sumo_eval.batch.claims import OURS, Result, Results, believed, bound, home, home_of_ads
 from sumo_eval.batch.identity import IDENTITY_BOUND, read_identity, tell_identity
@@ -49,6 +50,7 @@ def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Generator[list[Outcome], None, None]:
     """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
+    loops.ready()  # a case's time is for driving
     packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
     work: Work[Pack] = Work(
         answer,

@@ -50,11 +50,14 @@ class PointJob:
 @dataclass(frozen=True, slots=True)
 class LeftOut:
     """D_i of a case on coarse slices against all drivers, and without each of them in their order; `without` is empty
-    where only two drivers are there.
+    where only two drivers are there. likeness, likeness_without: likewise f_L * f_n+ * similarity of its
+    human-likeness, which leaves out its plausibility.
     """
 
     everyone: float
     without: tuple[float, ...]
+    likeness: float
+    likeness_without: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +169,10 @@ def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
             key: HumanBand(tuple(band["values"]), tuple(band["similarities"])) for key, band in content["bands"].items()
         }
         left_out = {
-            key: LeftOut(float(one["everyone"]), tuple(one["without"])) for key, one in content["left_out"].items()
+            key: LeftOut(
+                float(one["everyone"]), tuple(one["without"]), float(one["likeness"]), tuple(one["likeness_without"])
+            )
+            for key, one in content["left_out"].items()
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return {}, {}
@@ -198,19 +204,26 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     cases = list(dict.fromkeys((*job.drivers, *job.ads, *job.left_out)))
     place = {case: number for number, case in enumerate(cases)}
     drivers = [place[case] for case in job.drivers]
-    judged = [Pairing(place[case], tuple(drivers), settings.slice_spacing) for case in job.ads]
+    judged = [[Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)] for case in job.ads]
     among = band_pairings(drivers, settings) if job.band else []
     without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
     trajectories = [store.trajectory(case) for case in cases]
-    rest = [*among, *(pairing for pairings in without.values() for pairing in pairings)]
-    # The rest apart and after, so that a D_i is the same to the last bit whether or not the rest is already kept.
-    found, others = indexes_by_group(trajectories, [judged, rest], job.road, settings)
-    indexes = iter(others)
+    # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
+    found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
+    indexes = {case: index for case, (index,) in zip(job.ads, islice(found, len(judged)), strict=True)}
+    band = next(found)
     return PointResult(
-        indexes=dict(zip(job.ads, found, strict=True)),
-        band=band_of(list(islice(indexes, len(among)))) if job.band else None,
+        indexes=indexes,
+        band=band_of(band) if job.band else None,
         left_out={
-            case: LeftOut(next(indexes).value, tuple(index.value for index in islice(indexes, len(pairings) - 1)))
-            for case, pairings in without.items()
+            case: LeftOut(
+                everyone.value, tuple(index.value for index in fewer), _likeness(everyone), tuple(map(_likeness, fewer))
+            )
+            for case, (everyone, *fewer) in zip(without, found, strict=True)
         },
     )
+
+
+def _likeness(index: AnthropomorphicIndex) -> float:
+    assert index.likeness is not None, "left-out pairings ask for it"
+    return index.likeness.value

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 
 from sumo_eval.cosim.controller import SHIPPED, find_controller
+from sumo_eval.cosim.loop import arrays
 from sumo_eval.cosim.world import World, move_rows, see_rows, stop_rows
 from sumo_eval.drivers.synthetic import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
@@ -24,12 +25,11 @@ def load(part: int = 0, parts: int = 1) -> None:
     road = Road("road", 100.0, 2, 3.5, 0.0)
     concrete = ConcreteScenario("none", {}, 1.0, road, Start(10.0, 0.0, 10.0), (Actor("lead", Start(50.0, 0.0, 5.0)),))
     world = World([concrete], SimulationSettings())
-    makers = [lambda name=name: find_controller(name) for name in SHIPPED]  # type: ignore[misc]
-    makers.append(lambda: human_controller(0, 1, 0, concrete))
-    found = [made() if isinstance(made := make(), type) else made for make in makers]
+    found = [made() if isinstance(made := find_controller(name), type) else made for name in SHIPPED]
+    found.append(human_controller(0, 1, 0, concrete))
     kinds = list({type(ads).loop: ads for ads in found}.values())
     for ads in kinds[part::parts]:
-        own = type(ads).arrays([ads], world.scenario, 1)
+        own = arrays([ads], world)
         type(ads).loop(world.egos, world.seen, *own, world.scenario, 0.0)
     if part == 0:
         shown = np.zeros((1, 1, 4))

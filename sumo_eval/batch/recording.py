@@ -1,4 +1,4 @@
-"""Fill a run's store: ADSs in every concrete scenario, the ideal vehicle where one hit, drivers where it is safe."""
+"""Fill a run's store: ADSs and the two references in every concrete scenario, drivers where it is safe."""
 
 from __future__ import annotations
 
@@ -24,6 +24,10 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 
 RECORDED = "recorded"
 """What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
+
+
+REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
+"""What collisions are measured against, by role: Ug is the ideal vehicle's, U0 that of one who does nothing."""
 
 
 class Progress(Protocol):
@@ -85,11 +89,12 @@ class Planner:
                 case = Case(number, concrete, "ads", ads.name, ads.locator, seed=self.settings.seed)
                 yield self._finished(case)
 
-    def ideal(self, space: Space, struck: set[int]) -> Iterator[Case]:
-        """The ideal vehicle at the points where an ADS hit something."""
+    def reference(self, space: Space, role: Role) -> Iterator[Case]:
+        """The ideal vehicle, or the one that does nothing, at every point, whatever the ADSs did there."""
         for number in space.numbers:
-            if number in struck:
-                yield self._finished(Case(number, space.concrete(number), "ideal", "ideal", "ideal_braking"))
+            case = Case(number, space.concrete(number), role, role, REFERENCES[role])
+            # Without an identity of its own: an ADS that is called by the same locator must not change a reference.
+            yield with_fingerprint(case, self.settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
         """Every synthetic driver at every safe point."""
@@ -154,13 +159,10 @@ def record(
     settings = plan.settings
     work = _Work(store, plan.setup, progress, stopping)
     stages = [_ads_stage(space, plan) for space in spaces]
+    stages += [_reference_stage(space, plan, role) for space in spaces for role in REFERENCES]
     if settings.drivers.source == "synthetic":
         stages += [_drivers_stage(space, plan) for space in spaces]
     work.do(stages)
-    struck = {space.logical.name: store.struck(space.logical.name) for space in spaces}
-    for name, points in struck.items():
-        _forget(store, (case for case, point, _ in store.names("ideal", name) if point not in points))
-    work.do([_ideal_stage(space, plan, struck[space.logical.name]) for space in spaces])
     for space in spaces:
         if settings.drivers.source == "synthetic":
             drivers, safe = {f"driver_{index:02d}" for index in range(settings.drivers.count)}, set(space.safe)
@@ -188,9 +190,9 @@ def _ads_stage(space: Space, plan: Planner) -> _Stage:
     return _Stage(f"{name}: ADSs", name, "ads", plan.ads(space), len(space.numbers) * len(plan.settings.ads))
 
 
-def _ideal_stage(space: Space, plan: Planner, struck: set[int]) -> _Stage:
-    name = space.logical.name
-    return _Stage(f"{name}: ideal vehicle", name, "ideal", plan.ideal(space, struck), len(struck & set(space.numbers)))
+def _reference_stage(space: Space, plan: Planner, role: Role) -> _Stage:
+    name, who = space.logical.name, "ideal vehicle" if role == "ideal" else "no reaction"
+    return _Stage(f"{name}: {who}", name, role, plan.reference(space, role), len(space.numbers))
 
 
 def _drivers_stage(space: Space, plan: Planner) -> _Stage:

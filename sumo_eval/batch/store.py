@@ -315,11 +315,6 @@ class Store:
         query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = ?'
         yield from self._read(query, (role, scenario))
 
-    def struck(self, scenario: str) -> set[int]:
-        """The points of a scenario where an ADS collided."""
-        query = "SELECT DISTINCT point FROM facts WHERE role = 'ads' AND scenario = ? AND collision IS NOT NULL"
-        return {point for (point,) in self._read(query, (scenario,))}
-
     def counts(self) -> list[tuple[str, str, str, str, int, float]]:
         """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
         query = (

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.ads.known_answers import IdealBraking
+from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.batch.cases import Case, Outcome, Setup
 from sumo_eval.batch.claims import STATUS, Result, Results, as_message
 from sumo_eval.batch.frames import Message
@@ -67,11 +67,12 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
-    """The simulation with the ideal vehicle's own brakes, on a road that can hold them."""
+    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its collision counts."""
     vehicle = settings.vehicle
     friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
     return replace(
         settings,
+        end_when_decided=True,
         vehicle=replace(
             vehicle,
             max_deceleration=settings.ideal_deceleration,
@@ -87,6 +88,8 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         return simulate(case.concrete, _driver(case), settings)
     if case.role == "ideal":
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if case.role == "no_reaction":
+        return simulate(case.concrete, no_reaction, settings)
     _seed_global_generators(case)
     controller = watched(load_controller(case.controller, setup.folder), setup.run)
     return simulate(
@@ -108,6 +111,8 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         return simulate_together(concretes, [_driver(case) for case in cases], settings)
     if role == "ideal":
         return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if role == "no_reaction":
+        return simulate_together(concretes, no_reaction, settings)
     _seed_global_generators(cases[0])
     before = _states_of_global_generators()
     found = list(

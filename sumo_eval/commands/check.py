@@ -101,7 +101,10 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.batch.recording import planner
     from sumo_eval.errors import InputError
     from sumo_eval.facts import refuse_doubles, resolve, space_of
+    from sumo_eval.scenario import catalogue
+    from sumo_eval.scoring import chosen_severity
     from sumo_eval.settings import DriverSettings
+    from sumo_eval.spaces import scenario_weights
 
     settings, source = resolve(path, Path(), resume=False)
     click.echo(f"ok    {path}: the settings are valid")
@@ -130,6 +133,15 @@ def _check_evaluation(path: Path) -> None:
         planner(part, source)
         return words
 
+    def ranking() -> str:
+        names = [catalogue.find(entry.use, source).name for entry in settings.scenario]
+        weights = scenario_weights(names, settings.method.ranking)
+        return ", ".join(f"{name} weighs {weight:g}" for name, weight in weights.items())
+
+    def severity() -> str:
+        chosen_severity(settings.method.collision, source)
+        return settings.method.collision.severity
+
     for offset, entry in enumerate(settings.scenario):
         found(f"scenario {entry.use}", partial(points, entry, offset))
     for ads in settings.ads:
@@ -138,4 +150,7 @@ def _check_evaluation(path: Path) -> None:
     words = "the single-track model" if plant is None else plant.file
     found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
     found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
+    found("severity", severity)
+    if settings.method.ranking.weights:
+        found("ranking", ranking)
     sys.exit(INPUT_WRONG if wrong else DONE)

@@ -13,7 +13,7 @@ from sumo_eval.commands.progress import Progress
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("case", required=False)
 def explain(run: Path, case: str | None) -> None:
-    """Print the whole arithmetic of CASE of RUN with equation numbers; without CASE, where the points of S went."""
+    """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
     from sumo_eval.evaluation import score, zone_partitions
     from sumo_eval.report.explain import explain_case
     from sumo_eval.report.terminal import ledger_lines

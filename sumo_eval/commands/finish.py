@@ -28,7 +28,8 @@ def finish(evaluation: Evaluation) -> NoReturn:
     if sys.stdout.isatty():
         from rich.console import Console
 
-        Console().print(score_table(evaluation))
+        console = Console()
+        console.print(score_table(evaluation, console.width))
     else:
         click.echo(plain_table(evaluation))
     for line in closing_lines(evaluation):

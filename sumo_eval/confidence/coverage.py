@@ -104,7 +104,7 @@ def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
     if zones.boundary_tree is None:
         return None
     boundary = np.asarray(zones.boundary_tree.data)
-    unit, hazardous = zones.logical.to_unit(points), zones.hazardous(points)
+    unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
     if hazardous.all() or not hazardous.any():
         return 0.0
     near = [KDTree(unit[side]).query(boundary)[0] <= RESOLVED for side in (hazardous, ~hazardous)]

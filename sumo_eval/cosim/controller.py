@@ -15,6 +15,7 @@ import math
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 from urllib.parse import parse_qsl
@@ -208,6 +209,8 @@ SHIPPED = {
     "fsm": "sumo_eval.ads.fuzzy_safety_model:FuzzySafetyModel",
     "rss": "sumo_eval.ads.rss:ResponsibilitySensitiveSafety",
     "reg157": "sumo_eval.ads.reg157:Reg157",
+    "eu_2022_1426": "sumo_eval.ads.eu_2022_1426:Eu20221426",
+    "eu_2022_1426_bus": "sumo_eval.ads.eu_2022_1426:Eu20221426Bus",
 }
 """Controllers that ship, by name."""
 
@@ -256,6 +259,18 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
         )
     with seen_as_traci():
         return load_object(target, folder, "ADS")
+
+
+def knows_the_scripts(driver: Any) -> bool:
+    """Whether it is the ideal vehicle of Eq. 17 itself, which alone is told what the others will do: no ADS ever is,
+    nor a subclass.
+    """
+    return type(driver) is _ideal_vehicle()
+
+
+@lru_cache(maxsize=1)
+def _ideal_vehicle() -> Any:
+    return find_controller("ideal_braking")
 
 
 def made_absolute(locator: str, folder: Path) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.controller import Briefing, PolicyController, as_command
+from sumo_eval.cosim.controller import Briefing, PolicyController, as_command, knows_the_scripts
 from sumo_eval.cosim.fmu import FmuPlant
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
@@ -29,7 +29,7 @@ from sumo_eval.cosim.sumo_files import EGO
 from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.cosim.world import PLANT, REASONS, World, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.world import PLANT, REASONS, Records, World, move_rows, see_rows, stop_rows
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -226,6 +226,14 @@ def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     world.egos["placed"][0] = PLANT
 
 
+def arrays(ads: Sequence[Compiled], world: World) -> tuple[Records, ...]:
+    """What the loop of these objects, all of one class, wants beside what is seen: a row for each case of the world."""
+    own: Any = type(ads[0])
+    if knows_the_scripts(ads[0]):
+        return own.foreseeing(ads, world.cases, world.settings)  # type: ignore[no-any-return]
+    return own.arrays(ads, world.scenario, world.seen.shape[1])  # type: ignore[no-any-return]
+
+
 class Rows:
     """Rules that are kernels, one object a case, all of one class."""
 
@@ -241,7 +249,7 @@ class Rows:
         if any(getattr(conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
             for case in range(len(world.cases)):
                 world.note(case, "perception_not_limited", 1.0, 0.0)  # a rule sees the world
-        self._arrays = type(self._ads[0]).arrays(self._ads, world.scenario, world.seen.shape[1])
+        self._arrays = arrays(self._ads, world)
         self._delayed = _Delayed(world, self._plant)
         self._usual = world.settings.plant is None and conditions == ConditionSettings()
 

@@ -81,7 +81,7 @@ OTHER = np.dtype(
 """Another vehicle and its script. told: the harness has moved it in this step. script_begin, script_end: s. leaves:
 when its script takes it beside the lanes for good, s: SUMO does not move a vehicle that is on no lane."""
 
-MOVE = np.dtype([*fields("begin", "duration", "speed", "offset"), *flags("kind")])
+MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
 
 _ROAD = [*fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes")]
@@ -655,8 +655,8 @@ def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) ->
             start, brake = actor.start, actor.brake
             spans = [(move.begin, move.begin + move.duration + step) for move in actor.lane_changes]
             for q, move in enumerate(actor.lane_changes):
-                speed = getattr(move, "speed", 0.0)
-                moves[i, j, q] = (move.begin, move.duration, speed, move.offset, move.kind)
+                speed, build_up = getattr(move, "speed", 0.0), getattr(move, "acceleration", math.inf)
+                moves[i, j, q] = (move.begin, move.duration, speed, move.offset, build_up, move.kind)
             braking = (0.0, 0.0, 0.0, 0.0)
             if brake is not None:
                 end = brake.end(start.speed)

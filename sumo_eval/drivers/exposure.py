@@ -65,9 +65,14 @@ class Exposure:
     recorded: RecordedExposure | None = None
     unsupported_share: float | None = None
 
+    @property
+    def known(self) -> bool:
+        """Whether somebody declared or measured it; else every concrete scenario counts the same."""
+        return self.density is not uniform_exposure
+
     def plain(self, points: FloatArray) -> dict[str, Any]:
         """What a run keeps of it, for JSON. points: (n, k), the concrete scenarios of the run."""
-        found: dict[str, Any] = {"about": self.about}
+        found: dict[str, Any] = {"about": self.about, "known": self.known}
         if self.recorded is not None:
             found |= {
                 "events": len(self.recorded.points),

@@ -41,7 +41,10 @@ SETTLING_TIME = 5.0
 and wander take over."""
 FOCUS_TIME = 0.3  # s, time constant in which a driver who is about to pass something stops wandering, and starts again
 
-PEDAL_DEVIATION = 0.25  # m/s2, wander of the acceleration; 0.31 m/s2 recorded, manoeuvres included
+PEDAL_DEVIATION = 0.39
+"""Wander of the pedals, m/s2. The drive that comes of it is steadier, because the driver holds his speed: with this the
+acceleration of those who overtake changes within 0.5, 1, 2, 3 and 4 s by as much as that of 64 recorded overtakers, to
+3 % (root mean square 0.09, 0.18, 0.33, 0.44 and 0.51 m/s2; DLR Highway Traffic)."""
 PEDAL_CORRELATION_TIME = 2.0  # s (DLR Highway Traffic: the correlation is 0.59 at 2 s, 0.28 at 3 s)
 SPEED_RELAXATION = 8.0  # s in which a driver approaches the speed at which he settles
 

@@ -3,27 +3,34 @@
 Readings of the paper (docs/METHOD.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
 - What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at or past the end.
-- A length ends where the vehicle stopped or where the road ends. A vehicle that did neither (contact, time limit, off
-  the road) has the length it drove. A recording whose next sample would lie past the road's end has reached it.
+- A length ends where the vehicle stopped, else at the road's end, also for who was still driving when the time was up
+  or the recording ended; who left the road has the length driven. Slices end where the vehicle was last seen, or where
+  the drivers were on average: beyond there is nobody to compare with. A recording whose next sample would lie past the
+  road's end has reached it.
 - A driver who did not get as far as a slice has no centre there. Where fewer than two got there, the others stand in
   with their last lateral position, as a deviation needs two.
 - The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
   the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre (`method.manoeuvres`), and the
   similarity is multiplied by how usual that manoeuvre is.
-- A trajectory without any steering wheel angle has one steering operation per lateral manoeuvre: a move to one side at
-  more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m.
+- One rule counts the steering operations of both sides. By default an operation is a lateral manoeuvre: a move to one
+  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway speed a lane change
+  turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none there.
+- Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture mode in any mode.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import must_be
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.method import score_terms
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import SAME_TIME
@@ -32,14 +39,34 @@ from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
 
 DEFAULTS = AnthropomorphicSettings()
+Mode = Literal["gaussian", "mixture"]
 
 SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
 MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
 MANOEUVRE_SHIFT = 1.0  # m; and less far
+OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
+MIXTURE: Mode = "mixture"
 MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
 BIMODAL = "Bimodal:"  # begins the note on drivers who did two different things
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """What a safe case without a collision brings to the human-likeness H, besides its plausibility, 0..1 each.
+
+    length_factor: f_L over all drivers. operation_tolerance: f_n+ (`operation_tolerance`). similarity: in mixture mode.
+    """
+
+    length_factor: float
+    operation_tolerance: float
+    similarity: float
+
+    @property
+    def value(self) -> float:
+        """The product."""
+        return self.length_factor * self.operation_tolerance * self.similarity
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +80,7 @@ class AnthropomorphicIndex:
 
     In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
     most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
+    likeness: None where it was not asked for.
     """
 
     value: float
@@ -71,15 +99,20 @@ class AnthropomorphicIndex:
     manoeuvre: Manoeuvre = ()
     share: float = 1.0
     usual: float = 1.0
+    likeness: Likeness | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart, m."""
+    """Who is judged against whom, as places in a list of trajectories; slices lie `spacing` apart, m.
+
+    likeness: whether the terms of the human-likeness are wanted beside D_i.
+    """
 
     ads: int
     drivers: tuple[int, ...]
     spacing: float
+    likeness: bool = False
 
 
 def anthropomorphic_index(
@@ -95,7 +128,7 @@ def anthropomorphic_index(
     scenario. road: its end ends the slices, its edges narrow them. Raises InputError for fewer drivers and for an ADS
     that starts past the road's end.
     """
-    pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing)
+    pairing = Pairing(0, tuple(range(1, 1 + len(drivers))), settings.slice_spacing, likeness=True)
     (index,) = anthropomorphic_indexes([ads, *drivers], [pairing], road, settings)
     return index
 
@@ -121,8 +154,8 @@ def indexes_by_group(
 
     What all pairings have in common is computed once: what is known of a trajectory and what its far samples add to
     fields; and in a group the lateral positions at slices, and the drivers' fields, at the points of all its pairings
-    together. A group's indexes are the same to the last bit whatever groups come after it, provided that these name no
-    driver that it does not.
+    together. A group's indexes are the same to the last bit whatever other groups there are, provided that these name
+    no driver that it does not.
     """
     pairings = [pairing for group in groups for pairing in group]
     for pairing in pairings:
@@ -137,11 +170,13 @@ def indexes_by_group(
     drivers = [drives[place] for place in sorted({place for pairing in pairings for place in pairing.drivers})]
     stretch = Stretch(
         west=min(float(driver.whole.x[0]) for driver in drivers),
-        east=max(float(driver.whole.x[0]) + driver.length for driver in drivers),
+        east=max(float(driver.whole.x[0]) + driver.reach for driver in drivers),
         south=road.right_edge,
         north=road.left_edge,
     )
-    fields = SharedFields([drive.judged for drive in drives], stretch, settings.field)
+    across = 2 * settings.points_per_side + 1
+    expected = int(stretch.length / settings.slice_spacing) * across
+    fields = SharedFields([drive.judged for drive in drives], stretch, settings.field, expected)
     return [_indexes(drives, group, fields, road, settings) for group in groups]
 
 
@@ -155,33 +190,67 @@ def _indexes(
     """The indexes of one group."""
     if not pairings:
         return []
-    comparisons = [_comparison(drives, pairing, settings) for pairing in pairings]
+    modes: list[Mode] = [settings.mode]
+    if settings.mode != MIXTURE and any(pairing.likeness for pairing in pairings):
+        modes.append(MIXTURE)
+    by_mode = {
+        mode: {
+            pairing: _comparison(drives, pairing, mode)
+            for pairing in pairings
+            if pairing.likeness or mode == settings.mode
+        }
+        for mode in modes
+    }
+    comparisons = [one for found in by_mode.values() for one in found.values()]
     slices = {one.where: slice_positions(*one.where) for one in comparisons}
     everywhere = np.concatenate(list(slices.values()))
     ends = np.cumsum([len(x) for x in slices.values()])[:-1]
-    lateral = [np.split(lateral_position(drive.judged, everywhere), ends) for drive in drives]
-    centres = {where: [parts[number] for parts in lateral] for number, where in enumerate(slices)}
+    needed = sorted({place for pairing in pairings for place in (pairing.ads, *pairing.drivers)})
+    lateral = {place: np.split(lateral_position(drives[place].judged, everywhere), ends) for place in needed}
+    number = {where: order for order, where in enumerate(slices)}
     sets = {
-        one.points: slice_points(slices[one.where], centres[one.where][one.pairing.ads], road, settings)
+        one.points: slice_points(slices[one.where], lateral[one.pairing.ads][number[one.where]], road, settings)
         for one in comparisons
     }
     fields = _fields(comparisons, sets, shared)
-    return [
-        _index(
+
+    def judged(one: _Comparison) -> _Judged:
+        places = (one.pairing.ads, *one.pairing.drivers)
+        return _judge(
             one,
             drives,
             slices[one.where],
-            np.array([centres[one.where][place] for place in (one.pairing.ads, *one.pairing.drivers)]),
+            np.array([lateral[place][number[one.where]] for place in places]),
             fields[one.points].own,
             fields[one.points].of(one.pairing.drivers),
             road,
             settings,
         )
-        for one in comparisons
-    ]
+
+    indexes = []
+    for pairing in pairings:
+        one = by_mode[settings.mode][pairing]
+        found = judged(one)
+        likeness = None
+        if pairing.likeness:
+            mixture = found if settings.mode == MIXTURE else judged(by_mode[MIXTURE][pairing])
+            likeness = _likeness(drives, pairing, mixture.similarity)
+        indexes.append(_index(one, found, drives, slices[one.where], likeness, settings))
+    return indexes
 
 
-def _index(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """What comes of one comparison. terms: centre term times field term, (m, 7)."""
+
+    similarity: float
+    centre_similarity: float
+    field_similarity: float
+    terms: FloatArray
+    notes: tuple[str, ...]
+
+
+def _judge(
     one: _Comparison,
     drives: Sequence[_Drive],
     slices: FloatArray,
@@ -190,39 +259,55 @@ def _index(
     humans: FloatArray,
     road: Road,
     settings: AnthropomorphicSettings,
-) -> AnthropomorphicIndex:
-    """D_i of one pairing. centres: y at the slices, the ADS's first, (1 + k, m). own, humans: the ADS's field at their
-    points, (m, 7), and the drivers', (k, m, 7).
+) -> _Judged:
+    """Eq. 11 of one comparison. centres: y at the slices, the ADS's first, (1 + k, m). own, humans: the ADS's field at
+    their points, (m, 7), and the drivers', (k, m, 7).
     """
+    drivers = [drives[place] for place in one.pairing.drivers]
+    ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
+    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, one.choice)
+    field_term, field_notes = _field_term(own, humans, settings, one.choice)
+    terms = centre_term[:, None] * field_term
+    usual = 1.0 if one.choice is None else one.choice.usual
+    return _Judged(
+        similarity=usual * float(terms.mean()),
+        centre_similarity=float(centre_term.mean()),
+        field_similarity=float(field_term.mean()),
+        terms=terms,
+        notes=(*centre_notes, *field_notes),
+    )
+
+
+def _index(
+    one: _Comparison,
+    judged: _Judged,
+    drives: Sequence[_Drive],
+    slices: FloatArray,
+    likeness: Likeness | None,
+    settings: AnthropomorphicSettings,
+) -> AnthropomorphicIndex:
+    """D_i of one pairing."""
     ads, drivers = drives[one.pairing.ads], [drives[place] for place in one.pairing.drivers]
     choice = one.choice
     operation_factor = _capped_ratio(
         np.mean(np.array([driver.operations for driver in drivers])[one.compared]), ads.operations
     )
-    ends = np.array([driver.whole.x[0] + driver.length for driver in drivers])
-    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, choice)
-    field_term, field_notes = _field_term(own, humans, settings, choice)
-    usual = 1.0 if choice is None else choice.usual
-    terms = centre_term[:, None] * field_term
-    similarity = usual * float(terms.mean())
-
     return AnthropomorphicIndex(
-        value=one.length_factor * operation_factor * similarity,
+        value=one.length_factor * operation_factor * judged.similarity,
         length_factor=one.length_factor,
         operation_factor=operation_factor,
-        similarity=similarity,
-        centre_similarity=float(centre_term.mean()),
-        field_similarity=float(field_term.mean()),
+        similarity=judged.similarity,
+        centre_similarity=judged.centre_similarity,
+        field_similarity=judged.field_similarity,
         slices=slices,
-        slice_similarity=terms.mean(axis=1),
+        slice_similarity=judged.terms.mean(axis=1),
         ads_length=ads.length,
         driver_lengths=tuple(driver.length for driver in drivers),
         ads_operations=ads.operations,
         driver_operations=tuple(driver.operations for driver in drivers),
         notes=(
             *_choice_notes(choice),
-            *centre_notes,
-            *field_notes,
+            *judged.notes,
             *_trajectory_notes(ads, drivers, settings),
             *_note(
                 operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
@@ -230,7 +315,17 @@ def _index(
         ),
         manoeuvre=() if choice is None else choice.manoeuvre,
         share=1.0 if choice is None else choice.share,
-        usual=usual,
+        usual=1.0 if choice is None else choice.usual,
+        likeness=likeness,
+    )
+
+
+def _likeness(drives: Sequence[_Drive], pairing: Pairing, similarity: float) -> Likeness:
+    ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
+    return Likeness(
+        _capped_ratio(ads.length, np.mean([driver.length for driver in drivers])),
+        operation_tolerance(ads.operations, [driver.operations for driver in drivers]),
+        similarity,
     )
 
 
@@ -253,7 +348,7 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
         raise must_be("`exposure`", owner, "finite and at least 0", float(weights[~usable][0]))
     if weights.sum() <= 0.0:
         raise must_be("The sum of `exposure`", owner, "greater than 0", float(weights.sum()))
-    return float(weights @ indices / weights.sum())
+    return float(score_terms.exposure_mean(indices, weights, score_terms.once(len(indices)))[0])
 
 
 # --- lengths and operations -------------------------------------------------------------------------------------------
@@ -262,8 +357,17 @@ def exposure_weighted_index(values: ArrayLike, exposure: ArrayLike) -> float:
 def driven_length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings = DEFAULTS) -> float:
     """Eq. 12: L, m, from the start to where the vehicle stopped, else to the road's end; never further.
 
-    A vehicle that neither stopped nor reached the end has the length it drove.
+    Who is still driving when the time is up has not stopped, so L goes to the road's end. A vehicle that left the road
+    for its side has the length it drove.
     """
+    ended = _has_stopped(trajectory, settings) or _left_the_road(trajectory, road)
+    if ended and not _reached_the_end(trajectory, road):
+        return _reach(trajectory, road, settings)
+    return max(road.length - float(trajectory.x[0]), 0.0)
+
+
+def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
+    """How far from its start a vehicle was seen, to the road's end at most, m."""
     if _reached_the_end(trajectory, road):
         return max(road.length - float(trajectory.x[0]), 0.0)
     last = trajectory.x[-1] if _has_stopped(trajectory, settings) else trajectory.x.max()
@@ -271,18 +375,46 @@ def driven_length(trajectory: Trajectory, road: Road, settings: AnthropomorphicS
 
 
 def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """Eq. 12: n, operations of the steering wheel and of the pedals, counted separately and added.
+    """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
 
-    An operation is |steering wheel angle| > 10 deg (|acceleration| > 0.5 m/s2) until the signal has stayed neutral for
-    0.5 s, so out and back, or drive and then brake, is one; one that still runs at the end counts.
+    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for 0.5 s, so drive and
+    then brake is one; one that still runs at the end counts. One of steering is a lateral manoeuvre, or, with
+    `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or what gives a lateral acceleration) likewise.
+    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
+    at all.
     """
     time = trajectory.time
-    pedals = _operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings)
+    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
+    if settings.steering_rule == "manoeuvre":
+        return pedals + _lateral_manoeuvres(trajectory, settings)
     if not _steering_is_known(trajectory):
-        return len(pedals) + _lateral_manoeuvres(trajectory, settings)
+        raise InputError(
+            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
+            'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
+        )
     known = np.isfinite(trajectory.steering_wheel_angle)
-    turned = np.abs(np.degrees(trajectory.steering_wheel_angle[known])) > settings.steering_threshold_deg
-    return len(pedals) + len(_operations(turned, time[known], settings))
+    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
+    return pedals + len(_operations(turned, time[known], settings))
+
+
+def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
+    """Eq. 12: the steering wheel angle above which an operation begins at each speed (n,), rad."""
+    lateral = settings.steering_lateral_acceleration
+    if lateral is None:
+        return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
+    curvature = np.divide(lateral, speed**2, out=np.full(speed.shape, np.inf), where=speed > 0.0)
+    return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
+
+
+def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
+    """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
+
+    z = (n - mean) / max(deviation, 0.5), the sample deviation over the drivers: the tolerance that Eq. 11 gives to
+    everything else. operations: n of the ADS. of_drivers: of each driver, at least two.
+    """
+    drivers = np.asarray(of_drivers, dtype=np.float64)
+    deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
+    return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
 
 
 def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
@@ -320,15 +452,16 @@ _Points = tuple[int, tuple[float, float, float]]  # whose slices; where they beg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drive:
-    """What is known of one trajectory: as a whole, and as far as it is judged."""
+    """What is known of one trajectory: as a whole, and as far as it is judged. reach: how far it was seen, m."""
 
     whole: Trajectory
     judged: Trajectory
     length: float
+    reach: float
     operations: int
     manoeuvre: Manoeuvre
-    steering_known: bool
-    cut_short: bool
+    still_driving: bool
+    left_the_road: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -349,23 +482,29 @@ class _Comparison:
 
 def _drive(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> _Drive:
     judged = _up_to_the_end(trajectory, road)
+    ends_on_its_way = not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings)
+    left = _left_the_road(trajectory, road)
     return _Drive(
         whole=trajectory,
         judged=judged,
         length=driven_length(judged, road, settings),
+        reach=_reach(judged, road, settings),
         operations=count_operations(judged, settings),
-        manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time) if settings.mode == "mixture" else (),
-        steering_known=_steering_is_known(trajectory),
-        cut_short=not _reached_the_end(trajectory, road) and not _has_stopped(trajectory, settings),
+        manoeuvre=manoeuvre_of(trajectory, road, settings.manoeuvre_time),
+        still_driving=ends_on_its_way and not left,
+        left_the_road=ends_on_its_way and left,
     )
 
 
-def _comparison(drives: Sequence[_Drive], pairing: Pairing, settings: AnthropomorphicSettings) -> _Comparison:
+def _comparison(drives: Sequence[_Drive], pairing: Pairing, mode: Mode) -> _Comparison:
     ads, drivers = drives[pairing.ads], [drives[place] for place in pairing.drivers]
-    choice = chosen(ads.manoeuvre, [one.manoeuvre for one in drivers]) if settings.mode == "mixture" else None
+    choice = chosen(ads.manoeuvre, [one.manoeuvre for one in drivers]) if mode == MIXTURE else None
     compared = np.ones(len(drivers), dtype=np.bool_) if choice is None else choice.members
-    mean_length = float(np.mean(np.array([driver.length for driver in drivers])[compared]))
-    where = (float(ads.whole.x[0]), min(ads.length, mean_length), pairing.spacing)
+    mean_length, mean_reach = (
+        float(np.mean(np.array(values)[compared]))
+        for values in ([driver.length for driver in drivers], [driver.reach for driver in drivers])
+    )
+    where = (float(ads.whole.x[0]), min(ads.reach, mean_reach), pairing.spacing)
     return _Comparison(pairing, choice, compared, _capped_ratio(ads.length, mean_length), where)
 
 
@@ -546,6 +685,11 @@ def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> b
     return bool(trajectory.speed[-1] < settings.stop_speed)
 
 
+def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
+    """Whether the vehicle's centre was last seen beside the road."""
+    return bool(not road.right_edge <= trajectory.y[-1] <= road.left_edge)
+
+
 def _steering_is_known(trajectory: Trajectory) -> bool:
     return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
 
@@ -554,15 +698,16 @@ def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: Anthropo
     """Where a reading had to step in for a trajectory as a whole."""
     late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
     beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]
-    short = [driver.cut_short for driver in drivers]
-    unknown = [not driver.steering_known for driver in drivers]
+    driving = [driver.still_driving for driver in drivers]
     return [
         *_note(beyond, "{} of {} trajectories go on past the road's end and are read up to it."),
         *_note(late, "{} of {} drivers start beyond the ADS's start and hold their first y up to there."),
-        *_note(short, "{} of {} drivers neither stopped nor reached the road's end: their length is what they drove."),
-        *_note(ads.cut_short, "The ADS neither stopped nor reached the road's end: its length is what it drove."),
-        *_note(unknown, "{} of {} drivers have no steering signal: one operation per lateral manoeuvre."),
-        *_note(not ads.steering_known, "The ADS has no steering signal: one operation per lateral manoeuvre."),
+        *_note(driving, "{} of {} drivers were still driving when last seen: their length counts to the road's end."),
+        *_note(
+            ads.still_driving,
+            "The ADS was still driving when last seen: its length counts to the road's end, and slices end there.",
+        ),
+        *_note(ads.left_the_road, "The ADS left the road: its length is what it drove."),
     ]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.method import score_terms
 from sumo_eval.method.zone_partition import IntArray, ZonePartition
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -89,8 +90,12 @@ def collision_avoidance_index(
         return 1.0
     if loss == "class":
         hit, best = collision_loss(hit), collision_loss(best)
-    ratio = np.divide(best, hit, out=np.ones(hit.shape), where=hit > best)
-    return float(np.mean(ratio) if not r.any() else np.sum(r * ratio) / np.sum(r))
+    everyone = np.ones(hit.shape, dtype=np.bool_)
+    return float(
+        score_terms.collision_avoidance(
+            score_terms.ideal_ratio(hit, best), r, everyone, everyone, score_terms.once(hit.size)
+        )[0]
+    )
 
 
 def beats_ideal(u: ArrayLike, u_ideal: ArrayLike) -> BoolArray:
@@ -117,7 +122,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
     marching = np.arange(len(start))
-    steps = math.ceil(float(np.max(to_box * np.linalg.norm(direction, axis=1))) / MARCH)
+    steps = math.ceil(math.sqrt(start.shape[1]) / MARCH)  # as many for every ray: r is that of the point alone
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
         t = np.column_stack([low[marching], to_box[marching, None] * shares])

@@ -70,8 +70,8 @@ def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
 
 def left_out_pairings(ads: int, drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
     """An ADS against all drivers, and, if that leaves two, against all but one, for each: what the choice of drivers
-    does to its D_i.
+    does to its D_i and to its human-likeness.
     """
     spacing = coarse_spacing(settings)
     fewer = [tuple(place for place in drivers if place != one) for one in drivers] if len(drivers) > 2 else []
-    return [Pairing(ads, others, spacing) for others in (tuple(drivers), *fewer)]
+    return [Pairing(ads, others, spacing, likeness=True) for others in (tuple(drivers), *fewer)]

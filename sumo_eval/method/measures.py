@@ -16,6 +16,13 @@ from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 TOUCH = 1e-3
 """Bodies nearer than this touch, m: the last sample before a contact is not the place to divide by a gap."""
+CLOCK = 0.1
+"""Samples of `smooth_motion` lie this far apart, s, whatever the recording's own rate."""
+SLOPE_SAMPLES = 11
+"""Samples of the straight line that is a derivative in `smooth_motion`: 1 s, so that a tracker's noise of a few
+centimetres adds less than 0.1 m/s and 0.2 m/s2."""
+STANDING = 0.1
+"""Below this speed, m/s, a vehicle stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +30,11 @@ class CriticalityMeasures:
     """How close a case came to a collision, and how hard the ego acted.
 
     min_ttc s; max_ittc 1/s; min_thw s; min_gap m; max_drac m/s2; pet s; max_deceleration m/s2, 0 if the ego never
-    braked; max_jerk m/s3; delta_v m/s. A frontal contact has min_ttc, min_thw, min_gap and pet 0, max_ittc and
-    max_drac inf if the ego was closing. An ego that never closes on the vehicle ahead has min_ttc inf, the other two 0.
-    Without a vehicle ahead in the path all of these are nan; delta_v is nan without a collision.
+    braked; max_jerk m/s3; delta_v m/s; max_lateral_speed m/s and max_lateral_acceleration m/s2 across the road, to
+    either side (`smooth_motion`), nan in a case that is too short for the derivative. A frontal contact has min_ttc,
+    min_thw, min_gap and pet 0, max_ittc and max_drac inf if the ego was closing. An ego that never closes on the
+    vehicle ahead has min_ttc inf, the other two 0. Without a vehicle ahead in the path all of these are nan; delta_v is
+    nan without a collision.
     """
 
     min_ttc: float
@@ -37,12 +46,29 @@ class CriticalityMeasures:
     max_deceleration: float
     max_jerk: float
     delta_v: float
+    max_lateral_speed: float
+    max_lateral_acceleration: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothMotion:
+    """Derivatives of a recorded or simulated drive that noise does not reach: m/s2, m/s3, m/s and m/s2, (n,) each.
+
+    acceleration and jerk belong to the speed, lateral_speed and lateral_acceleration to y, the road's left positive.
+    A drive too short for a derivative has it empty.
+    """
+
+    acceleration: FloatArray
+    jerk: FloatArray
+    lateral_speed: FloatArray
+    lateral_acceleration: FloatArray
 
 
 def measures(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None) -> CriticalityMeasures:
     """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first contact if any."""
     gap, closing = vehicle_ahead(ego, actors, collision)
     ttc = time_to_collision(gap, closing)
+    smooth = smooth_motion(ego)
     return CriticalityMeasures(
         min_ttc=_least(ttc),
         max_ittc=_most(_inverse(ttc)),
@@ -53,7 +79,36 @@ def measures(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Colli
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
         max_jerk=_most(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
         delta_v=np.nan if collision is None else velocity_change(collision),
+        max_lateral_speed=_most(np.abs(smooth.lateral_speed)),
+        max_lateral_acceleration=_most(np.abs(smooth.lateral_acceleration)),
     )
+
+
+def smooth_motion(drive: Trajectory) -> SmoothMotion:
+    """A drive's derivatives, made alike for recorded people, whose positions are noisy, and for simulated vehicles.
+
+    Speed and y are read every 0.1 s from the start on. A derivative is the slope of the least-squares line through 11
+    samples (1 s), where all of them exist; a second derivative is the slope of such slopes (2 s). Windows in which the
+    vehicle stands are left out of acceleration and jerk: letting go of the brake at a standstill is a jump in any car.
+    """
+    clock = drive.time[0] + CLOCK * np.arange(int(drive.duration / CLOCK + 1e-6) + 1)
+    speed, y = (np.interp(clock, drive.time, channel) for channel in (drive.speed, drive.y))
+    acceleration, lateral_speed = _slopes(speed), _slopes(y)
+    jerk, lateral_acceleration = _slopes(acceleration), _slopes(lateral_speed)
+    stood = np.concatenate([[0], np.cumsum(speed < STANDING)])
+    moves, moves_long = (
+        stood[clock.size - values.size + 1 :] == stood[: values.size] if values.size else np.zeros(0, dtype=np.bool_)
+        for values in (acceleration, jerk)
+    )
+    return SmoothMotion(acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration)
+
+
+def _slopes(values: FloatArray) -> FloatArray:
+    """Slope of the least-squares line through every SLOPE_SAMPLES neighbours CLOCK apart, (n - 10,), 1/s."""
+    if values.size < SLOPE_SAMPLES:
+        return np.zeros(0)
+    places = np.arange(SLOPE_SAMPLES) - SLOPE_SAMPLES // 2
+    return np.correlate(values, places / (CLOCK * np.sum(places**2)), mode="valid")
 
 
 def vehicle_ahead(

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sumo_eval.errors import must_be
+from sumo_eval.method import score_terms
 
 ROUNDING = 1e-9  # what a mean of shares may be off by
 
@@ -18,11 +19,11 @@ ROUNDING = 1e-9  # what a mean of shares may be off by
 class Score:
     """S and what it is made of.
 
-    total: S, points. c, d: the indexes C and D, None where not computed. c_points, d_points: what each adds to S, 0
-    where it was not computed.
+    total: S, points, None where neither index was computed. c, d: the indexes C and D, None where not computed.
+    c_points, d_points: what each adds to S, 0 where it was not computed.
     """
 
-    total: float
+    total: float | None
     c: float | None
     d: float | None
     c_points: float
@@ -49,7 +50,9 @@ def combined_score(
             raise must_be(f"`{name}`", "the score", "greater than 0", scale)
     c_points = 0.0 if c is None else a * k5 * c
     d_points = 0.0 if d is None else b * k6 * d
-    return Score(c_points + d_points, c, d, c_points, d_points)
+    first, second = (np.array([np.nan if value is None else value]) for value in (c, d))
+    total = float(score_terms.combined(first, second, a, b, k5, k6)[0])
+    return Score(None if math.isnan(total) else total, c, d, c_points, d_points)
 
 
 def population_scale(

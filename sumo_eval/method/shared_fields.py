@@ -86,11 +86,19 @@ class SharedFields:
     """The fields of some trajectories on a stretch of road, to be asked for again and again.
 
     What far samples add is summed once for a trajectory. It depends on the trajectory and the stretch alone, not on the
-    points asked for.
+    points asked for. points: how many a question is expected to have, by which boxes are taken or not for every
+    question alike, so that no answer depends on what else was asked; None: each question decides by its own number.
     """
 
-    def __init__(self, trajectories: Sequence[Trajectory], stretch: Stretch, constants: FieldSettings) -> None:
+    def __init__(
+        self,
+        trajectories: Sequence[Trajectory],
+        stretch: Stretch,
+        constants: FieldSettings,
+        points: int | None = None,
+    ) -> None:
         self._trajectories, self._stretch, self._constants = trajectories, stretch, constants
+        self._boxes_pay = None if points is None else _pays(points, stretch)
         self._samples: dict[int, FloatArray] = {}
         self._far: dict[int, tuple[NDArray[np.int64], FloatArray]] = {}
 
@@ -104,13 +112,11 @@ class SharedFields:
         samples = [self._samples_of(place) for place in places]
         smooth = constants.k1 <= LARGEST_K1 and all(np.abs(one[:, 4]).max() <= LARGEST_EXPONENT for one in samples)
         inside = self._stretch.holds(x, y)
-        known = all(place in self._far for place in places)
-        if (
-            not (known or _pays(int(np.count_nonzero(inside)) * y.shape[1], self._stretch))
-            or not smooth
-            or constants.superposition != "magnitude"
-            or trajectory_field.KERNEL != "numba"
-        ):
+        pays = self._boxes_pay
+        if pays is None:
+            known = all(place in self._far for place in places)
+            pays = known or _pays(int(np.count_nonzero(inside)) * y.shape[1], self._stretch)
+        if not pays or not smooth or constants.superposition != "magnitude" or trajectory_field.KERNEL != "numba":
             return self._plain(x, y, places)
         fields = np.empty((len(places), *y.shape))
         self._by_boxes(x, y, np.flatnonzero(inside), places, fields)

@@ -157,8 +157,18 @@ class ZonePartition:
         return self.surface.value(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
 
     def hazardous(self, points: ArrayLike) -> BoolArray:
-        """Where y <= 0."""
+        """Where y <= 0: the zones' form, for maps and for the weights of Eq. 16."""
         return np.asarray(self.predicted(points) <= 0.0)
+
+    def exactly_hazardous(self, points: ArrayLike) -> BoolArray:
+        """Where max ITTC itself, in closed form or searched over time, reaches its threshold.
+
+        This decides the zone of every case that is driven: the GP may put a point of certain contact on the safe side.
+        """
+        rows = np.asarray(points, dtype=np.float64)
+        _checked_unit(self.logical, rows)
+        flat = _exactly_hazardous(self.logical, rows.reshape(-1, rows.shape[-1]), self.settings)
+        return flat.reshape(rows.shape[:-1])
 
     def zone_of(self, points: ArrayLike) -> IntArray:
         """Number of the hazardous zone that a point belongs to (0 is the largest), -1 in the safe zone."""

@@ -39,6 +39,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
     found = [
         *_differing(_comparable(base.settings), _comparable(new.settings), "", decides=True),
         *_differing(_files(base), _files(new), "", decides=True),
+        *_differing(_severity_file(base), _severity_file(new), "", decides=True),
         *_versions(base, new),
         *_differing(_controllers(base.settings), _controllers(new.settings), "controller of ", decides=False),
     ]
@@ -78,6 +79,12 @@ def _files(evaluation: Evaluation) -> dict[str, str]:
     """Contents of the SUMO inputs, by name: a scenario that another version of the package writes otherwise shows."""
     hashes: Mapping[str, str] = evaluation.manifest.get("sha256", {})
     return {name: digest[:12] for name, digest in hashes.items() if name.startswith(("networks/", "routes/"))}
+
+
+def _severity_file(evaluation: Evaluation) -> dict[str, str]:
+    """Content of the file that holds a severity of one's own: an edited one measures otherwise under the same name."""
+    digest = str(evaluation.manifest.get("severity", {}).get("sha256", ""))
+    return {"file of the severity": digest[:12]} if digest else {}
 
 
 def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:

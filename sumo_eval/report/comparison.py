@@ -6,13 +6,15 @@ Cases are paired by logical scenario and parameter values, never by their order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
 
+from sumo_eval.case_terms import case_terms
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.report.bootstrap import as_arrays, paired_differences, quantities
+from sumo_eval.method.score_terms import excess
+from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
@@ -31,12 +33,18 @@ BETTER: Final[tuple[Change, ...]] = ("collision gone", "back on the road", "eval
 
 @dataclass(frozen=True, slots=True)
 class ChangedCase:
-    """One concrete scenario in which the two runs differ. by: new minus base of U (m/s) or D_i, None for a flip."""
+    """One concrete scenario in which the two runs differ.
+
+    by: new minus base of what the change is about, U (m/s), the case's human-likeness or D_i; None for a flip. moved:
+    new minus base of everything in the case that moves a score, without what did not move: `regret` max(0, U - Ug),
+    `H_i` its human-likeness, `D_i`.
+    """
 
     change: Change
     base: CaseResult
     new: CaseResult
     by: float | None
+    moved: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def worse(self) -> bool:
@@ -64,7 +72,7 @@ class QuantityChange:
 class AdsComparison:
     """One ADS of the new run in one logical scenario beside what it is compared with.
 
-    pairs: cases that both runs have. changed: the worst first. quantities: S, C, D, collision_probability over the
+    pairs: cases that both runs have. changed: the worst first. quantities: those of `bootstrap.COMPARED` over the
     pairs. unpaired: cases that only one of the runs has. undecided: pairs without an outcome in at least one run.
     """
 
@@ -189,7 +197,12 @@ def _compare_ads(
     if not both:
         return None
     old, now = [before[key] for key in both], [after[key] for key in both]
-    changed = [change for pair in zip(old, now, strict=True) if (change := _change(*pair, settings)) is not None]
+    lost = [_lost(cases, run) for cases, run in ((old, base), (now, new))]
+    changed = [
+        replace(change, moved=_moved(change, *regrets))
+        for before_now, regrets in zip(zip(old, now, strict=True), zip(*lost, strict=True), strict=True)
+        if (change := _change(*before_now, settings)) is not None
+    ]
     order: tuple[Change, ...] = (*WORSE, *BETTER)
     changed.sort(key=lambda item: (order.index(item.change), -abs(item.by or 0.0), item.new.case))
     return AdsComparison(
@@ -228,17 +241,34 @@ def _change(base: CaseResult, new: CaseResult, settings: GateSettings) -> Change
         by = new.severity - base.severity
         if abs(by) > settings.harsher_by:
             return ChangedCase("harsher" if by > 0.0 else "softer", base, new, by)
-    if base.index is not None and new.index is not None:
-        by = new.index - base.index
-        if abs(by) > settings.less_human_by:
-            return ChangedCase("less human" if by < 0.0 else "more human", base, new, by)
+    for before_value, after_value in ((base.human_likeness, new.human_likeness), (base.index, new.index)):
+        if before_value is not None and after_value is not None:
+            by = after_value - before_value
+            if abs(by) > settings.less_human_by:
+                return ChangedCase("less human" if by < 0.0 else "more human", base, new, by)
     return None
+
+
+def _lost(cases: Sequence[CaseResult], run: Evaluation) -> list[float]:
+    """max(0, U - Ug) of cases, m/s; nan where one of both is not known."""
+    terms = case_terms(cases, run.settings.method)
+    return [float(value) for value in excess(terms.severity, terms.ideal)]
+
+
+def _moved(change: ChangedCase, regret_before: float, regret_now: float) -> dict[str, float]:
+    pairs = {
+        "regret": (regret_before, regret_now),
+        "H_i": (change.base.human_likeness, change.new.human_likeness),
+        "D_i": (change.base.index, change.new.index),
+    }
+    moved = {name: now - before for name, (before, now) in pairs.items() if before is not None and now is not None}
+    return {name: by for name, by in moved.items() if np.isfinite(by) and by}
 
 
 def _quantity_changes(
     old: Sequence[CaseResult], now: Sequence[CaseResult], base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    before, after = as_arrays(old, base.settings.method), as_arrays(now, new.settings.method)
+    before, after = case_terms(old, base.settings.method), case_terms(now, new.settings.method)
     once = np.ones((1, len(old)))
     values = quantities(before, once, base.settings.method), quantities(after, once, new.settings.method)
     drawn = paired_differences(

@@ -13,6 +13,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
 
 CONFIDENCE = "confidence.json"
+SHOWN_SCORES = {"avoided_share": 3, "human_likeness": 3, "s_plus": 1, "c": 3, "d": 3, "s": 1}  # and their digits
 SHOWN = 8  # further cases that the page lists; the file has all of them
 CELL = 17  # pixels of a bucket in the picture
 
@@ -47,16 +48,16 @@ def confidence_content(evaluation: Evaluation, confidence: Confidence) -> dict[s
 
 def _row(item: Assessment) -> dict[str, Any]:
     row: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
-    if item.intervals is None or item.risk is None:
+    if item.risk is None or not item.intervals:
         return row | {"known": False}
-    found = item.intervals
     return row | {
         "known": True,
-        "c": _words(found.c, 3),
-        "d": None if found.d is None else _words(found.d, 3),
-        "s": _words(found.s, 1),
-        "sources": {name: f"{width:.1f}" for name, width in found.sources.items()},
-        "lost": f"{found.d_lost:.0%}",
+        "scores": {
+            name: _words(item.intervals[name], digits) if name in item.intervals else None
+            for name, digits in SHOWN_SCORES.items()
+        },
+        "sources": dict.fromkeys(("cases", "drivers"), "–")
+        | {name: f"{width:.1f}" for name, width in item.sources.get("s_plus", {}).items()},
         "probability": _words(item.risk.collision_probability, 1, percent=True),
         "loss": _words(item.risk.expected_loss, 3),
         "effective": f"{item.risk.effective_cases:.0f}",
@@ -72,9 +73,9 @@ def _words(interval: Interval, digits: int, *, percent: bool = False) -> dict[st
 def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
     found = item.further
     names = list(confidence.coverage[item.scenario].empty_centre)
-    if found is None or item.intervals is None or not len(found.points):
+    if found is None or "s" not in item.sources or not len(found.points):
         return {"ads": item.ads, "scenario": item.scenario, "points": []}
-    width = item.intervals.sources["cases"]
+    width = item.sources["s"]["cases"]
     return {
         "ads": item.ads,
         "scenario": item.scenario,
@@ -123,22 +124,14 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
     return {"x": pair.x, "y": pair.y, "cells": cells, "width": CELL * columns, "height": CELL * rows, "cell": CELL}
 
 
-def _interval_json(interval: Interval | None) -> dict[str, float] | None:
-    if interval is None:
-        return None
+def _interval_json(interval: Interval) -> dict[str, float]:
     return {"value": interval.value, "low": interval.low, "high": interval.high, "level": interval.level}
 
 
 def _assessment_json(item: Assessment, coverage: SpaceCoverage) -> dict[str, Any]:
     plain: dict[str, Any] = {"ads": item.ads, "scenario": item.scenario, "reason": item.reason}
-    if item.intervals is not None:
-        plain |= {
-            "c": _interval_json(item.intervals.c),
-            "d": _interval_json(item.intervals.d),
-            "s": _interval_json(item.intervals.s),
-            "s_half_width_by_source": item.intervals.sources,
-            "share_without_d": item.intervals.d_lost,
-        }
+    plain |= {name: _interval_json(interval) for name, interval in item.intervals.items()}
+    plain |= {f"{name}_half_width_by_source": dict(parts) for name, parts in item.sources.items()}
     if item.risk is not None:
         plain |= {
             "collision_probability": _interval_json(item.risk.collision_probability),

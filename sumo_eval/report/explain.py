@@ -9,20 +9,25 @@ import numpy as np
 
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import Fact, Store, open_store
+from sumo_eval.case_terms import avoided_share_losses, case_terms
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
+from sumo_eval.method.score_terms import excess
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
 from sumo_eval.report.words import (
+    LIKENESS_FACTORS,
     MEASURES,
-    avoided_share,
     cases_of,
     end_reason,
     explain_s,
+    explain_s_plus,
     number,
     outcome,
     placed,
     point,
+    ratio_of,
+    severity_unit,
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
@@ -52,7 +57,10 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
             *(f"  {line}" for line in _zone(case, zones)),
             *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
             *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),
+            *(f"  {line}" for line in _avoided(case, score, evaluation)),
+            *(f"  {line}" for line in _human(case, score, evaluation)),
             *(f"  {line}" for line in _measures(case)),
+            f"  {explain_s_plus(score, evaluation.settings)}",
             f"  Eq. 18: {explain_s(score, evaluation.settings)}",
         ]
 
@@ -90,7 +98,7 @@ def _collision(
         yield "Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C"
         return
     loss = evaluation.settings.method.collision.loss
-    ratio = avoided_share(case, loss) or 0.0
+    ratio = ratio_of(case, loss) or 0.0
     what = "Ug/U" if loss == "severity" else "Lg/L"
     best = f"hits with Ug = {case.ideal_severity:.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
     yield (
@@ -150,9 +158,10 @@ def _likeness(
         yield f"WARNING: the score has D_i = {case.index:.6f}, which this arithmetic does not give"
     indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
     exposure = math.fsum(one.exposure for one in indexed)
+    of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     terms, share = evaluation.settings.method.score, case.exposure / exposure
     yield (
-        f"Eq. 13: share of exposure p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
         f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:.5f} and took "
         f"{share * (1.0 - case.index):.5f}, {terms.b * terms.k6 * share * (1.0 - case.index):.2f} points of S"
     )
@@ -178,6 +187,72 @@ def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
     )
     product = f"{index.length_factor:.4f} x {index.operation_factor:.4f} x {index.similarity:.4f}"
     yield f"Eq. 12: D_i = {product} = {index.value:.4f}"
+
+
+def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+    """What the case takes from A = 1 - sum(w max(0, U - Ug)) / sum(w max(0, U0 - Ug))."""
+    unknown = [
+        words
+        for words, known in (
+            ("the case", case.evaluated),
+            ("the ideal vehicle's", case.ideal_severity is not None),
+            ("that of `no_reaction`", case.no_reaction_severity is not None),
+        )
+        if not known
+    ]
+    if unknown or score.avoided_share is None:
+        yield f"A: this case has no part in it; {' and '.join(unknown) or 'it'} could not be evaluated"
+        return
+    settings = evaluation.settings
+    unit = severity_unit(settings)
+    cases = cases_of(evaluation, score)
+    terms = case_terms(cases, settings.method)
+    row = next(place for place, one in enumerate(cases) if one.case == case.case)
+    losses = avoided_share_losses(terms)
+    u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
+    lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
+    kinds = ((case.caused, "caused by the ADS"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
+    which = next((f": the collision is {words}" for holds, words in kinds if holds), "")
+    yield f"A: U = {u:.3f}{unit}, ideal vehicle Ug = {ideal:.3f}{unit}, doing nothing U0 = {nothing:.3f}{unit}{which}"
+    taken = float(losses[row])
+    yield (
+        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:.4f}, "
+        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:.4f}; of 1 - A = {1.0 - score.avoided_share:.4f} this "
+        f"case took {taken:.4f}, {settings.method.score.a * taken:.2f} points of S+"
+        + (" before A below 0 counts 0" if score.avoided_share < 0.0 else "")
+    )
+
+
+def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+    """What the case gives to H, the mean of f_L f_n+ similarity plausibility over the safe cases."""
+    if case.zone != "safe":
+        yield "H: the hazardous zone has no part in it"
+        return
+    if case.human_likeness is None:
+        why = (
+            "the ideal vehicle collides here as well"
+            if case.unavoidable
+            else case.index_note or case.error or "fewer than two drivers to compare with"
+        )
+        yield f"H: this case has no part in it: {why}"
+        return
+    if case.collided:
+        yield "H: 0, a collision in a safe case that the ideal vehicle avoids"
+    else:
+        factors = [getattr(case, field) for field, _ in LIKENESS_FACTORS.values()]
+        yield (
+            f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
+            f"{case.human_likeness:.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
+        )
+    counted = [one for one in cases_of(evaluation, score) if one.human_likeness is not None]
+    exposure = math.fsum(one.exposure for one in counted)
+    if exposure > 0.0:
+        share = case.exposure / exposure
+        yield (
+            f"H: share of the mean {share:.5f} ({len(counted)} cases); of H = {number(score.human_likeness, 4)} this "
+            f"case gives {share * case.human_likeness:.5f} and took {share * (1.0 - case.human_likeness):.5f}, "
+            f"{evaluation.settings.method.score.b * share * (1.0 - case.human_likeness):.2f} points of S+"
+        )
 
 
 def _measures(case: CaseResult) -> Iterator[str]:

@@ -13,12 +13,13 @@ from sumo_eval.errors import InputError
 from sumo_eval.settings import About, Checked, NotNegative
 
 Quantity = Literal[
-    "S", "C", "D", "collision_probability", "collisions", "safe_collisions", "off_road", "not_evaluated",
+    "A", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
+    "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "not_evaluated",
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 ]  # fmt: skip
 
-HIGHER_IS_BETTER: tuple[Quantity, ...] = ("S", "C", "D")
-WITH_INTERVAL: tuple[Quantity, ...] = ("S", "C", "D", "collision_probability")
+HIGHER_IS_BETTER: tuple[Quantity, ...] = ("A", "H", "S+", "C", "D", "S")
+WITH_INTERVAL: tuple[Quantity, ...] = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 OF_THE_COMPARISON: tuple[Quantity, ...] = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 )  # fmt: skip
@@ -44,9 +45,7 @@ DEFAULT_LIMITS = (
     LimitSettings("new_collisions", at_most=0.0),
     LimitSettings("newly_off_road", at_most=0.0),
     LimitSettings("newly_not_evaluated", at_most=0.0),
-    LimitSettings("S", worse_by=0.0, only_if_certain=True),
-    LimitSettings("C", worse_by=0.0, only_if_certain=True),
-    LimitSettings("D", worse_by=0.0, only_if_certain=True),
+    *(LimitSettings(score, worse_by=0.0, only_if_certain=True) for score in HIGHER_IS_BETTER),
 )
 
 
@@ -61,7 +60,13 @@ class GateSettings(Checked):
         float, NotNegative, About("change of U from which a collision is harsher or softer", "m/s", "U", "15")
     ] = 0.1
     less_human_by: Annotated[
-        float, NotNegative, About("change of D_i from which a case is less or more human", symbol="D_i", equation="12")
+        float,
+        NotNegative,
+        About(
+            "change of a case's human-likeness, or of D_i, from which it is less or more human",
+            symbol="D_i",
+            equation="12",
+        ),
     ] = 0.01
     limit: Annotated[tuple[LimitSettings, ...], About("what is not let through")] = DEFAULT_LIMITS
 

@@ -13,7 +13,7 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
     Quantity,
 )
-from sumo_eval.report.words import count, number, point
+from sumo_eval.report.words import SCORES, count, number, point
 from sumo_eval.results import Evaluation, ScenarioResult
 
 _CHANGES: dict[Quantity, Change] = {
@@ -23,7 +23,9 @@ _CHANGES: dict[Quantity, Change] = {
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
-_DIGITS: dict[Quantity, int] = {"S": 2, "C": 4, "D": 4, "collision_probability": 6}
+_DIGITS: dict[Quantity, int] = {
+    "A": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
+}  # fmt: skip
 MOST_NAMED = 5  # cases in a sentence
 
 
@@ -107,7 +109,7 @@ def _judge_change(
     if change.new is None:
         return GateResult(
             *where, False, f"{quantity} was {_number(quantity, change.base)} and is not computed any more: "
-            f"{score.d_reason or 'no case could be evaluated'}", None, None,
+            f"{_why_missing(quantity, score)}", None, None,
         )  # fmt: skip
     allowed = abs(change.base) * bound / 100.0 if percent else bound
     loss = change.base - change.new if higher else change.new - change.base
@@ -130,12 +132,13 @@ def _judge_change(
 def _value(quantity: Quantity, score: ScenarioResult, compared: AdsComparison | None) -> float | None:
     if quantity in _CHANGES:
         return None if compared is None else float(compared.count(_CHANGES[quantity]))
-    values: dict[str, float | None] = {
-        "S": score.s, "C": score.c, "D": score.d, "collision_probability": score.collision_probability,
-        "collisions": score.collisions, "safe_collisions": score.safe_collisions, "off_road": score.off_road,
-        "not_evaluated": score.not_evaluated,
-    }  # fmt: skip
-    return values[quantity]
+    value: float | None = getattr(score, SCORES[quantity][0] if quantity in SCORES else quantity)
+    return value
+
+
+def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
+    reason = {"D": score.d_reason, "S": score.d_reason, "H": score.h_reason, "S+": score.h_reason}.get(quantity, "")
+    return reason or "no case could be evaluated"
 
 
 def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityChange:
@@ -147,6 +150,9 @@ def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityCha
             sum(
                 {
                     "collisions": case.collided,
+                    "avoidable_collisions": case.avoidable,
+                    "unavoidable_collisions": case.unavoidable,
+                    "caused_collisions": case.caused,
                     "safe_collisions": case.collided and case.zone == "safe",
                     "off_road": case.status == "off_road",
                     "not_evaluated": not case.evaluated,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.words import cases_of
+from sumo_eval.report.words import SCORES, cases_of
 from sumo_eval.results import Evaluation, ScenarioResult
 
 HISTORY = "history.sqlite"
@@ -207,11 +207,12 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, float | None]:
     """What a night keeps of one ADS in one logical scenario."""
     return {
-        "S": score.s,
-        "C": score.c,
-        "D": score.d,
+        **{name: getattr(score, field) for name, (field, _) in SCORES.items()},
         "collision_probability": score.collision_probability,
         "collisions": score.collisions,
+        "avoidable_collisions": score.avoidable_collisions,
+        "unavoidable_collisions": score.unavoidable_collisions,
+        "caused_collisions": score.caused_collisions,
         "not_evaluated": score.not_evaluated,
         "run_time": sum(case.wall_time or 0.0 for case in cases_of(evaluation, score)),
     }

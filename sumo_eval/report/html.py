@@ -21,21 +21,33 @@ from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside
 from sumo_eval.report.words import (
     FACTORS,
+    GLOSSARY,
+    LIKENESS_FACTORS,
     OUTCOMES,
+    SCORES,
     CollisionShare,
     cases_of,
     collision_shares,
+    collision_words,
     drivers_are_synthetic,
     drivers_sentence,
+    explain_a,
     explain_c,
     explain_d,
+    explain_h,
     explain_s,
+    explain_s_plus,
     factor_means,
     index_notes,
+    interval_words,
+    likeness_means,
     number,
     percent,
     point,
     reason_without_d,
+    reason_without_h,
+    severity_unit,
+    share_lost,
     unevaluated,
 )
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
@@ -80,6 +92,11 @@ def asset(name: str) -> Markup:
     return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
+def term(name: str, shown: str = "") -> Markup:
+    """A term with its meaning as a tooltip; the glossary at the page's end has the same words."""
+    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY[name], shown or name)
+
+
 def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
     settings = evaluation.settings
     missing = unevaluated(evaluation)
@@ -89,6 +106,10 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "ads_count": len({score.ads for score in evaluation.scores}),
         "cases": len(evaluation.cases),
         "collisions": sum(case.collided for case in evaluation.cases),
+        "avoidable": sum(case.avoidable for case in evaluation.cases),
+        "term": term,
+        "glossary": GLOSSARY,
+        "unit": severity_unit(settings),
         "groups": [
             _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario])
             for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
@@ -99,6 +120,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "reference": reference_ads(settings),
         "reference_sentence": reference_sentence(settings),
         "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
+        "likeness_factors": {name: meaning for name, (_, meaning) in LIKENESS_FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
         "embedded": {
             "points": data["embedded"],
@@ -111,6 +133,8 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         ],
         "index_notes": index_notes(evaluation),
         "synthetic": drivers_are_synthetic(settings),
+        "exposure_known": evaluation.exposure_known(),
+        "collision_words": collision_words(evaluation.exposure_known()),
         "drivers_sentence": drivers_sentence(settings),
         "score_settings": settings.method.score,
         "field": settings.method.anthropomorphic.field,
@@ -147,6 +171,8 @@ def _group(
         "name": logical.name,
         "about": logical.about,
         "exposure": logical.exposure_about,
+        "probability": collision_words(evaluation.exposure_known(logical.name)),
+        "mean": "exposure-weighted mean" if evaluation.exposure_known(logical.name) else "mean over the points",
         "rows": [_row(score, evaluation) for score in evaluation.scores if score.scenario == logical.name],
         "zone": zone,
         "map_words": view.words,
@@ -195,28 +221,54 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
     """One ADS in one logical scenario, in the words and digits of the page."""
     settings = evaluation.settings
     cases = cases_of(evaluation, score)
-    means = factor_means(cases)
+    means, likeness = factor_means(cases), likeness_means(cases)
+    losses = dict(zip((case.case for case in cases), share_lost(cases, settings), strict=True))
     return {
         "score": score,
+        "values": {name: _value(score, name) for name in SCORES},
         "c": number(score.c, 3),
         "d": number(score.d, 3),
+        "h": number(score.human_likeness, 3),
+        "a": number(score.avoided_share, 3),
         "no_d": reason_without_d(score),
-        "s": number(score.s, 1),
-        "c_points": number(score.c_points, 1),
-        "d_points": number(score.d_points, 1),
-        "c_width": f"{min(score.c_points, 100.0):.2f}",
-        "d_width": f"{min(score.d_points, 100.0 - min(score.c_points, 100.0)):.2f}",
+        "no_h": reason_without_h(score),
+        "a_points": number(score.a_points, 1),
+        "h_points": number(score.h_points, 1),
+        "a_width": f"{min(score.a_points, 100.0):.2f}",
+        "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):.2f}",
         "probability": percent(score.collision_probability),
-        "explained": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
+        "explained": [
+            explain_a(score, cases, settings),
+            explain_h(score, cases),
+            [explain_s_plus(score, settings)],
+        ],
+        "explained_paper": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
         "factor_means": [number(means.get(name), 3) for name in FACTORS],
+        "likeness_means": [number(likeness.get(name), 3) for name in LIKENESS_FACTORS],
+        "likened": sum(case.human_likeness is not None for case in cases),
+        "likened_hits": sum(case.human_likeness is not None and case.collided for case in cases),
         "indexed": sum(case.index is not None and case.zone == "safe" for case in cases),
-        "collisions": [_collision(share) for share in collision_shares(cases, settings)],
+        "collisions": [_collision(share, losses[share.case.case]) for share in collision_shares(cases, settings)],
     }
 
 
-def _collision(share: CollisionShare) -> dict[str, Any]:
-    case = share.case
+def _value(score: ScenarioResult, name: str) -> dict[str, str]:
+    """A score and its interval, in digits; both empty where there is none."""
+    field, digits = SCORES[name]
+    value, interval = getattr(score, field), getattr(score, f"{field}_interval")
     return {
+        "value": "" if value is None else number(value, digits),
+        "interval": interval_words(interval, digits - 1),
+    }
+
+
+def _collision(share: CollisionShare, a_lost: float | None) -> dict[str, Any]:
+    case = share.case
+    kinds = ((case.caused, "caused"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
+    return {
+        "kind": next((words for holds, words in kinds if holds), "not known"),
+        "unreacting": "not known" if case.no_reaction_severity is None else number(case.no_reaction_severity, 1),
+        "a_lost": number(a_lost, 4),
         "key": quote(case.case, safe=""),
         "point": point(case.values),
         "zone": case.zone,

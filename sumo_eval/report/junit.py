@@ -111,12 +111,12 @@ def _case_test(case: CaseResult, reason: str | None, report: ReportSettings) -> 
         return Test(name, "error", case.status, _first_line(reason or case.status), reason or "", seconds)
     if case.status == "off_road":
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
-    if case.collided:
-        # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
-        excused = case.zone == "hazardous" and bool(case.ideal_severity)
-        if report.junit_failures == "any" or not excused:
-            message = f"{case.ads} collided in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
-            return Test(name, "failure", "collision", message, _facts(case), seconds)
+    # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
+    if case.collided and (report.junit_failures == "any" or not case.unavoidable):
+        kind = "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable"
+        which = f"{kind} collision" if case.ideal_severity is not None else "collision"
+        message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
+        return Test(name, "failure", "collision", message, _facts(case), seconds)
     if reason is not None:
         return Test(name, "error", "not_evaluated", _first_line(reason), reason, seconds)
     return Test(name, "passed", seconds=seconds)
@@ -125,9 +125,12 @@ def _case_test(case: CaseResult, reason: str | None, report: ReportSettings) -> 
 def _facts(case: CaseResult) -> str:
     lines = [f"case {case.case}", f"end: {end_reason(case)}"]
     if case.collided:
-        ideal = "not known" if case.ideal_severity is None else number(case.ideal_severity, 2)
+        ideal, nothing = (
+            "not known" if value is None else f"{number(value, 2)} m/s"
+            for value in (case.ideal_severity, case.no_reaction_severity)
+        )
         lines.append(
-            f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal} m/s, "
+            f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing nothing = {nothing}, "
             f"overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
     return "\n".join(lines)

@@ -9,7 +9,8 @@ from typing import Any
 from sumo_eval.errors import InputError, said
 
 OPINION = "opinion.json"
-_MOST = {"S": 100.0, "D": 1.0, "C": 1.0}
+_MOST = {"S+": 100.0, "A": 1.0, "H": 1.0, "S": 100.0, "D": 1.0, "C": 1.0}
+"""The scores beside the opinion and the most that each can be; a file of an earlier version may lack some."""
 
 
 def opinion_content(folder: Path) -> dict[str, Any] | None:
@@ -24,8 +25,14 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
         panels = [
             {"name": name, "most": f"{most:g}", "rho": rho[name], "dots": _dots(rows, name, most)}
             for name, most in _MOST.items()
+            if name in rho
         ]
-        return {"rows": rows, "concordance": told["concordance"], "panels": panels}
+        return {
+            "rows": rows,
+            "names": [panel["name"] for panel in panels],
+            "concordance": told["concordance"],
+            "panels": panels,
+        }
     except FileNotFoundError:
         return None
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -40,5 +47,5 @@ def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, 
         score, opinion = row["scores"][name], row["opinion"]
         if score is not None:
             words = f"{row['ads']} in {row['scenario']}: opinion {opinion:.2f}, {name} {score:.3g}"
-            dots.append({"opinion": opinion, "share": min(score / most, 1.0), "words": words})
+            dots.append({"opinion": opinion, "share": min(max(score / most, 0.0), 1.0), "words": words})
     return dots

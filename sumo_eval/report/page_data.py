@@ -21,7 +21,17 @@ from sumo_eval.batch.store import EGO, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
-from sumo_eval.report.words import MEASURES, CollisionShare, collision_shares, end_reason, outcome, unevaluated
+from sumo_eval.report.words import (
+    MEASURES,
+    CollisionShare,
+    cases_of,
+    collision_shares,
+    end_reason,
+    outcome,
+    severity_unit,
+    share_lost,
+    unevaluated,
+)
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
@@ -70,20 +80,24 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
             evaluation.settings,
         )
     }
+    taken: dict[str, float | None] = {}
+    for score in evaluation.scores:
+        cases = cases_of(evaluation, score)
+        taken |= zip((case.case for case in cases), share_lost(cases, evaluation.settings), strict=True)
     judged = verdicts(evaluation)
     with open_store(evaluation.folder / FACTS) as store:
         runs = MOST_BYTES // BYTES_OF_A_RUN
         while True:
             embedded = worth_embedding(evaluation, store, runs)
             scenarios = [
-                _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, judged)
+                _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, taken, judged)
                 for zone in evaluation.zones
             ]
             sent = [scenario["trajectories"] for scenario in scenarios]
-            taken = sum(len(them["data"]) + BYTES_OF_A_RUN_BEYOND * len(them["beyond"]) for them in sent)
-            if taken <= MOST_BYTES or not embedded.points:
+            size = sum(len(them["data"]) + BYTES_OF_A_RUN_BEYOND * len(them["beyond"]) for them in sent)
+            if size <= MOST_BYTES or not embedded.points:
                 break
-            runs = int(runs * 0.95 * MOST_BYTES / taken)  # as many as fit, by what these really took
+            runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
     return {
         "field": {
             "k1": anthropomorphic.field.k1,
@@ -92,6 +106,7 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
             "superposition": anthropomorphic.field.superposition,
         },
         "channels": CHANNEL_STEPS,
+        "severityUnit": severity_unit(evaluation.settings),
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
         "embedded": len(embedded.points),
         "embeddedDrivers": len(embedded.with_drivers),
@@ -106,6 +121,7 @@ def _scenario(
     embedded: Embedded,
     reasons: Mapping[str, str],
     shares: Mapping[str, CollisionShare],
+    taken: Mapping[str, float | None],
     judged: Mapping[str, Verdict],
 ) -> dict[str, Any]:
     logical = zones.logical
@@ -124,7 +140,9 @@ def _scenario(
         recorded = store.trajectories(case.case) if here else {}
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
-        row = _case(case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case))
+        row = _case(
+            case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case), taken.get(case.case)
+        )
         row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
         row["contact"] = contact(hits.get(case.case), recorded.get(EGO))
         rows.append(row)
@@ -174,7 +192,12 @@ def _scenario(
 
 
 def _case(
-    case: CaseResult, row: FloatArray, view: View, reason: str | None, share: CollisionShare | None
+    case: CaseResult,
+    row: FloatArray,
+    view: View,
+    reason: str | None,
+    share: CollisionShare | None,
+    a_lost: float | None,
 ) -> dict[str, Any]:
     """One case; the page computes nothing of this anew."""
     return {
@@ -198,6 +221,13 @@ def _case(
         "severity": case.severity,
         "loss": case.loss,
         "idealSeverity": case.ideal_severity,
+        "noReactionSeverity": case.no_reaction_severity,
+        "kind": "caused" if case.caused else "avoidable" if case.avoidable else "unavoidable",
+        "aLost": a_lost if case.collided else None,
+        "humanLikeness": case.human_likeness,
+        "operationTolerance": case.operation_tolerance,
+        "mixtureSimilarity": case.mixture_similarity,
+        "plausibility": case.plausibility,
         "weight": case.weight,
         "avoided": share.avoided if share else None,
         "lost": share.lost if share else None,

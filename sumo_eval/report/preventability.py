@@ -76,7 +76,7 @@ def reference_sentence(settings: EvaluationSettings) -> str:
         return f"The reference is “{ads}”, driven through the same concrete scenarios as every other ADS of this run."
     return (
         f"No ADS of this run is “{settings.report.reference}”, so the reference is the ideal vehicle, which brakes at "
-        "once at the limit. It was driven only where an ADS collided; elsewhere its outcome is not known."
+        "once at the limit, driven through the same concrete scenarios."
     )
 
 

@@ -95,7 +95,8 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         ),
         (
             "13",
-            "D is the exposure-weighted mean of D_i over the safe zone. After a collision there, D is not computed.",
+            "D is the mean of D_i over the safe zone, weighted by exposure where one was declared or measured. After a "
+            "collision there that the ideal vehicle avoids, D is not computed.",
         ),
         ("14–15", "U is the relative speed at first contact over the overlap w, and w is at least 0.5."),
         (
@@ -113,5 +114,17 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
             "C averages over collisions only, as the paper has it, so avoiding one can lower it. Read it beside the "
             "number of collisions. Without a collision C = 1.",
         ),
+        (
+            "beside 17",
+            "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 is that of "
+            "`no_reaction`, U = 0 without contact. Who is no worse in any case and better in one never has a lower A.",
+        ),
+        (
+            "beside 13",
+            "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who make the same kind of "
+            "manoeuvre and the plausibility, multiplied. A collision there that the ideal vehicle avoids counts 0; one "
+            "that it has as well is left out.",
+        ),
+        ("beside 18", f"S+ = {method.score.a:g} max(0, A) + {method.score.b:g} H."),
         ("18", f"S = {method.score.a:g} k5 C + {method.score.b:g} k6 D. Where D is not computed its term counts 0."),
     ]

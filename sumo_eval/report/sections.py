@@ -15,11 +15,11 @@ from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.ledger import ledger, sentences
+from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
-from sumo_eval.report.terminal import quantity_words, verdict_of
-from sumo_eval.report.words import number, point
+from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
+from sumo_eval.report.words import interval_words, number, point
 from sumo_eval.results import Evaluation
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
@@ -97,7 +97,7 @@ def _changed(item: ChangedCase) -> dict[str, Any]:
         "point": point(item.new.values),
         "change": item.change,
         "worse": item.worse,
-        "by": "" if item.by is None else f"{item.by:+.3g}" + (" m/s" if item.change in ("harsher", "softer") else ""),
+        "by": ", ".join(moved_words(item)),
         "base": _outcome(item, base=True),
         "new": _outcome(item, base=False),
     }
@@ -107,33 +107,41 @@ def _outcome(item: ChangedCase, *, base: bool) -> str:
     case = item.base if base else item.new
     if case.severity is not None:
         return f"U {number(case.severity, 1)} m/s"
-    return case.status if case.index is None else f"{case.status}, D_i {number(case.index, 3)}"
+    likeness = [
+        f"{name} {number(value, 3)}"
+        for name, value in (("H_i", case.human_likeness), ("D_i", case.index))
+        if value is not None
+    ]
+    return ", ".join([case.status, *likeness])
 
 
 def ledger_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
-    """Where the points of every S went."""
-    found = [ledger(evaluation, score) for score in evaluation.scores]
+    """Where the points of every S+, and of the S beside it, went."""
     return {
         "ledgers": [
+            (_ledger(ledger_plus(evaluation, score)), _ledger(ledger(evaluation, score))) for score in evaluation.scores
+        ]
+    }
+
+
+def _ledger(found: Ledger) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "ads": found.ads,
+        "scenario": found.scenario,
+        "total": found.total,
+        "sentences": sentences(found),
+        "lines": [
             {
-                "ads": one.ads,
-                "scenario": one.scenario,
-                "total": one.total,
-                "sentences": sentences(one),
-                "lines": [
-                    {
-                        "line": line,
-                        "cases": [
-                            (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
-                            for entry in line.entries[:MOST_LEDGER_CASES]
-                            if entry.points < 0.0
-                        ],
-                    }
-                    for line in one.lines
+                "line": line,
+                "cases": [
+                    (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
+                    for entry in line.entries[:MOST_LEDGER_CASES]
+                    if entry.points < 0.0
                 ],
             }
-            for one in found
-        ]
+            for line in found.lines
+        ],
     }
 
 
@@ -142,9 +150,41 @@ def confidence_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, A
     return None if beside.confidence is None else confidence_content(evaluation, beside.confidence)
 
 
+def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
+    """The ADSs in order of S+ over all scenarios; nothing where they were not ranked."""
+    found = evaluation.ranking
+    if found is None:
+        return None
+    weights = {name: f"{weight:g}" for name, weight in found.weights.items()}
+    return {
+        "weights": weights if len(set(weights.values())) > 1 else {},
+        "level": f"{100.0 * found.level:g} %",
+        "rows": [
+            {
+                "ads": one.ads,
+                "place": "–" if one.place is None else str(one.place),
+                "s_plus": number(one.s_plus, 1),
+                "interval": interval_words(one.interval, 1).replace("..", " to "),
+            }
+            for one in found.ads
+        ],
+        "pairs": [
+            {
+                "above": pair.above,
+                "below": pair.below,
+                "difference": f"{pair.difference:+.1f}",
+                "interval": interval_words(pair.interval, 1).replace("..", " to ") or "not known",
+                "told_apart": pair.told_apart,
+            }
+            for pair in found.pairs
+        ],
+    }
+
+
 SECTIONS = (
     Section("change", "Change", change_content),
     Section("verdict", "Verdict", always),
+    Section("ranking", "Ranking", ranking_content),
     Section("ledger", "Ledger", ledger_content),
     Section("maps", "Zone maps", always),
     Section("case", "One case", always),
@@ -156,5 +196,6 @@ SECTIONS = (
     Section("missing", "Not evaluated", always),
     Section("confidence", "Confidence", confidence_section),
     Section("zones", "Zones", always),
+    Section("glossary", "Glossary", always),
     Section("settings", "Settings", always),
 )

@@ -15,6 +15,7 @@ from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.text import cell
 
+_ALSO = {"d_i": "index"}  # columns that show a field under a second name
 _FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
 _REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
 
@@ -26,16 +27,16 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     Text that a spreadsheet would run as a formula begins with `'`.
     """
     parameters = list(dict.fromkeys(name for case in evaluation.cases for name in case.values))
-    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST) else name for name in parameters]
+    headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(map(cell, (*_FIRST, *headings, *_REST)))
+            writer.writerow(map(cell, (*_FIRST, *headings, *_REST, *_ALSO)))
             for case in evaluation.cases:
                 row = (
                     *(getattr(case, name) for name in _FIRST),
                     *(case.values.get(name) for name in parameters),
-                    *(getattr(case, name) for name in _REST),
+                    *(getattr(case, name) for name in (*_REST, *_ALSO.values())),
                 )
                 writer.writerow(map(cell, row))
     except OSError as error:
@@ -61,10 +62,12 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "format_version": evaluation.manifest.get("format_version"),
         "versions": evaluation.manifest.get("versions", {}),
         "seed": settings.seed,
+        "severity": evaluation.manifest.get("severity", {}),
         "points": {"a": settings.method.score.a, "b": settings.method.score.b},
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "not_evaluated": evaluation.not_evaluated,
         "scores": [asdict(score) for score in evaluation.scores],
+        "ranking": None if evaluation.ranking is None else asdict(evaluation.ranking),
         "preventability": {
             "reference": reference_ads(settings) or "ideal vehicle",
             "rows": [asdict(row) for row in preventability(evaluation)],

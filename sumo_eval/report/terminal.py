@@ -5,49 +5,93 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from sumo_eval.report.comparison import BETTER, WORSE, Comparison, QuantityChange
+from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.ledger import ledger
+from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
+    SCORES,
     count,
     drivers_are_synthetic,
     drivers_sentence,
+    interval_words,
     number,
     point,
     reason_without_d,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, Ranking, ScenarioResult
 
-COLUMNS = ("ADS", "scenario", "C", "D", "S", "collisions", "in safe zone", "cases", "not evaluated")
+LEADING = ("collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+")
+PAPERS = ("C", "D", "S", "cases", "in safe zone", "not evaluated")
+COLUMNS = ("ADS", "scenario", *LEADING, *PAPERS)
+"""What is said of an ADS in a logical scenario, in this order: `LEADING` before the scores of the paper."""
+WARNING = frozenset({"avoidable", "caused", "in safe zone", "not evaluated"})
+BOLD = frozenset({"S+", "S"})
+HEADINGS = {
+    "collisions": "colli-\nsions", "avoidable": "avoid-\nable", "unavoidable": "unavoid-\nable",
+    "in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated",
+}  # fmt: skip
+"""Headings that are broken to be narrow."""
+WORDS = (
+    "Avoidable: the ideal vehicle has no collision there; caused: of these, a car that does nothing has none either. "
+    "A: avoided share, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+: both, of 100 points. "
+    "C, D, S: the paper's scores. Below a score: its interval."
+)
 NOT_COMPUTED = "not computed"
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
 
 
-def score_table(evaluation: Evaluation) -> Table:
-    """C, D and S of every ADS in every logical scenario, for a terminal."""
-    table = Table(title=Text(f"{evaluation.name}: C and D within 0..1, S of 100 points"), title_justify="left")
-    for index, heading in enumerate(COLUMNS):
-        table.add_column(heading, justify="left" if index < 2 else "right", overflow="fold")
-    for position, score in enumerate(evaluation.scores):
-        last_of_scenario = (
-            position + 1 < len(evaluation.scores) and evaluation.scores[position + 1].scenario != score.scenario
-        )
+def score_table(evaluation: Evaluation, width: int = 200) -> Group:
+    """The scores of every ADS, a table for each logical scenario, or two where one is wider than the terminal.
+
+    A score's interval stands below it. width: of the terminal, characters.
+    """
+    parts: list[Table | Text] = [Text(_one_line(evaluation.name)), Text()]
+    for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
+        scores = [score for score in evaluation.scores if score.scenario == scenario]
+        whole = _table(scores, (*LEADING, *PAPERS), scenario)
+        room = Console(width=width).options
+        if Measurement.get(Console(width=1000), room.update(max_width=1000), whole).maximum <= width:
+            parts.append(whole)
+        else:
+            parts += [_table(scores, LEADING, scenario), Text(), _table(scores, PAPERS, "")]
+        parts.append(Text())
+    return Group(*parts, Text(WORDS))
+
+
+def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str) -> Table:
+    table = Table(
+        title=Text(title, "bold") if title else None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1),
+        collapse_padding=True, pad_edge=False, show_edge=False,
+    )  # fmt: skip
+    table.add_column("ADS", overflow="fold", min_width=8)
+    for heading in columns:
+        table.add_column(HEADINGS.get(heading, heading), justify="right", no_wrap=True)
+    for score in scores:
+        cells = _cells(score, coarser=1)
         # Text, because an ADS may be called `[red]`: rich would read that as a colour.
-        table.add_row(
-            *(Text(cell, _style(cell, heading)) for cell, heading in _row(score)), end_section=last_of_scenario
-        )
+        table.add_row(Text(_one_line(score.ads)), *(_styled(*cells[heading], heading) for heading in columns))
     return table
 
 
+def _styled(value: str, interval: str, heading: str) -> Text:
+    """A cell: bold for the scores, yellow for what a person should look into, the interval below it."""
+    warns = value == NOT_COMPUTED or (heading in WARNING and value != "0")
+    text = Text(value, "yellow" if warns else "bold" if heading in BOLD else "")
+    return text.append(f"\n{interval}", "dim") if interval else text
+
+
 def plain_table(evaluation: Evaluation) -> str:
-    """The same table as aligned text without lines, for logs and pipes."""
-    rows = [COLUMNS, *(tuple(cell for cell, _ in _row(score)) for score in evaluation.scores)]
+    """The same numbers as aligned text without lines, one line an ADS and logical scenario, for logs and pipes."""
+    rows = [COLUMNS, *(tuple(_row(score)) for score in evaluation.scores)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
     return "\n".join(
         "  ".join(
@@ -60,7 +104,8 @@ def plain_table(evaluation: Evaluation) -> str:
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
     """What a person must know besides the table, one sentence a line."""
-    lines = [
+    lines = ranking_lines(evaluation.ranking)
+    lines += [
         f"C of {score.ads} in {score.scenario} is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."
         for score in evaluation.scores
         if score.c is None
@@ -69,6 +114,11 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its term counts 0 points."
         for score in evaluation.scores
         if score.d is None
+    ]
+    lines += [
+        f"H of {score.ads} in {score.scenario} is {score.h_reason}. Its term counts 0 points of S+."
+        for score in evaluation.scores
+        if score.human_likeness is None and score.h_reason
     ]
     missing = unevaluated(evaluation)
     if missing:
@@ -109,34 +159,35 @@ def _of_a_kind(kind: Sequence[tuple[CaseResult, str]]) -> str:
     return f"{_one_line(case.case)}{more}: {_shortened(_one_line(sentence))}{place}"
 
 
-def _row(score: ScenarioResult) -> list[tuple[str, str]]:
-    cells = (
-        score.ads,
-        score.scenario,
-        _with_interval(NOT_COMPUTED if score.c is None else number(score.c, 3), score.c_interval, 3),
-        _with_interval(NOT_COMPUTED if score.d is None else number(score.d, 3), score.d_interval, 3),
-        _with_interval(number(score.s, 1), score.s_interval, 1),
-        str(score.collisions),
-        str(score.safe_collisions),
-        str(score.cases),
-        str(score.not_evaluated),
-    )
-    return [(_one_line(cell), heading) for cell, heading in zip(cells, COLUMNS, strict=True)]
+def _row(score: ScenarioResult) -> list[str]:
+    cells = _cells(score)
+    joined = [f"{value} ({interval})" if interval else value for value, interval in map(cells.__getitem__, COLUMNS[2:])]
+    return [_one_line(cell) for cell in (score.ads, score.scenario, *joined)]
 
 
-def _with_interval(cell: str, interval: tuple[float, float] | None, digits: int) -> str:
-    """A value whose cases are not all there is never shown without what it could have been."""
-    if interval is None:
-        return cell
-    return f"{cell} ({number(interval[0], digits)}..{number(interval[1], digits)})"
+def _cells(score: ScenarioResult, coarser: int = 0) -> dict[str, tuple[str, str]]:
+    """(value, interval) of every column but the names; a value is never shown without the interval that it has.
+
+    coarser: decimals that the interval has less than its value.
+    """
+    counts = {
+        "collisions": score.collisions,
+        "avoidable": score.avoidable_collisions,
+        "unavoidable": score.unavoidable_collisions,
+        "caused": score.caused_collisions,
+        "cases": score.cases,
+        "in safe zone": score.safe_collisions,
+        "not evaluated": score.not_evaluated,
+    }
+    cells = {heading: (str(value), "") for heading, value in counts.items()}
+    for heading, (field, digits) in SCORES.items():
+        value, interval = getattr(score, field), getattr(score, f"{field}_interval")
+        cells[heading] = _or_not_computed(value, digits), interval_words(interval, digits - coarser)
+    return cells
 
 
-def _style(cell: str, heading: str) -> str:
-    """Bold for the score, yellow for what a person should look into."""
-    if heading == "S":
-        return "bold"
-    warns = cell.startswith(NOT_COMPUTED) or (heading in {"in safe zone", "not evaluated"} and cell != "0")
-    return "yellow" if warns else ""
+def _or_not_computed(value: float | None, digits: int) -> str:
+    return NOT_COMPUTED if value is None else number(value, digits)
 
 
 def _shortened(sentence: str) -> str:
@@ -148,10 +199,36 @@ def _one_line(text: str) -> str:
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
+def ranking_lines(ranking: Ranking | None) -> list[str]:
+    """The ADSs in the order of S+, each with the difference to the one above it; nothing of a single ADS."""
+    if ranking is None or len(ranking.ads) < 2:
+        return []
+    weighed = set(ranking.weights.values()) != {1.0}
+    weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
+    lines = [
+        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}; {ranking.level:.0%} intervals:"
+    ]
+    above = ""
+    for one in ranking.ads:
+        if one.place is None or one.s_plus is None:
+            lines.append(f"  not ranked: {_one_line(one.ads)} has no S+ in some scenario")
+            continue
+        interval = interval_words(one.interval, 1)
+        words = f"  {one.place}. {_one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
+        if above:
+            pair = ranking.pair(above, one.ads)
+            ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
+            told = "" if pair.told_apart else ": not told apart, the place is shared"
+            words += f"  {number(-pair.difference, 1)}{ends} to {_one_line(above)}{told}"
+        lines.append(words)
+        above = one.ads
+    return lines
+
+
 # --- two runs ---------------------------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
-_COMPARED = {"S": 2, "C": 4, "D": 4, "collision_probability": 6}
+_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 6}
 
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> list[str]:
@@ -169,13 +246,20 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> lis
                 continue
             lines.append(f"  {kind}: {len(found)}")
             for item in found[:MOST_CHANGES]:
-                by = "" if item.by is None else f", {item.by:+.3g} {'m/s' if kind in ('harsher', 'softer') else ''}"
-                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by.rstrip()}")
+                by = "".join(f", {words}" for words in moved_words(item))
+                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by}")
             if len(found) > MOST_CHANGES:
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
     return [*lines, *gate_lines(gates)]
+
+
+def moved_words(item: ChangedCase) -> list[str]:
+    """By how much what the change is about moved, and everything else in the case that moves a score."""
+    about_impact = item.change in ("harsher", "softer")
+    words = [f"U {item.by:+.3g} m/s"] if about_impact and item.by is not None else []
+    return [*words, *(f"{name} {by:+.3g}" for name, by in item.moved.items())]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
@@ -226,19 +310,24 @@ MOST_ENTRIES = 3  # cases of a line of the ledger on a terminal
 
 def ledger_lines(evaluation: Evaluation) -> list[str]:
     """The ledger of every score, with the cases that moved each term most."""
-    lines = []
-    for score in evaluation.scores:
-        found = ledger(evaluation, score)
-        lines.append(f"{_one_line(score.ads)} in {score.scenario}: S = {found.total:.2f}")
-        for line in found.lines:
-            cases = f", {count(line.cases, 'case')}" if line.entries else ""
-            lines.append(
-                f"  {line.points:+8.2f}  {line.term} {line.index:+.4f}  Eq. {line.equation}: {line.words}{cases}"
-            )
-            lines += [
-                f"            {entry.points:+8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
-                for entry in line.entries[:MOST_ENTRIES]
-                if entry.points < 0.0
-            ]
-        lines.append(f"  {found.total:8.2f}  S, the sum")
-    return lines
+    return [
+        line
+        for score in evaluation.scores
+        for found in (ledger_plus(evaluation, score), ledger(evaluation, score))
+        for line in _ledger_lines(found)
+    ]
+
+
+def _ledger_lines(found: Ledger) -> list[str]:
+    total = f"{found.total:.2f}"
+    lines = [f"{_one_line(found.ads)} in {found.scenario}: {found.name} = {total}"]
+    for line in found.lines:
+        cases = f", {count(line.cases, 'case')}" if line.entries else ""
+        equation = f"Eq. {line.equation}: " if line.equation else ""
+        lines.append(f"  {line.points:+8.2f}  {line.term} {line.index:+.4f}  {equation}{line.words}{cases}")
+        lines += [
+            f"            {entry.points:+8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
+            for entry in line.entries[:MOST_ENTRIES]
+            if entry.points < 0.0
+        ]
+    return [*lines, f"  {total:>8}  {found.name}, the sum"]

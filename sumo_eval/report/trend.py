@@ -15,11 +15,17 @@ from sumo_eval.report.html import REPORT, asset, template
 
 TREND = "trend.html"
 CHARTS = (
-    ("S", "Score S", "points"),
-    ("C", "Collision avoidance C", ""),
-    ("D", "Human-likeness D", ""),
-    ("collision_probability", "Collision probability", ""),
     ("collisions", "Collisions", "cases"),
+    ("avoidable_collisions", "Avoidable collisions", "cases"),
+    ("caused_collisions", "Collisions that the ADS caused", "cases"),
+    ("A", "Avoided share A", ""),
+    ("S+", "Score S+", "points"),
+    ("H", "Human-likeness H", ""),
+    ("regret", "Regret", "m/s"),
+    ("C", "Collision avoidance C of the paper", ""),
+    ("D", "Human-likeness D of the paper", ""),
+    ("S", "Score S of the paper", "points"),
+    ("collision_probability", "Collision probability", ""),
     ("not_evaluated", "Not evaluated", "cases"),
     ("run_time", "Run time of the cases", "s"),
 )

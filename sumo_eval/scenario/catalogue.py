@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.errors import InputError, unknown
+from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.locators import load_object
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.file import read_scenario
@@ -183,17 +185,7 @@ FRONT_VEHICLE_BRAKING = LogicalScenario(
 CUT_IN_APART = R157_ROAD.lane_width - R157_BODY.width  # m, dy0: from edge to edge when the lateral motion begins
 
 
-def _cut_in_approach(values: Values) -> Approach:
-    overlap = CUT_IN_APART / values["lateral_speed"]
-    return Approach(
-        values["ego_speed"],
-        values["cut_in_speed"],
-        values["gap"],
-        delay=overlap,
-        conflict_begin=overlap,
-        passing_length=2.0 * R157_BODY.length,
-    )
-
+CUT_IN_ROAD = replace(R157_ROAD, name="three_lanes_1400m", lanes=3)  # room for a run-up to the left of the lane
 
 _FAR = 100.0  # m
 
@@ -204,15 +196,43 @@ def _cut_in_coordinates(values: Values) -> tuple[FloatArray, ...]:
     return closing, np.tanh(left / _FAR)  # far ahead and long past are each all alike
 
 
-def _cut_in_place(values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-    lane = R157_ROAD.lane_width
-    move = ConstantLateral(begin=0.0, speed=values["lateral_speed"], offset=-lane)
-    other = _r157_actor("other", values["gap"], values["cut_in_speed"], y=lane, move=move)
-    return Start(EGO_START, 0.0, values["ego_speed"]), (other,)
-
-
 def _other_slower(values: Values) -> BoolArray:
     return np.asarray(values["cut_in_speed"] < values["ego_speed"])
+
+
+@dataclass(frozen=True, slots=True)
+class _CutInApproach:
+    """lateral_acceleration: m/s2 with which the other's lateral speed builds up; inf: at once."""
+
+    lateral_acceleration: float
+
+    def __call__(self, values: Values) -> Approach:
+        run_up = values["lateral_speed"] / self.lateral_acceleration
+        overlap = run_up + CUT_IN_APART / values["lateral_speed"]
+        return Approach(
+            values["ego_speed"],
+            values["cut_in_speed"],
+            values["gap"] + (values["ego_speed"] - values["cut_in_speed"]) * run_up,
+            delay=overlap,
+            conflict_begin=overlap,
+            passing_length=2.0 * R157_BODY.length,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _CutInPlace:
+    """lateral_acceleration: m/s2 with which the other's lateral speed builds up; inf: at once."""
+
+    lateral_acceleration: float
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
+        speed = values["lateral_speed"]
+        run_up = speed / self.lateral_acceleration
+        gap = values["gap"] + (values["ego_speed"] - values["cut_in_speed"]) * run_up
+        across = R157_ROAD.lane_width + 0.5 * speed * run_up
+        move = ConstantLateral(0.0, speed, -across, self.lateral_acceleration)
+        other = _r157_actor("other", gap, values["cut_in_speed"], y=across, move=move)
+        return Start(EGO_START, 0.0, values["ego_speed"]), (other,)
 
 
 CUT_IN = LogicalScenario(
@@ -227,12 +247,31 @@ CUT_IN = LogicalScenario(
     ),
     constraints=(Constraint("one where the other is slower than the ego (cut_in_speed < ego_speed)", _other_slower),),
     road=R157_ROAD,
-    place=_cut_in_place,
-    approach=_cut_in_approach,
+    place=_CutInPlace(math.inf),
+    approach=_CutInApproach(math.inf),
     zone_coordinates=ZoneCoordinates(("closing speed", "gap left when the lane is entered"), _cut_in_coordinates),
     ego_body=R157_BODY,
     time_limit=R157_TIME,
 )
+
+
+def cut_in_with_run_up(lateral_acceleration: float) -> LogicalScenario:
+    """`cut_in` with a lateral run-up: dx0, dy0 and Vy are those at the instant at which the lateral speed is reached.
+
+    The run begins earlier, with the other further to the left and the gap larger. lateral_acceleration: m/s2; the JRC's
+    simulator has 1.5. The road has a third lane for it.
+    """
+    if not (math.isfinite(lateral_acceleration) and lateral_acceleration > 0.0):
+        raise must_be("`lateral_acceleration`", "scenario `cut_in`", "finite and above 0 m/s2", lateral_acceleration)
+    return replace(
+        CUT_IN,
+        name="cut_in_run_up",
+        about="A slower vehicle speeds up sideways, then moves into the ego's lane at constant lateral speed.",
+        road=CUT_IN_ROAD,
+        place=_CutInPlace(lateral_acceleration),
+        approach=_CutInApproach(lateral_acceleration),
+    )
+
 
 R157_CUT_OUT_HEADWAY = 2.0  # s, from the ego to the lead
 R157_REVEALED = 0.5  # share of its width by which the lead has to move before the obstacle counts as seen
@@ -447,8 +486,18 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
 
 def load(name: str) -> LogicalScenario:
-    """The shipped logical scenario of that name."""
+    """The shipped logical scenario of that name. `cut_in?lateral_acceleration=1.5`: with a lateral run-up, m/s2."""
+    plain, asks, option = name.partition("?")
+    if plain not in SCENARIOS:
+        raise unknown("logical scenario", plain, SCENARIOS)
+    if not asks:
+        return SCENARIOS[plain]
+    key, _, value = option.partition("=")
+    options = ("lateral_acceleration",) if plain == "cut_in" else ()
+    if key not in options:
+        raise unknown(f"option of scenario `{plain}`", key, options)
     try:
-        return SCENARIOS[name]
-    except KeyError:
-        raise unknown("logical scenario", name, SCENARIOS) from None
+        lateral_acceleration = float(value)
+    except ValueError:
+        raise must_be(f"`{key}`", f"scenario `{plain}`", "a number of m/s2", value) from None
+    return cut_in_with_run_up(lateral_acceleration)

@@ -115,20 +115,33 @@ class LaneChange:
 class ConstantLateral:
     """A lateral move at constant speed, as UN R157 has it: from `begin` s, at `speed` m/s > 0, until it has covered
     `offset` m to the left (negative: right).
+
+    acceleration: m/s2 with which the lateral speed builds up from 0 at `begin`; inf: at once.
     """
 
     begin: float
     speed: float
     offset: float
+    acceleration: float = math.inf
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.speed) and self.speed > 0.0):
             raise must_be("`speed`", "a lateral move", "finite and greater than 0 m/s", self.speed)
+        if not self.acceleration > 0.0:
+            raise must_be("`acceleration`", "a lateral move", "greater than 0 m/s2", self.acceleration)
+
+    @property
+    def rise(self) -> float:
+        """Time in which the lateral speed builds up, s."""
+        return self.speed / self.acceleration
 
     @property
     def duration(self) -> float:
         """Time until the offset is covered, s."""
-        return abs(self.offset) / self.speed
+        covered = 0.5 * self.speed * self.rise
+        if abs(self.offset) < covered:
+            return self.rise * math.sqrt(abs(self.offset) / covered)
+        return 0.5 * self.rise + abs(self.offset) / self.speed
 
     @property
     def kind(self) -> int:
@@ -140,11 +153,11 @@ class ConstantLateral:
         return motion.lateral(self, time)
 
     def lateral_speed(self, time: float) -> float:
-        """Lateral speed at a time, m/s; at the very instants of its two jumps, the speed after them."""
+        """Lateral speed at a time, m/s; at the very instants of its jumps, the speed after them."""
         return motion.lateral_speed(self, time)
 
     def lateral_acceleration(self, time: float) -> float:
-        """0 m/s2: the jumps of the speed at both ends take no time."""
+        """Lateral acceleration at a time, m/s2; the jumps of the speed take no time."""
         return motion.lateral_acceleration(self, time)
 
 

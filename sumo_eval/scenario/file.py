@@ -106,6 +106,9 @@ class ManoeuvreTable(Checked):
     jerk: Annotated[Formula | None, About("of `brake`: how fast it builds up; default: at once", "m/s3")] = None
     duration: Annotated[Formula | None, About("of `change_lane`", "s")] = None
     speed: Annotated[Formula | None, About("of `move_sideways`", "m/s")] = None
+    acceleration: Annotated[
+        Formula | None, About("of `move_sideways`: how fast its speed builds up; default: at once", "m/s2")
+    ] = None
     offset: Annotated[Formula | None, About("of both: how far to the left, negative to the right", "m")] = None
 
 
@@ -362,7 +365,8 @@ class Place:
                         raise must_be(f"`duration` of `change_lane` {what}", self.owner, "above 0", numbers["duration"])
                     moves.append(LaneChange(begin, numbers["duration"], numbers["offset"]))
                 elif move.do == "move_sideways":
-                    moves.append(ConstantLateral(begin, numbers["speed"], numbers["offset"]))
+                    build_up = numbers.get("acceleration", math.inf)
+                    moves.append(ConstantLateral(begin, numbers["speed"], numbers["offset"], build_up))
             actors.append(Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides))
         return ego, tuple(actors)
 
@@ -412,7 +416,7 @@ _NEEDS = {
     "keep_speed": ((), ()),
     "brake": (("deceleration",), ("jerk",)),
     "change_lane": (("duration", "offset"), ()),
-    "move_sideways": (("speed", "offset"), ()),
+    "move_sideways": (("speed", "offset"), ("acceleration",)),
 }
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 
@@ -558,7 +562,7 @@ class _Builder:
     def _move(self, item: ManoeuvreTable, what: str) -> Move:
         needed, allowed = _NEEDS[item.do]
         numbers = []
-        for key in ("deceleration", "jerk", "duration", "speed", "offset"):
+        for key in ("deceleration", "jerk", "duration", "speed", "acceleration", "offset"):
             value = getattr(item, key)
             if value is None and key in needed:
                 raise InputError(f"`{item.do}` of {what} in {self.where} must have `{key}`.")

@@ -39,10 +39,18 @@ def share_done(move: Any, time: float) -> float:
 
 
 @kernel
+def build_up(move: Any) -> float:
+    """Time in which the speed of a move at constant lateral speed builds up, s."""
+    return float(move.speed / move.acceleration)
+
+
+@kernel
 def lateral(move: Any, time: float) -> float:
     """Offset already covered by a lateral move at a time, m."""
     if move.kind == CONSTANT:
-        return math.copysign(min(max(time - move.begin, 0.0) * move.speed, abs(move.offset)), move.offset)
+        since, rise = max(time - move.begin, 0.0), build_up(move)
+        covered = 0.5 * move.speed * since * since / rise if since < rise else (since - 0.5 * rise) * move.speed
+        return math.copysign(min(covered, abs(move.offset)), move.offset)
     return float(move.offset * quintic(share_done(move, time)))
 
 
@@ -50,8 +58,10 @@ def lateral(move: Any, time: float) -> float:
 def lateral_speed(move: Any, time: float) -> float:
     """Lateral speed of a move at a time, m/s; at the very instants at which it jumps, the speed after them."""
     if move.kind == CONSTANT:
-        moving = 0.0 <= time - move.begin < move.duration
-        return math.copysign(move.speed, move.offset) if moving else 0.0
+        since, rise = time - move.begin, build_up(move)
+        if not 0.0 <= since < move.duration:
+            return 0.0
+        return math.copysign(move.speed * since / rise if since < rise else move.speed, move.offset)
     return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
 
 
@@ -59,7 +69,8 @@ def lateral_speed(move: Any, time: float) -> float:
 def lateral_acceleration(move: Any, time: float) -> float:
     """Lateral acceleration of a move at a time, m/s2; jumps of the speed take no time."""
     if move.kind == CONSTANT:
-        return 0.0
+        builds_up = 0.0 <= time - move.begin < min(build_up(move), move.duration)
+        return math.copysign(move.acceleration, move.offset) if builds_up else 0.0
     return float(move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time)))
 
 

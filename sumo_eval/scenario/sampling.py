@@ -29,13 +29,15 @@ class Sample:
 
     points: (n, k), those that exist. refused: (m, k), those that a constraint of the scenario rules out. exposure:
     (n,), how much each point counts, up to a factor: the scenario's exposure, divided by how much more likely the
-    method was to choose the point. notes: sentences about what the choice could not do as asked.
+    method was to choose the point. notes: sentences about what the choice could not do as asked. method:
+    its name.
     """
 
     points: FloatArray
     refused: FloatArray
     exposure: FloatArray
     notes: tuple[str, ...] = ()
+    method: str = ""
 
 
 METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]] = MappingProxyType(
@@ -95,7 +97,7 @@ def sample(
         exposure = drawn.exposure[feasible]
     else:
         exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(np.float64)
-    return Sample(points, drawn.points[~feasible], exposure, drawn.notes)
+    return Sample(points, drawn.points[~feasible], exposure, drawn.notes, method)
 
 
 def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:

@@ -17,7 +17,7 @@ from sumo_eval.results import Evaluation
 from sumo_eval.studies.tables import aligned
 
 LEAST, MOST = 1.0, 10.0
-INDEXES = {"S": "s", "D": "d", "C": "c"}
+INDEXES = {"S+": "s_plus", "A": "avoided_share", "H": "human_likeness", "S": "s", "D": "d", "C": "c"}
 """What is compared with people's opinion: name -> field of ScenarioResult."""
 
 
@@ -35,8 +35,9 @@ class RatedScore:
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """rows: one for each rated ADS and scenario. correlations: Spearman's rho with S, D and C; None where fewer than 3
-    rows have the score. concordance: Kendall's W between the raters who rated everything; None for fewer than two.
+    """rows: one for each rated ADS and scenario. correlations: Spearman's rho with each of `INDEXES`; None where
+    fewer than 3 rows have the score. concordance: Kendall's W between the raters who rated everything; None for fewer
+    than two.
     """
 
     rows: tuple[RatedScore, ...]
@@ -123,7 +124,7 @@ def opinion_json(opinion: Opinion) -> dict[str, Any]:
 
 
 def write_opinion_plot(opinion: Opinion, path: Path) -> None:
-    """One panel for each of S, D and C: score against mean opinion, with the raters' deviation. Works offline."""
+    """One panel for each of `INDEXES`: score against mean opinion, with the raters' deviation. Works offline."""
     from plotly.subplots import make_subplots
 
     titles = []

@@ -11,7 +11,7 @@ from scipy import stats
 
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import score
-from sumo_eval.method.score import combined_score
+from sumo_eval.method.score_terms import combined, score_plus
 from sumo_eval.results import Evaluation
 from sumo_eval.studies.tables import aligned
 
@@ -25,7 +25,11 @@ _D_PATHS = {
     "centre floor": "method.anthropomorphic.centre_deviation_floor",
     "field floor": "method.anthropomorphic.field_deviation_floor",
 }
-"""Constants that move D: name -> path of the setting."""
+"""Constants that move D and H: name -> path of the setting."""
+
+_LIKENESSES = {"D": "d", "H": "human_likeness"}
+_TOTALS = {"S": "s", "S+": "s_plus"}
+"""What the constants move: name -> field of ScenarioResult. The rest move D and H, a moves S and S+."""
 
 _NO_BANDS = "method.anthropomorphic.band_slice_spacing=100.0"  # the drivers' own scores are not looked at here
 _POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
@@ -35,9 +39,9 @@ _POINTS = (10.0, 25.0, 50.0, 75.0, 90.0)
 class SensitivityRow:
     """The ADSs in one scenario with one constant changed.
 
-    index: what they are ranked by, `D` or `S`. value: of the constant. scores: in the order of `ads`, nan where not
-    computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the same; nan
-    where fewer than two ADSs can be ranked.
+    index: what they are ranked by, `H`, `D`, `S+` or `S`. value: of the constant. scores: in the order of `ads`, nan
+    where not computed. ranking: names, best first. tau: Kendall's tau with the ranking as scored, 1 where it is the
+    same; nan where fewer than two ADSs can be ranked.
     """
 
     scenario: str
@@ -71,17 +75,21 @@ def sensitivity(
         progress("sensitivity", done, len(wanted))
     rows = []
     for scenario in dict.fromkeys(result.scenario for result in base.scores):
-        before = _scores(base, scenario, "d")
         for name in constants:
             if name == "a":
-                standing = _scores(base, scenario, "s")
-                rows += [_row(scenario, "a", a, "S", _with_points(base, scenario, a), standing) for a in _POINTS]
+                for index, field in _TOTALS.items():
+                    standing = _scores(base, scenario, field)
+                    rows += [
+                        _row(scenario, "a", a, index, _with_points(base, scenario, a, index), standing) for a in _POINTS
+                    ]
                 continue
-            rows.append(_row(scenario, name, _value(base, _D_PATHS[name]), "D", before, before))
-            for changed, value, evaluation in variants:
-                if changed == name:
-                    rows.append(_row(scenario, name, value, "D", _scores(evaluation, scenario, "d"), before))
-    return sorted(rows, key=lambda row: (row.scenario, row.constant, row.value))
+            for index, field in _LIKENESSES.items():
+                before = _scores(base, scenario, field)
+                rows.append(_row(scenario, name, _value(base, _D_PATHS[name]), index, before, before))
+                for changed, value, evaluation in variants:
+                    if changed == name:
+                        rows.append(_row(scenario, name, value, index, _scores(evaluation, scenario, field), before))
+    return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
 
 
 def _value(evaluation: Evaluation, path: str) -> float:
@@ -100,13 +108,19 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, floa
     }
 
 
-def _with_points(evaluation: Evaluation, scenario: str, a: float) -> dict[str, float]:
-    settings = evaluation.settings.method.score
-    return {
-        result.ads: combined_score(result.c, result.d, a=a, b=100.0 - a, k5=settings.k5, k6=settings.k6).total
-        for result in evaluation.scores
-        if result.scenario == scenario
-    }
+def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> dict[str, float]:
+    """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
+    scales = evaluation.settings.method.score
+    first, second = ("avoided_share", "human_likeness") if index == "S+" else ("c", "d")
+    a_values, b_values = (_scores(evaluation, scenario, field) for field in (first, second))
+    totals = {}
+    for ads, value in a_values.items():
+        terms = np.array([value]), np.array([b_values[ads]])
+        total = (
+            score_plus(*terms, a, 100.0 - a) if index == "S+" else combined(*terms, a, 100.0 - a, scales.k5, scales.k6)
+        )
+        totals[ads] = float(total[0])
+    return totals
 
 
 def _row(
@@ -131,18 +145,18 @@ def sensitivity_lines(rows: Sequence[SensitivityRow]) -> list[str]:
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """One panel for each scenario and constant: the ADSs' scores against the constant. Works offline."""
+    """One panel for each scenario, constant and score: the ADSs' scores against the constant. Works offline."""
     from plotly.colors import qualitative
     from plotly.subplots import make_subplots
 
     scenarios = list(dict.fromkeys(row.scenario for row in rows))
-    constants = list(dict.fromkeys(row.constant for row in rows))
+    constants = list(dict.fromkeys((row.constant, row.index) for row in rows))
     ads = list(dict.fromkeys(name for row in rows for name in row.ads))
-    titles = [f"{scenario}: {constant}" for scenario in scenarios for constant in constants]
+    titles = [f"{scenario}: {index} over {constant}" for scenario in scenarios for constant, index in constants]
     figure = make_subplots(rows=len(scenarios), cols=len(constants), subplot_titles=titles)
     for line, scenario in enumerate(scenarios, start=1):
-        for column, constant in enumerate(constants, start=1):
-            part = [row for row in rows if (row.scenario, row.constant) == (scenario, constant)]
+        for column, (constant, index) in enumerate(constants, start=1):
+            part = [row for row in rows if (row.scenario, row.constant, row.index) == (scenario, constant, index)]
             for number, name in enumerate(ads):
                 figure.add_scatter(
                     x=[row.value for row in part],
@@ -154,9 +168,12 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                     row=line,
                     col=column,
                 )
-            figure.update_yaxes(title_text=part[0].index if part else "", row=line, col=column)
+            figure.update_yaxes(title_text=index, row=line, col=column)
     figure.update_layout(
-        title="What the constants do to the scores", template="plotly_white", height=320 * len(scenarios) + 100
+        title="What the constants do to the scores",
+        template="plotly_white",
+        height=320 * len(scenarios) + 100,
+        width=260 * len(constants) + 160,
     )
     try:
         figure.write_html(path, include_plotlyjs=True)

@@ -32,11 +32,14 @@ def cut_outs():
     return CUT_OUT.concretes(np.concatenate([grid(CUT_OUT)[::8], points[hits][:20], points[almost][:20]]))
 
 
-def test_ideal_braking_hits_exactly_as_fast_as_the_closed_form_says():
+SEES_THROUGH = SimulationSettings(ideal_visible_share=0.0)
+
+
+def test_ideal_braking_that_sees_through_hits_exactly_as_fast_as_the_closed_form_says():
     hits = 0
     for concrete in cut_outs():
         expected = float(ideal_impact(concrete.values))
-        recording = simulate(concrete, "ideal_braking")
+        recording = simulate(concrete, "ideal_braking", SEES_THROUGH)
         got = recording.collision.relative_speed if recording.collision else 0.0
         assert recording.error is None
         assert (got > 0.0) == (expected > 0.0), concrete.label
@@ -54,7 +57,8 @@ def test_the_closed_form_holds_for_another_deceleration(gap):
 
 
 def test_ideal_braking_sees_a_hidden_obstacle_at_once_and_stays_as_slow():
-    recording = simulate(CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0, gap=60.0), "ideal_braking")
+    hidden = CUT_OUT.concrete(ego_speed=20.0, obstacle_speed=10.0, gap=60.0)
+    recording = simulate(hidden, "ideal_braking", SEES_THROUGH)
     ego = recording.ego
     assert ego.acceleration[2] == -9.0
     assert np.diff(ego.speed).max() < 1e-9

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from road_scenes import actor, case, fresh, mover
 
+from sumo_eval.ads.braking import SAFETY_BRAKING, follow_demand
+from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
 from sumo_eval.ads.fuzzy_safety_model import (
     FuzzySafetyModel,
     considered,
@@ -14,13 +16,13 @@ from sumo_eval.ads.fuzzy_safety_model import (
     proactive_fuzzy_safety,
 )
 from sumo_eval.ads.r157 import (
-    BRAKES,
-    MOTION,
+    SIGHTING,
     brake_ramp,
-    brake_towards,
-    deceleration,
-    lateral_closing_speed,
+    brake_ramp_lost,
+    closing_across,
+    foresee,
     lateral_gap,
+    sight,
     time_headway,
     time_to_collision,
 )
@@ -28,11 +30,21 @@ from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
 from sumo_eval.ads.reg157 import Reg157, critical_ttc
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.vehicle_model import drive
+from sumo_eval.cosim.world import MOVER
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.concrete import Brake, ConstantLateral
+from sumo_eval.settings import VehicleSettings
 
-DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157"]
+DRIVERS = ["careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426"]
+
+
+def seen_after(sighting, time):
+    """A vehicle some time after the look 0.1 s after the one before."""
+    then = fresh(MOVER)
+    foresee(then, sighting, time, 0.1)
+    return then
 
 
 def test_the_ramp_rises_holds_and_is_nothing_before_it_begins():
@@ -40,6 +52,12 @@ def test_the_ramp_rises_holds_and_is_nothing_before_it_begins():
         [0.0, 0.0, 3.0, 6.0, 6.0]
     )
     assert brake_ramp(0.01, 6.0, 0.0) == 6.0
+
+
+def test_the_speed_that_the_ramp_takes_off_by_hand():
+    # 6 m/s2 after 0.6 s: 10 t^2 / 2 up to there, then 1.8 m/s and 6 m/s2 more
+    assert [brake_ramp_lost(since, 6.0, 0.6) for since in (-1.0, 0.3, 0.6, 1.6)] == pytest.approx([0.0, 0.45, 1.8, 7.8])
+    assert brake_ramp_lost(2.0, 6.0, 0.0) == 12.0
 
 
 def test_headways_by_hand():
@@ -101,24 +119,67 @@ def test_the_needed_deceleration_by_hand():
 
 
 def test_motion_is_told_from_one_step_to_the_next():
-    motion, me = fresh(MOTION), mover("me", 0.0)
-    assert deceleration(motion, mover("other", 50.0, along=20.0), 0.1) == 0.0
-    assert deceleration(motion, mover("other", 52.0, along=19.5), 0.1) == pytest.approx(5.0)
-    assert lateral_closing_speed(motion, me, mover("other", 50.0, y=3.5, across=-0.3), 0.1) == pytest.approx(0.3)
-    assert lateral_closing_speed(motion, me, mover("other", 52.0, y=3.4), 0.1) == pytest.approx(1.0)
+    sighting, me = fresh(SIGHTING), mover("me", 0.0)
+    sight(sighting, mover("other", 50.0, y=3.5, along=20.0, across=-0.3), 0.1)
+    first = seen_after(sighting, 0.0)
+    assert (first.braking, closing_across(me, first)) == (0.0, pytest.approx(0.3))
+    sight(sighting, mover("other", 52.0, y=3.4, along=19.5), 0.1)
+    second = seen_after(sighting, 0.0)
+    assert (second.braking, closing_across(me, second)) == (pytest.approx(5.0), pytest.approx(1.0))
 
 
-def test_safety_braking_waits_once_and_rises_with_its_jerk():
-    brakes = fresh(BRAKES)
-    brakes.level = 0.0
+def test_a_speed_across_is_the_one_in_the_middle_of_the_step_that_shows_it():
+    # 1 m/s2 to the right from rest: y = -t^2/2; between 0.1 and 0.2 s on average 0.15 m/s, as it is at 0.15 s
+    sighting = fresh(SIGHTING)
+    for time in (0.0, 0.1, 0.2):
+        sight(sighting, mover("other", 50.0, y=-0.5 * time * time, along=20.0), 0.1)
+    found = [seen_after(sighting, after).across for after in (-0.05, -0.1, 0.0)]
+    assert found == pytest.approx([-0.15, -0.10, -0.15])
 
-    def towards(demanded, time):
-        return brake_towards(brakes, demanded, time, reaction=0.2, strongest=6.0, jerk=20.0, step=0.1)
 
-    levels = [towards(8.0, 0.1 * step) for step in range(7)]
-    assert levels == pytest.approx([0.0, 0.0, 2.0, 4.0, 6.0, 6.0, 6.0])
-    assert towards(0.0, 0.7) == 0.0
-    assert towards(8.0, 0.8) == pytest.approx(2.0)
+def safety_braking():
+    """Brakes that have been told nothing yet."""
+    brakes = fresh(SAFETY_BRAKING)
+    brakes.path.level = brakes.path.brakes = brakes.path.owed = 0.0
+    return brakes
+
+
+def told(brakes, demand, time, reaction):
+    """What brakes that rise at 20 m/s3 to 6 m/s2 are told in a step of 0.1 s while `demand` m/s2 is demanded."""
+    return follow_demand(brakes, lambda scene, after: demand, None, time, reaction, 6.0, 20.0, VehicleSettings(), 0.1)
+
+
+def test_safety_braking_begins_and_rises_within_its_step():
+    # alarmed at 0; 0.25 s later it rises with 20 m/s3 to 6 m/s2 at 0.55 s; the vehicle loses what the ramp takes off
+    brakes, step = safety_braking(), 0.1
+    speed, acceleration, speeds = 30.0, 0.0, []
+    for count in range(8):
+        level = told(brakes, 8.0, count * step, reaction=0.25)
+        acceleration, speed, _ = drive(speed, acceleration, -level, VehicleSettings(), step)
+        speeds.append(30.0 - speed)
+    expected = [0.0, 0.0, 0.025, 0.225, 0.625, 1.2, 1.8, 2.4]  # 10 (t - 0.25)^2 up to 0.55 s, 0.9 + 6 (t - 0.55) after
+    assert speeds == pytest.approx(expected, abs=0.03)
+    assert speeds[-1] == pytest.approx(2.4, abs=1e-5)
+
+
+def test_the_reaction_is_waited_for_once():
+    brakes = safety_braking()
+    for count in range(5):
+        told(brakes, 8.0, 0.1 * count, reaction=0.2)
+    for count in range(5, 10):
+        told(brakes, 0.0, 0.1 * count, reaction=0.2)
+    assert brakes.path.level == 0.0
+    assert told(brakes, 8.0, 1.0, reaction=0.2) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("rule", "times"),
+    [(SEATED, (0.48, 0.71, 0.94, 1.18, 1.41, 1.64)), (STANDING, (0.74, 1.32, 1.90, 2.47, 3.05, 3.63))],
+)
+def test_the_ttc_of_regulation_2022_1426_is_the_printed_one(rule, times):
+    # v_rel / (2 a) + tau / 2 + 0.1 s at 10, 20, .. 60 km/h
+    found = [rule.critical_ttc(speed / 3.6) for speed in range(10, 61, 10)]
+    assert [round(time, 2) for time in found] == list(times)
 
 
 @pytest.mark.parametrize("driver", DRIVERS)

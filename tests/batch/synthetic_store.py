@@ -34,16 +34,16 @@ def outcomes(rows: int) -> Iterator[Outcome]:
 
 
 def use(path: Path, rows: int) -> tuple[int, int, int]:
-    """Write so many rows, then ask what a parent asks: each case, the counts, the struck points, the digest."""
+    """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the digest."""
     with open_store(path, create=True) as store:
         for outcome in outcomes(rows):
             if not store.holds(outcome.case):
                 store.add(outcome)
         counted = sum(number for *_, number, _ in store.counts())
         seen = sum(1 for _ in store.each_fact("ads"))
-        struck = len(store.struck("front_vehicle_low_speed"))
+        hits = sum(fact.collision is not None for fact in store.each_fact("ads"))
         store.digest()
-    return counted, seen, struck
+    return counted, seen, hits
 
 
 if __name__ == "__main__":

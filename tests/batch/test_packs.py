@@ -198,7 +198,7 @@ def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None
     ]
 
 
-def test_adss_and_drivers_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path: Path) -> None:
+def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path: Path) -> None:
     coarse = {
         "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
         "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
@@ -218,9 +218,10 @@ def test_adss_and_drivers_of_all_scenarios_are_one_piece_of_work_with_a_progress
         shown[stage] = done, total
 
     sumo_eval.evaluate(settings, tmp_path / "run", progress=progress)
-    driving = [stage for stage in shown if stage.endswith(("ADSs", "ideal vehicle", ": drivers"))]
-    assert [stage.rpartition(": ")[2] for stage in driving[:4]] == ["ADSs", "ADSs", "drivers", "drivers"]
-    assert len(driving) == 6
+    kinds = ["ADSs", "ideal vehicle", "no reaction", "drivers"]
+    found = [kind for stage in shown if (kind := stage.rpartition(": ")[2]) in kinds]
+    references = ["ideal vehicle", "no reaction"]
+    assert found == ["ADSs", "ADSs", *references, *references, "drivers", "drivers"]
     assert all(done == total for done, total in shown.values())
 
 

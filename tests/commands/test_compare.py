@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import junitparser
@@ -29,7 +30,7 @@ def test_a_repeat_of_the_same_build_is_green(builds: Path) -> None:
     done = sumo_eval("compare", builds / "base", builds / "repeat")
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("THE SAME as")
-    assert "6 gates passed." in done.stdout
+    assert "9 gates passed." in done.stdout
 
 
 def test_one_planted_regression_among_200_cases_is_found_and_named(builds: Path) -> None:
@@ -97,8 +98,21 @@ def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -
     for words in ("Eq. 15: U = |(30.000, 0.000) - (0.000, 0.000)| / w = 30.000 / 1.000", "Eq. 14: L = 1.0",
                   "50.00 points of S", "Eq. 18: S = 0.0"):  # fmt: skip
         assert words in done.stdout
+    # r = 1 without a hazardous zone; doing nothing hits at the closing speed in every case, here at 30 m/s
+    with (builds / "new" / "cases.csv").open(newline="", encoding="utf-8") as file:
+        closing = sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in csv.DictReader(file))
+    share = 30.0 / closing
+    for words in (
+        "A: U = 30.000 m/s, ideal vehicle Ug = 0.000 m/s, doing nothing U0 = 30.000 m/s: the collision is avoidable",
+        f"of 1 - A = {share:.4f} this case took {share:.4f}, {50.0 * share:.2f} points of S+",
+        "H: 0, a collision in a safe case",
+    ):
+        assert words in done.stdout
+    safe = sumo_eval("explain", builds / "base", key)
+    assert "H: f_L f_n+ similarity plausibility = " in safe.stdout
     done = sumo_eval("explain", builds / "base")
     assert "S, the sum" in done.stdout
+    assert "S+, the sum" in done.stdout
     misspelt = sumo_eval("explain", builds / "new", key.replace("mine", "mime"))
     assert misspelt.returncode == 2
     assert f"Did you mean `{key}`?" in misspelt.stderr

@@ -6,11 +6,15 @@ from dataclasses import replace
 import builders
 import numpy as np
 import pytest
+from confidence.scored_by_hand import with_intervals_of
 
+from sumo_eval.batch.human_reference import PointJob, compute_points
 from sumo_eval.batch.run_folder import FACTS
 from sumo_eval.batch.store import open_store
-from sumo_eval.confidence.assessment import assess, driver_error, influence
-from sumo_eval.confidence.intervals import CaseTerms
+from sumo_eval.case_terms import CaseTerms
+from sumo_eval.confidence.assessment import assess, influence
+from sumo_eval.confidence.drivers import driver_deviations, stratified_deviations
+from sumo_eval.drivers.population import draw_driver
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.scenario import catalogue
@@ -35,14 +39,16 @@ def four_cases(**changes):
     nan = math.nan
     plain = {
         "exposure": np.array([2.0, 2.0, 1.0, 4.0]),
+        "weight": np.array([1.0, 3.0, 1.0, 1.0]),
+        "severity": np.array([10.0, 10.0, 0.0, 0.0]),
+        "ideal": np.array([2.0, 8.0, 0.0, 0.0]),
+        "unreacting": np.full(4, 10.0),
+        "ratio": np.array([0.2, 0.8, nan, nan]),
         "collided": np.array([True, True, False, False]),
-        "avoided": np.array([0.2, 0.8, nan, nan]),
-        "weight": np.array([1.0, 3.0, nan, nan]),
+        "evaluated": np.ones(4, dtype=bool),
         "index": np.array([nan, nan, 0.4, 0.9]),
-        "y": np.array([-1.0, -1.0, 1.0, 1.0]),
-        "boundary": np.zeros((4, 0)),
-        "driver_error": 0.0,
-        "drivers": 0,
+        "likeness": np.array([nan, nan, 0.4, 0.9]),
+        "voids": np.zeros(4, dtype=bool),
     }
     return CaseTerms(**(plain | changes))
 
@@ -54,48 +60,49 @@ def test_influence_by_hand():
 
 
 def test_a_collision_in_the_safe_zone_leaves_no_d_to_move():
-    moved = influence(four_cases(y=np.array([1.0, -1.0, 1.0, 1.0])), MethodSettings())
+    moved = influence(four_cases(voids=np.array([True, False, False, False])), MethodSettings())
     assert moved == pytest.approx([-5.625, 5.625, 0.0, 0.0])
 
 
 def test_collisions_of_no_weight_at_all_count_alike():
     # r = 0 everywhere: C = (0.2 + 0.8) / 2, each moves 50 * 0.3 / 2
-    moved = influence(four_cases(weight=np.array([0.0, 0.0, math.nan, math.nan])), MethodSettings())
+    moved = influence(four_cases(weight=np.array([0.0, 0.0, 1.0, 1.0])), MethodSettings())
     assert moved[:2] == pytest.approx([-7.5, 7.5])
 
 
-def test_the_drivers_error_is_a_plain_loops(evaluation, partitions):
+def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     zones, settings = partitions[CUT_OUT], evaluation.settings
-    score = next(item for item in evaluation.scores if (item.ads, item.scenario) == (builders.CALM, CUT_OUT))
     safe = [
-        case
+        replace(case, plausibility=0.5, human_likeness=0.3)
         for case in evaluation.cases
         if (case.ads, case.scenario, case.zone) == (builders.CALM, CUT_OUT, "safe") and case.index is not None
-    ][:4]
+    ][:2]
     fine = settings.method.anthropomorphic
     coarse = replace(fine, slice_spacing=fine.band_slice_spacing)
     assert fine.band_slice_spacing > fine.slice_spacing
+    names = [f"driver_{index:02d}" for index in range(builders.DRIVERS)]
     with open_store(evaluation.folder / FACTS) as store:
-        error, drivers = driver_error(score, safe, store, settings, zones)
-        without = []
-        for left_out in range(builders.DRIVERS):
+        drives = {case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names) for case in safe}
+        jobs = [PointJob(drives[case.case], zones.logical.road, left_out=(case.case,)) for case in safe]
+        found = compute_points(store.path, jobs, fine, map, lambda done: None)
+        left_out = {case: one for result in found for case, one in result.left_out.items()}
+        without, whole = [], 0.0
+        for absent in (*range(builders.DRIVERS), None):
             over = under = 0.0
             for case in safe:
-                number = case.case.split("-")[1]
-                others = [
-                    store.trajectory(f"{CUT_OUT}-{number}-~driver_{index:02d}")
-                    for index in range(builders.DRIVERS)
-                    if index != left_out
-                ]
+                others = [store.trajectory(drive) for n, drive in enumerate(drives[case.case]) if n != absent]
                 own = store.trajectory(case.case)
-                found = anthropomorphic_index(own, others, zones.logical.road, coarse)
-                over += case.exposure * found.value
+                over += case.exposure * anthropomorphic_index(own, others, zones.logical.road, coarse).value
                 under += case.exposure
             without.append(over / under)
-    mean = sum(without) / 3
-    assert drivers == builders.DRIVERS == 3
-    assert error == pytest.approx(math.sqrt(2 / 3 * sum((value - mean) ** 2 for value in without)), rel=1e-9)
-    assert error > 0.0
+        whole = without.pop()
+    found = driver_deviations(safe, left_out, {case.case: names for case in safe}, settings.drivers, settings.seed)
+    population = settings.drivers.population
+    groups = [draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)]
+    expected = stratified_deviations(np.array(without), whole, groups, population.overtake_share)
+    assert found.names[:-1] == tuple(names)
+    assert found.index == pytest.approx(expected, rel=1e-9)
+    assert np.any(found.index != 0.0)
 
 
 def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation, partitions):
@@ -103,17 +110,20 @@ def test_fewer_than_two_evaluated_cases_have_no_interval_and_a_reason(evaluation
     score = next(s for s in evaluation.scores if (s.ads, s.scenario) == (first.ads, first.scenario))
     found = assess(replace(evaluation, cases=(first,), scores=(score,)), {first.scenario: partitions[first.scenario]})
     alone = found.of(first.ads, first.scenario)
-    assert (alone.intervals, alone.risk, alone.further) == (None, None, None)
+    assert (alone.intervals, alone.risk, alone.further) == ({}, None, None)
     assert alone.reason == "fewer than two evaluated cases with exposure"
 
 
 def test_every_score_lies_in_its_interval_and_risk_is_what_the_rows_say(evaluation, partitions):
-    calm = replace(evaluation, scores=tuple(score for score in evaluation.scores if score.ads == builders.CALM))
+    calm = with_intervals_of(evaluation, partitions, builders.CALM)
     found = assess(calm, partitions)
     for score in calm.scores:
         item = found.of(score.ads, score.scenario)
-        assert item.intervals.c.value == pytest.approx(score.c)
-        assert item.intervals.s.low <= item.intervals.s.value <= item.intervals.s.high
+        assert set(item.intervals) >= {"c", "s"}
+        for name, interval in item.intervals.items():
+            assert interval.value == getattr(score, name)
+            assert interval.low <= interval.value <= interval.high
+        assert item.sources["s"]["cases"] > 0.0
         rows = [
             case for case in calm.cases if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
         ]

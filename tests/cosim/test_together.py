@@ -66,6 +66,15 @@ def test_packed_recordings_are_the_unpacked_ones_bit_for_bit(ads, scenario, ever
     assert together == [everything(simulate(concrete, ads, settings)) for concrete in cases]
 
 
+@pytest.mark.parametrize("ads", ["ideal_braking", "no_reaction"])
+@pytest.mark.parametrize("scenario", ["cut_in", "cut_in?lateral_acceleration=1.5", "front_vehicle_cut_out"])
+def test_the_references_are_the_same_bit_for_bit_together_and_alone(scenario, ads, alone):
+    cases = points(scenario, 211)
+    together = [everything(recording) for recording in simulate_many(cases, ads, DECIDED)]
+    assert not alone
+    assert together == [everything(simulate(concrete, ads, DECIDED)) for concrete in cases]
+
+
 def test_the_outcome_of_a_decided_case_is_the_one_of_the_whole_case():
     cases = points("cut_in", 53)
     for whole, decided in zip(

@@ -156,6 +156,12 @@ def test_those_inclined_to_overtake_do_and_the_others_follow():
     assert sum(driver.overtakes for driver in DRIVERS) == 8
 
 
+def until_the_lane_change(ego):
+    """How many samples there are until the centre has left the lane; all where it stays."""
+    left = np.flatnonzero(ego.y > 1.75)
+    return int(left[0]) + 1 if left.size else len(ego)
+
+
 def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
     logical = catalogue.load("front_vehicle_low_speed")
     recordings = [
@@ -163,8 +169,8 @@ def test_ordinary_approaches_are_as_gentle_and_as_varied_as_recorded():
         for speed, lead in ((30.0, 20.0), (25.0, 20.0), (25.0, 15.0))
         for recording in synthetic_reference(logical.concrete(ego_speed=speed, lead_speed=lead), DRIVERS, seed=1)
     ]
-    strongest = np.array([recording.ego.acceleration.min() for recording in recordings])
-    assert np.median(strongest) == pytest.approx(-0.37, abs=0.12)
+    strongest = [recording.ego.acceleration[: until_the_lane_change(recording.ego)].min() for recording in recordings]
+    assert np.median(strongest) == pytest.approx(-0.37, abs=0.12)  # of recorded approaches, which end there too
     left = [recording for recording in recordings if recording.ego.y[-1] > 1.75]
     assert np.std([recording.ego.speed[-1] / recording.ego.speed[0] for recording in left]) == pytest.approx(
         0.087, abs=0.03

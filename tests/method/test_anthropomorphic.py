@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,12 +15,15 @@ from twins import anthropomorphic as twin
 from sumo_eval.errors import InputError
 from sumo_eval.method import anthropomorphic as module
 from sumo_eval.method.anthropomorphic import (
+    Pairing,
     anthropomorphic_index,
     count_operations,
     driven_length,
     exposure_weighted_index,
     gaussian_similarity,
+    indexes_by_group,
     lateral_position,
+    operation_tolerance,
     slice_points,
     slice_positions,
 )
@@ -198,10 +202,13 @@ def test_the_further_from_the_humans_the_lower_the_score() -> None:
     ("ads", "chosen"),
     [
         (drive(16.0, 0.2, lane_change=(1.0, 2.0, 3.0)), AnthropomorphicSettings()),
-        (drive(14.0, -1.0, steering_deg=12.0), AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05))),
+        (
+            drive(14.0, -1.0, steering_deg=12.0),
+            AnthropomorphicSettings(field=FieldSettings(k1=1.0, k2=0.05), steering_rule="wheel"),
+        ),
         (stopping(41.3, 0.3), AnthropomorphicSettings(slice_spacing=3.0, points_per_side=2, side_width=1.0)),
         (drive(12.0, 5.4), AnthropomorphicSettings(centre_deviation_floor=1.8, field_deviation_floor=0.2)),
-        (drive(15.0, 0.0, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
+        (drive(19.0, 0.9, until=43.0), AnthropomorphicSettings(field=FieldSettings(sample_interval=0.2))),
     ],
     ids=["changes lane", "k1 k2", "stops", "off the road", "ends early"],
 )
@@ -217,7 +224,7 @@ def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSe
 def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> None:
     n = len(signal)
     t = Trajectory(0.1 * np.arange(n), np.arange(n), np.zeros(n), acceleration=signal, steering_wheel_angle=signal)
-    chosen = AnthropomorphicSettings(steering_threshold_deg=20.0)
+    chosen = AnthropomorphicSettings(steering_rule="wheel", steering_threshold_deg=20.0)
     assert count_operations(t, chosen) == twin.count_operations(t, chosen)
 
 
@@ -309,10 +316,11 @@ def test_the_settings_of_the_field_reach_it() -> None:
         (drive(until=61.0), 60.0),  # past the end: the road's end counts
         (drive(start=12.0), 48.0),
         (drive(15.0, until=58.5), 60.0),  # the next sample, 1.5 m on, would lie at the end
-        (drive(15.0, until=57.0), 57.0),  # neither stopped nor reached the end
+        (drive(15.0, until=57.0), 60.0),  # still driving when the time is up
+        (drive(15.0, y=6.0, until=57.0), 57.0),  # off the road: what it drove
         (stopping(41.25), 41.25),
         (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 0.0]), 8.5),
-        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 1.0]), 9.0),
+        (Trajectory([0.0, 1.0, 2.0, 3.0], [0.0, 9.0, 8.5, 8.5], np.zeros(4), speed=[9.0, 1.0, 0.0, 1.0]), 60.0),
         (Trajectory([0.0, 1.0, 2.0], [0.0, -1.0, -1.0], np.zeros(3), speed=[1.0, 0.0, 0.0]), 0.0),  # rolled back
         (Trajectory([0.0], [5.0], [0.0]), 0.0),
         (drive(start=70.0, until=90.0), 0.0),
@@ -439,6 +447,9 @@ def recorded(**channels: Sequence[float]) -> Trajectory:
 OUT, BACK, NONE = (12.0, 1.0), (-12.0, 1.0), (0.0, 1.0)
 
 
+WHEEL = AnthropomorphicSettings(steering_rule="wheel")
+
+
 @pytest.mark.parametrize(
     ("degrees", "expected"),
     [
@@ -458,7 +469,8 @@ OUT, BACK, NONE = (12.0, 1.0), (-12.0, 1.0), (0.0, 1.0)
     ],
 )
 def test_steering_operations(degrees: list[float], expected: int) -> None:
-    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == expected
+    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees)), WHEEL) == expected
+    assert count_operations(recorded(steering_wheel_angle=np.radians(degrees))) == 0  # it never leaves its line
 
 
 @pytest.mark.parametrize(
@@ -479,15 +491,46 @@ def test_steering_and_pedals_are_counted_separately_and_added() -> None:
     both = recorded(
         steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5))
     )
-    assert count_operations(both) == 3
+    assert count_operations(both, WHEEL) == 3
 
 
 def test_thresholds_and_neutral_time_are_settings() -> None:
     t = recorded(steering_wheel_angle=np.radians(signal(OUT, NONE, OUT)), acceleration=signal((1.0, 1.5), (0.0, 1.5)))
-    assert count_operations(t, AnthropomorphicSettings(steering_threshold_deg=12.5)) == 1
-    assert count_operations(t, AnthropomorphicSettings(acceleration_threshold=1.5)) == 2
-    assert count_operations(t, AnthropomorphicSettings(neutral_time=1.1)) == 2
-    assert count_operations(t, AnthropomorphicSettings(neutral_time=0.0)) == 3
+    for changes, expected in (
+        ({"steering_threshold_deg": 12.5}, 1),
+        ({"acceleration_threshold": 1.5}, 2),
+        ({"neutral_time": 1.1}, 2),
+        ({"neutral_time": 0.0}, 3),
+    ):
+        assert count_operations(t, replace(WHEEL, **changes)) == expected
+
+
+def test_the_wheels_threshold_may_be_a_lateral_acceleration() -> None:
+    # a = v^2 tan(angle / 16) / 2.7 m: at 10 m/s 2 m/s2 needs 16 atan(2.7 * 2 / 100) = 49.5 deg, at 30 m/s 5.5 deg.
+    chosen = replace(WHEEL, steering_lateral_acceleration=2.0)
+    for speed, degrees, expected in ((10.0, 49.4, 0), (10.0, 49.6, 1), (30.0, 5.4, 0), (30.0, 5.6, 1), (0.0, 500.0, 0)):
+        turned = recorded(steering_wheel_angle=np.radians(signal((degrees, 1.0))), speed=np.full(10, speed))
+        assert count_operations(turned, chosen) == expected
+
+
+def test_the_wheel_rule_is_refused_unless_both_sides_have_a_steering_signal() -> None:
+    with_signal, without = drive(), without_steering([0.0] * 30)
+    for ads, drivers in ((without, [with_signal] * 2), (with_signal, [with_signal, without])):
+        with pytest.raises(InputError, match="needs the steering wheel angle of the ADS and of all drivers"):
+            anthropomorphic_index(ads, drivers, ROAD, WHEEL)
+
+
+def test_the_same_drive_has_the_same_index_with_and_without_its_steering_signal() -> None:
+    """A lane change at 20 m/s, with a wheel that turns by 30 degrees or with one that nobody recorded."""
+    y = np.array(lateral((5.0, 6.0, 3.5)))
+    n = len(y)
+    road = Road("test", 700.0, 2, 3.5, 100.0)
+    angles = np.where((y > 0.01) & (y < 3.49), np.radians(30.0), 0.0)
+    channels = {"time": 0.1 * np.arange(n), "x": 2.0 * np.arange(n), "y": y, "acceleration": np.zeros(n)}
+    known, unknown = Trajectory(**channels, steering_wheel_angle=angles), Trajectory(**channels)
+    drivers = [Trajectory(**{**channels, "y": y + offset}) for offset in (-0.2, 0.1, 0.3)]
+    values = [anthropomorphic_index(ads, drivers, road).value for ads in (known, unknown)]
+    assert values[0] == values[1] > 0.9
 
 
 def test_half_a_second_is_half_a_second_at_any_time() -> None:
@@ -514,7 +557,7 @@ def test_neutral_time_is_seconds_not_samples() -> None:
 
 def test_unknown_steering_samples_are_left_out() -> None:
     angles = np.radians(signal(OUT, (math.nan, 1.0), OUT, NONE, (math.nan, 1.0), OUT))
-    assert count_operations(recorded(steering_wheel_angle=angles)) == 2
+    assert count_operations(recorded(steering_wheel_angle=angles), WHEEL) == 2
 
 
 def without_steering(y: Sequence[float], seed: int | None = None) -> Trajectory:
@@ -571,6 +614,46 @@ def test_operations_where_the_humans_make_none_leave_nothing_and_say_so() -> Non
     assert "The drivers made no operation at all, so the ADS's operations make D zero." in index.notes
 
 
+# --- the human-likeness of a case -------------------------------------------------------------------------------------
+
+
+def test_operations_have_the_tolerance_of_everything_else() -> None:
+    # Drivers make 1, 2 and 3: mean 2, deviation 1. Up to 4 is within two deviations; 5: exp(2 - 9/2), 6: exp(2 - 8).
+    for operations, expected in ((0, 1.0), (2, 1.0), (4, 1.0), (5, math.exp(-2.5)), (6, math.exp(-6.0))):
+        assert operation_tolerance(operations, [1, 2, 3]) == pytest.approx(expected, rel=1e-12)
+    # All make none: the deviation is at least 0.5, so one is within two of them, two are not: exp(2 - 16/2).
+    assert operation_tolerance(1, [0, 0]) == 1.0
+    assert operation_tolerance(2, [0, 0]) == pytest.approx(math.exp(-6.0), rel=1e-12)
+
+
+def test_the_likeness_has_the_similarity_of_mixture_mode_in_either_mode() -> None:
+    """Drivers of two manoeuvres: one Gaussian calls the ADS between both usual, mixture mode does not."""
+    y = np.array(lateral((1.0, 2.0, 3.5)))[:130]
+    n = len(y)
+    time, x = 0.1 * np.arange(n), 0.5 * np.arange(n)
+    changing = [Trajectory(time, x, y + offset, speed=np.full(n, 5.0)) for offset in (0.0, 0.1)]
+    keeping = [Trajectory(time, x, 0.0 * y + offset, speed=np.full(n, 5.0)) for offset in (0.0, 0.1, 0.2)]
+    ads = Trajectory(time, x, 0.0 * y + 1.5, speed=np.full(n, 5.0))
+    gaussian, mixture = (
+        anthropomorphic_index(ads, [*changing, *keeping], ROAD, AnthropomorphicSettings(mode=mode))
+        for mode in ("gaussian", "mixture")
+    )
+    assert gaussian.likeness is not None
+    assert gaussian.likeness == mixture.likeness
+    assert gaussian.likeness.similarity == mixture.similarity < 0.1 * gaussian.similarity
+    assert gaussian.likeness.value == mixture.similarity  # f_L and f_n+ are 1
+
+
+def test_an_index_is_the_same_to_the_last_bit_whoever_else_is_judged() -> None:
+    drivers, ads = humans(5, 2), [drive(12.0, 0.4), drive(14.0, -0.2), stopping(40.0)]
+    others = tuple(range(3, 3 + len(drivers)))
+    groups = [[Pairing(place, others, 0.5, likeness=True)] for place in range(3)]
+    together = indexes_by_group([*ads, *drivers], groups, ROAD)
+    for place, (found,) in enumerate(together):
+        alone = anthropomorphic_index(ads[place], drivers, ROAD)
+        assert (found.value, found.likeness) == (alone.value, alone.likeness)
+
+
 # --- notes ------------------------------------------------------------------------------------------------------------
 
 
@@ -596,27 +679,22 @@ def test_an_ordinary_case_has_no_notes() -> None:
         (
             drive(until=30.0),
             [drive()] * 2,
-            "The ADS neither stopped nor reached the road's end: its length is what it drove.",
+            "The ADS was still driving when last seen: its length counts to the road's end, and slices end there.",
+        ),
+        (
+            drive(y=6.0, until=30.0),
+            [drive()] * 2,
+            "The ADS left the road: its length is what it drove.",
         ),
         (
             drive(),
             [drive(), drive(until=30.0)],
-            "1 of 2 drivers neither stopped nor reached the road's end: their length is what they drove.",
+            "1 of 2 drivers were still driving when last seen: their length counts to the road's end.",
         ),
         (
             drive(),
             [drive(), drive(start=5.0)],
             "1 of 2 drivers start beyond the ADS's start and hold their first y up to there.",
-        ),
-        (
-            without_steering([0.0] * 30),
-            [drive()] * 2,
-            "The ADS has no steering signal: one operation per lateral manoeuvre.",
-        ),
-        (
-            drive(),
-            [drive(), without_steering([0.0] * 30)],
-            "1 of 2 drivers have no steering signal: one operation per lateral manoeuvre.",
         ),
     ],
 )

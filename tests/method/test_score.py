@@ -30,6 +30,11 @@ def test_without_c_its_term_counts_0_and_says_so():
     assert (score.total, score.c, score.c_points, score.d_points) == (25.0, None, 0.0, 25.0)
 
 
+def test_without_c_and_d_there_is_no_s_and_never_0_points():
+    assert combined_score(None, None).total is None
+    assert combined_score(0.0, None).total == 0.0
+
+
 def test_without_d_its_term_counts_0_and_says_so():
     score = combined_score(0.9, None)
     assert (score.total, score.d, score.d_points) == (45.0, None, 0.0)

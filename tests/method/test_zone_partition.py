@@ -428,3 +428,16 @@ def test_a_space_without_points_and_an_error_over_no_points_are_refused():
         partition(space([("x", 0.0, 5.0, 1.0)], gap, constraints=[lambda values: values["x"] > 9]), QUICK)
     with pytest.raises(InputError, match="`n` of `boundary_error` must be at least 1"):
         boundary_error(partition(LOW_SPEED), 0)
+
+
+def test_the_zone_of_a_case_is_the_criterions_own_and_certain_contact_is_never_safe(cut_out):
+    """The GP may be on the wrong side near the boundary; the zone of a driven case never is."""
+    points = CUT_OUT.from_unit(np.random.default_rng(8).random((4000, 3)))
+    points = points[CUT_OUT.feasible(points)]
+    speed, obstacle, gap = points.T
+    exact = cut_out.exactly_hazardous(points)
+    assert np.array_equal(exact, max_inverse_ttc(speed, obstacle, gap, deceleration=5.0, delay=1.0) >= 0.7)
+    assert exact[ideal_impact_speed(speed, obstacle, gap, deceleration=5.0, delay=1.0) > 0.0].all()
+    assert 0 < np.count_nonzero(exact != cut_out.hazardous(points)) < 0.01 * len(points)
+    assert cut_out.exactly_hazardous(points[0]).shape == ()
+    assert cut_out.exactly_hazardous(points[:6].reshape(2, 3, 3)).tolist() == exact[:6].reshape(2, 3).tolist()

@@ -71,17 +71,22 @@ def cut_out(speed: float, lead_gap: float, obstacle_gap: float, lateral_speed: f
     return scene(speed, lead, obstacle)
 
 
-def of_row(kind: str, row: Row, *, bounded: bool = True) -> ConcreteScenario:
+RUN_UP = 1.5  # m/s2, with which the JRC's simulator lets the lateral speed of a cut-in build up
+
+
+def of_row(kind: str, row: Row, *, bounded: bool = True, run_up: bool = False) -> ConcreteScenario:
     """The row of a `cut_in`, `cut_out` or `decel` table: the shipped scenario, where its parameters can say it.
 
-    bounded: refuse a row outside the shipped space; otherwise it is built in the same way without asking.
+    run_up: the cut-in of the table begins earlier, its lateral speed built up with `RUN_UP`. bounded: refuse a row
+    outside the shipped space; otherwise it is built in the same way without asking.
     """
     speed = kmh(row["ve_kmh"])
     if kind == "cut_in":
         other, gap, lateral = kmh(row["vo_kmh"]), float(row["dx0_m"]), float(row["vy_mps"])
         if not bounded:
             return cut_in(speed, other, gap, lateral)
-        return load("cut_in").concrete(ego_speed=speed, cut_in_speed=other, gap=gap, lateral_speed=lateral)
+        shipped = load(f"cut_in?lateral_acceleration={RUN_UP}" if run_up else "cut_in")
+        return shipped.concrete(ego_speed=speed, cut_in_speed=other, gap=gap, lateral_speed=lateral)
     if kind == "cut_out":
         gap, lateral = float(row["dx0_f_m"]), float(row["vy_mps"])
         if bounded and row.get("gap_rule", "thw2") == "thw2":

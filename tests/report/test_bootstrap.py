@@ -8,9 +8,10 @@ import builders
 import numpy as np
 import pytest
 
+from sumo_eval.case_terms import case_terms
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.report.bootstrap import as_arrays, paired_differences, quantities
+from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.settings import MethodSettings
 
@@ -37,7 +38,7 @@ def test_each_resample_is_what_the_method_makes_of_the_drawn_cases(evaluation: E
     cases = cut_out(evaluation)
     rng = np.random.default_rng(5)
     counts = rng.multinomial(len(cases), np.full(len(cases), 1.0 / len(cases)), size=40).astype(float)
-    found = quantities(as_arrays(cases, METHOD), counts, METHOD)
+    found = quantities(case_terms(cases, METHOD), counts, METHOD)
     for row, drawn in enumerate(counts):
         chosen = [case for case, times in zip(cases, drawn, strict=True) for _ in range(int(times))]
         c, d = slowly(chosen)
@@ -52,7 +53,7 @@ def test_collisions_of_no_weight_count_alike_and_none_at_all_gives_c_1(evaluatio
     hits = [replace(case, weight=0.0) for case in cut_out(evaluation) if case.collided]
     others = [case for case in cut_out(evaluation) if not case.collided]
     counts = np.array([[1.0] * len(hits) + [1.0] * len(others), [0.0] * len(hits) + [1.0] * len(others)])
-    found = quantities(as_arrays([*hits, *others], METHOD), counts, METHOD)
+    found = quantities(case_terms([*hits, *others], METHOD), counts, METHOD)
     assert found["C"][0] == pytest.approx(np.mean([case.ideal_severity / case.severity for case in hits]))
     assert found["C"][1] == 1.0
 
@@ -62,7 +63,7 @@ def test_what_both_runs_have_in_common_cancels(evaluation: Evaluation) -> None:
     cases = cut_out(evaluation)
     lower = [replace(case, index=None if case.index is None else case.index - 0.1) for case in cases]
     drawn = paired_differences(
-        as_arrays(cases, METHOD), as_arrays(lower, METHOD), METHOD, METHOD, resamples=300, seed=1
+        case_terms(cases, METHOD), case_terms(lower, METHOD), METHOD, METHOD, resamples=300, seed=1
     )
     np.testing.assert_allclose(drawn["D"], -0.1, atol=1e-12)
     assert np.ptp(drawn["C"]) == 0.0
@@ -74,7 +75,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> 
     place = next(k for k, case in enumerate(cases) if case.index is not None)
     other = [*cases[:place], replace(cases[place], index=0.0), *cases[place + 1 :]]
     drawn = paired_differences(
-        as_arrays(cases, METHOD), as_arrays(other, METHOD), METHOD, METHOD, resamples=4000, seed=1
+        case_terms(cases, METHOD), case_terms(other, METHOD), METHOD, METHOD, resamples=4000, seed=1
     )["D"]
     n = len(cases)
     assert np.mean(drawn == 0.0) == pytest.approx((1.0 - 1.0 / n) ** n, abs=0.03)
@@ -82,7 +83,7 @@ def test_a_change_in_one_case_of_many_is_not_certain(evaluation: Evaluation) -> 
 
 
 def test_the_same_seed_draws_the_same_resamples(evaluation: Evaluation) -> None:
-    cases = as_arrays(cut_out(evaluation), METHOD)
+    cases = case_terms(cut_out(evaluation), METHOD)
     other = replace(cases, index=cases.index * 0.9)
     first, again, third = (
         paired_differences(cases, other, METHOD, METHOD, resamples=150, seed=seed)["D"] for seed in (3, 3, 4)

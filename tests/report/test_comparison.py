@@ -12,6 +12,7 @@ from report_cases import hit, pick, with_case
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.terminal import moved_words
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.settings import AdsSettings
 
@@ -35,7 +36,10 @@ def test_a_run_beside_itself_has_no_change_and_intervals_of_zero_width(evaluatio
 def test_the_quantities_over_all_pairs_are_the_printed_ones(evaluation: Evaluation) -> None:
     for one in compare(evaluation, evaluation, GATE).ads:
         score = evaluation.score(one.ads, one.scenario)
-        printed = {"S": score.s, "C": score.c, "D": score.d}
+        printed = {
+            "A": score.avoided_share, "regret": score.regret, "H": score.human_likeness, "S+": score.s_plus,
+            "S": score.s, "C": score.c, "D": score.d,
+        }  # fmt: skip
         for name, value in printed.items():
             assert one.quantities[name].new == (None if value is None else pytest.approx(value, abs=1e-12))
 
@@ -58,6 +62,29 @@ def test_every_kind_of_change_is_found_and_named(evaluation: Evaluation) -> None
         assert len(forth.worse) == len(back.better) == 1
         assert not forth.better
         assert not back.worse
+
+
+def test_a_case_that_is_less_human_only_in_h_is_found_with_what_it_moved(evaluation: Evaluation) -> None:
+    likened = next(
+        case for case in evaluation.cases if case.ads == builders.CALM and case.index is not None and case.evaluated
+    )
+    less = (likened.human_likeness or 0.0) - 0.2
+    other = with_case(evaluation, likened.case, lambda case: replace(case, human_likeness=less))
+    (item,) = compare(evaluation, other, GATE).worse
+    assert (item.change, item.by) == ("less human", pytest.approx(-0.2))
+    assert item.moved == {"H_i": pytest.approx(-0.2)}
+    assert moved_words(item) == ["H_i -0.2"]
+
+
+def test_a_new_collision_says_by_how_much_the_regret_grew(evaluation: Evaluation) -> None:
+    """The ideal vehicle avoids, so the regret of the case grows by U = 5 m/s, and A falls."""
+    safe = pick(evaluation, collided=False)
+    comparison = compare(evaluation, with_case(evaluation, safe.case, hit), GATE)
+    (item,) = comparison.worse
+    assert item.moved["regret"] == pytest.approx(5.0)
+    (change,) = [one.quantities["A"] for one in comparison.ads if (one.ads, one.scenario) == (safe.ads, safe.scenario)]
+    assert change.difference is not None
+    assert change.difference < 0.0
 
 
 def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import builders
 import pytest
+from confidence.scored_by_hand import with_intervals_of
 from lxml import html
 
 from sumo_eval.batch.run_folder import FACTS
@@ -20,7 +21,7 @@ from sumo_eval.settings import RunSettings
 def assessed(evaluation, partitions, tmp_path_factory):
     folder = tmp_path_factory.mktemp("section")
     shutil.copy(evaluation.folder / FACTS, folder)
-    calm = tuple(score for score in evaluation.scores if score.ads == builders.CALM)
+    calm = with_intervals_of(evaluation, partitions, builders.CALM).scores
     copy = replace(
         evaluation, folder=folder, scores=calm, settings=replace(evaluation.settings, run=RunSettings(workers=1))
     )
@@ -33,7 +34,7 @@ def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
     (section,) = html.fromstring(page).xpath("//section[@id='confidence']")
     words = " ".join(section.text_content().split())
     for item in confidence.assessments:
-        s, p = item.intervals.s, item.risk.collision_probability
+        s, p = item.intervals["s"], item.risk.collision_probability
         assert f"{s.value:.1f}{s.low:.1f} to {s.high:.1f}" in words
         assert f"{100 * p.value:.1f} %{100 * p.low:.1f} to {100 * p.high:.1f} %" in words
     for space in confidence.coverage.values():
@@ -44,7 +45,7 @@ def test_the_section_has_the_numbers_of_the_assessment(assessed, partitions):
 def test_a_score_without_an_interval_says_why(assessed, partitions):
     evaluation, confidence = assessed
     first, *others = confidence.assessments
-    none = replace(first, intervals=None, risk=None, further=None, reason="fewer than two evaluated cases")
+    none = replace(first, intervals={}, risk=None, further=None, reason="fewer than two evaluated cases")
     beside = Beside(confidence=Confidence((none, *others), confidence.coverage))
     page = write_report(evaluation, partitions, beside).read_text(encoding="utf-8")
     assert "no interval: fewer than two evaluated cases" in page
@@ -62,7 +63,7 @@ def test_the_file_has_the_same_numbers(assessed, tmp_path):
     found = json.loads(write_confidence(confidence, tmp_path).read_text(encoding="utf-8"))
     for plain, item in zip(found["scores"], confidence.assessments, strict=True):
         assert (plain["ads"], plain["scenario"]) == (item.ads, item.scenario)
-        assert plain["s"]["low"] == item.intervals.s.low
+        assert plain["s"]["low"] == item.intervals["s"].low
         assert plain["collision_probability"]["high"] == item.risk.collision_probability.high
         assert len(plain["further_cases"]["points"]) == len(item.further.points)
     assert set(found["coverage"]) == set(confidence.coverage)

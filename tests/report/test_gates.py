@@ -11,7 +11,7 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import GateSettings, LimitSettings, read_gate
+from sumo_eval.report.gate_settings import DEFAULT_LIMITS, GateSettings, LimitSettings, read_gate
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.results import Evaluation
 
@@ -27,7 +27,7 @@ def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
 
 def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
     results = judged(evaluation, evaluation)
-    assert len(results) == 6 * len(evaluation.scores)
+    assert len(results) == len(DEFAULT_LIMITS) * len(evaluation.scores)
     assert all(result.passed for result in results)
 
 
@@ -134,3 +134,32 @@ def test_a_mistake_in_a_gate_file_gets_a_sentence(before: str, after: str, sente
     with pytest.raises(InputError) as refusal:
         read_gate(tmp_path / "gate.toml")
     assert sentence in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "field"),
+    [
+        ("A", "avoided_share"), ("H", "human_likeness"), ("S+", "s_plus"), ("regret", "regret"),
+        ("avoidable_collisions", "avoidable_collisions"), ("unavoidable_collisions", "unavoidable_collisions"),
+        ("caused_collisions", "caused_collisions"),
+    ],
+)  # fmt: skip
+def test_the_scores_that_order_can_be_limited_by_value(evaluation: Evaluation, quantity: str, field: str) -> None:
+    """The bound is the value itself, which holds; the same bound with another value in the run does not."""
+    score = evaluation.score(builders.CALM, builders.SCENARIOS[1])
+    value = float(getattr(score, field))
+    best = quantity in ("A", "H", "S+")
+    bound = {"at_least": value} if best else {"at_most": value}
+    limit = LimitSettings(quantity, ads=score.ads, scenario=score.scenario, **bound)  # type: ignore[arg-type]
+    (holds,) = judged(evaluation, evaluation, limit)
+    assert holds.passed
+    (broken,) = judged(evaluation, with_scores(evaluation, **{field: value - 1.0 if best else value + 1.0}), limit)
+    assert broken.passed is False
+    assert quantity in broken.sentence
+
+
+def test_more_avoidable_collisions_than_the_base_fail(evaluation: Evaluation) -> None:
+    case = pick(evaluation, collided=False)
+    limit = LimitSettings("avoidable_collisions", ads=case.ads, scenario=case.scenario, worse_by=0.0)
+    (result,) = judged(evaluation, with_case(evaluation, case.case, hit), limit)
+    assert result.passed is False

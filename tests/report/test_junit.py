@@ -44,7 +44,7 @@ def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluati
                 "error"
                 if not case.evaluated
                 else "failure"
-                if case.collided or case.status == "off_road"
+                if (case.collided and not case.unavoidable) or case.status == "off_road"
                 else "error"
                 if case.case in missing
                 else "passed"
@@ -61,9 +61,9 @@ def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None
     assert xml.errors > 0
 
 
-def test_an_unavoidable_collision_passes_only_where_the_setting_says_so(evaluation: Evaluation, tmp_path: Path) -> None:
-    lenient = with_report(evaluation, junit_failures="avoidable")
-    strict, mild = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, lenient))
+def test_an_unavoidable_collision_passes_unless_the_setting_says_any(evaluation: Evaluation, tmp_path: Path) -> None:
+    hard = with_report(evaluation, junit_failures="any")
+    mild, strict = (read(write_junit(run_suites(one), tmp_path / "junit.xml")) for one in (evaluation, hard))
     softened = [case for case in evaluation.cases if case.collided and case.zone == "hazardous" and case.ideal_severity]
     assert softened
     for case in softened:
@@ -71,6 +71,21 @@ def test_an_unavoidable_collision_passes_only_where_the_setting_says_so(evaluati
         assert (strict[suite][point(case.values)], mild[suite][point(case.values)]) == ("failure", "passed")
     avoidable = next(case for case in evaluation.cases if case.collided and case.ideal_severity == 0.0)
     assert mild[f"{avoidable.ads} in {avoidable.scenario}"][point(avoidable.values)] == "failure"
+
+
+def test_a_failure_says_whether_the_collision_was_avoidable_or_caused(evaluation: Evaluation, tmp_path: Path) -> None:
+    struck = next(case for case in evaluation.cases if case.unavoidable and case.no_reaction_severity)
+    evaluation = with_case(evaluation, struck.case, lambda case: replace(case, ideal_severity=0.0))
+    found = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(evaluation), tmp_path / "junit.xml")))
+    said = {(suite.name, case.name): case.result[0].message for suite in found for case in suite if case.result}
+    kinds = set()
+    for case in evaluation.cases:
+        if case.avoidable:
+            kind = "caused" if case.caused else "avoidable"
+            kinds.add(kind)
+            message = said[f"{case.ads} in {case.scenario}", point(case.values)]
+            assert message.startswith(f"{kind} collision of {case.ads} in the {case.zone} zone")
+    assert kinds == {"caused", "avoidable"}
 
 
 def test_a_cell_fails_when_a_case_in_it_does(evaluation: Evaluation, tmp_path: Path) -> None:

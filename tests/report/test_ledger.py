@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import builders
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from sumo_eval.report.ledger import _factor_losses, ledger, sentences
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.report.ledger import ledger, ledger_plus, sentences
+from sumo_eval.report.words import cases_of, explain_a
+from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring import combine
 from sumo_eval.settings import MethodSettings, ScoreSettings
 
 
@@ -57,25 +55,56 @@ def test_what_cost_most_is_said_first(evaluation: Evaluation) -> None:
     assert any("operations factor in" in sentence for sentence in said)
 
 
-factor = st.floats(0.0, 1.0)
+def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, ScenarioResult]:
+    """`calm` hits at 40 m/s wherever it hits: worse than doing nothing, which hits at 12."""
+    cases = tuple(
+        replace(case, severity=40.0) if case.collided and case.ads == builders.CALM else case
+        for case in evaluation.cases
+    )
+    worse = replace(evaluation, cases=cases)
+    score = worse.score(builders.CALM, builders.SCENARIOS[1])
+    rows = [case for case in cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+    found = combine(score.ads, score.scenario, rows, worse.settings.method)
+    return worse, found
 
 
-@given(length=factor, operations=factor, similarity=factor)
-def test_the_factors_share_a_loss_as_the_mean_over_all_orders(
-    length: float, operations: float, similarity: float
-) -> None:
-    """The plain twin: take the factors off in each of the six orders and average what each one took."""
-    values = {"length": length, "operations": operations, "similarity": similarity}
-    slow = dict.fromkeys(values, 0.0)
-    for order in itertools.permutations(values):
-        left = 1.0
-        for name in order:
-            slow[name] += left * (1.0 - values[name]) / 6.0
-            left *= values[name]
-    found = _factor_losses(case_with(length, operations, similarity))
-    assert found == pytest.approx(slow, abs=1e-12)
-    assert sum(found.values()) == pytest.approx(1.0 - length * operations * similarity, abs=1e-12)
+def test_the_lines_of_s_plus_add_up_to_a_and_h(evaluation: Evaluation) -> None:
+    for score in evaluation.scores:
+        found = ledger_plus(evaluation, score)
+        assert found.total == pytest.approx(score.s_plus, abs=1e-9)
+        assert found.index("A") == pytest.approx(score.avoided_share, abs=1e-12)
+        assert found.index("H") == pytest.approx(score.human_likeness or 0.0, abs=1e-12)
+        for line in found.lines:
+            if line.entries:
+                assert math.fsum(entry.points for entry in line.entries) == pytest.approx(line.points, abs=1e-9)
 
 
-def case_with(length: float, operations: float, similarity: float) -> CaseResult:
-    return SimpleNamespace(length_factor=length, operation_factor=operations, similarity=similarity)  # type: ignore[return-value]
+def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> None:
+    worse, score = scores_with_a_below_zero(evaluation)
+    assert score.avoided_share is not None
+    assert score.avoided_share < 0.0
+    found = ledger_plus(worse, score)
+    assert found.index("A") == pytest.approx(0.0, abs=1e-12)
+    assert any("below 0" in line.words and line.index == pytest.approx(-score.avoided_share) for line in found.lines)
+    assert found.total == pytest.approx(score.s_plus, abs=1e-9)
+    assert any("worse than doing nothing" in said for said in explain_a(score, cases_of(worse, score), worse.settings))
+
+
+def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
+    rows = cases_of(evaluation, score)
+    struck = [case for case in rows if case.avoidable and case.no_reaction_severity == 0.0]
+    assert score.caused_collisions == len(struck) > 0
+    assert score.collisions == score.avoidable_collisions + score.unavoidable_collisions
+    (line,) = [line for line in ledger_plus(evaluation, score).lines if "caused" in line.words]
+    assert {entry.case.case for entry in line.entries} == {case.case for case in struck}
+    assert f"({len(struck)} of them caused by the ADS)" in explain_a(score, rows, evaluation.settings)[0]
+
+
+def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
+    (line,) = [line for line in ledger_plus(evaluation, score).lines if "collision in a safe case" in line.words]
+    counted = [case for case in cases_of(evaluation, score) if case.human_likeness is not None]
+    hits = [case for case in counted if case.collided]
+    exposure = sum(case.exposure for case in counted)
+    assert line.index == pytest.approx(-sum(case.exposure for case in hits) / exposure)

@@ -14,13 +14,13 @@ from sumo_eval.studies.opinion import Opinion, RatedScore, opinion_json
 
 def test_the_section_is_there_only_where_people_were_asked(tmp_path: Path) -> None:
     assert opinion_content(tmp_path) is None
-    rated = RatedScore("idm", "cut_out", 6.5, 0.5, 4, {"S": 80.0, "D": None, "C": 0.25})
-    told = Opinion((rated,), {"S": None, "D": None, "C": None}, None)
+    rated = RatedScore("idm", "cut_out", 6.5, 0.5, 4, {"S+": 70.0, "A": -0.5, "S": 80.0, "D": None, "C": 0.25})
+    told = Opinion((rated,), {"S+": None, "A": None, "S": None, "D": None, "C": None}, None)
     (tmp_path / OPINION).write_text(json.dumps(opinion_json(told)), encoding="utf-8")
     content = opinion_content(tmp_path)
     assert content is not None
     dots = {panel["name"]: [dot["share"] for dot in panel["dots"]] for panel in content["panels"]}
-    assert dots == {"S": [0.8], "D": [], "C": [0.25]}  # 80 of 100 points; no D; 0.25 of 1
+    assert dots == {"S+": [0.7], "A": [0.0], "S": [0.8], "D": [], "C": [0.25]}  # 70 of 100; below 0; 80 of 100; no D
     assert content["rows"][0]["opinion"] == 6.5
 
 

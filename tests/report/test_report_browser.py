@@ -281,7 +281,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
         if not hits:
             assert opened.run(f"document.querySelector('[data-terms=\"{which}\"]')") is None
             continue
-        opened.run(f"document.querySelectorAll('[data-terms=\"{which}\"] input[name^=term-]')[2].click()")
+        opened.run(f"document.querySelectorAll('[data-terms=\"{which}\"] input[name^=term-][value=weight]')[0].click()")
         shown = opened.run(f"""[...document.querySelectorAll('[data-terms="{which}"] .panels .plot')]
             .map((plot) => plot.data[0])
             .flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))

@@ -8,6 +8,7 @@ from dataclasses import replace
 from html import escape, unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import unquote
 
@@ -18,10 +19,11 @@ from packed_pages import unpacked
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import page_data
-from sumo_eval.report.html import write_report
+from sumo_eval.report.html import template, term, write_report
 from sumo_eval.report.page_data import choose_view, telling_slice
 from sumo_eval.report.preventability import preventability
-from sumo_eval.report.words import unevaluated
+from sumo_eval.report.sections import Beside, ranking_content
+from sumo_eval.report.words import GLOSSARY, unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.settings import DriverSettings
@@ -68,6 +70,65 @@ def test_the_scores_stand_in_the_verdict(evaluation: Evaluation, page: str) -> N
         assert f"{score.s:.1f}" in text
         if score.d is not None:
             assert f"{score.d:.3f}" in text
+        assert f"{score.avoided_share:.3f}" in text
+        assert f"{score.s_plus:.1f}" in text
+        if score.human_likeness is not None:
+            assert f"{score.human_likeness:.3f}" in text
+        if score.collisions:
+            assert f"{score.avoidable_collisions} avoidable" in text
+            assert f"{score.unavoidable_collisions} unavoidable" in text
+        if score.caused_collisions:
+            assert f"{score.caused_collisions} of these caused" in text
+
+
+def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags: list[Any], page: str) -> None:
+    heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
+    assert heading is not None
+    columns = [unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in re.findall(r"<th.*?</th>", heading[0], re.S)]
+    assert columns[:9] == ["ADS", "Collisions", "A", "H", "S+", "Points of A and H", "C", "D", "S"]
+
+
+@pytest.mark.parametrize(
+    "name", ["U", "L", "Ug", "U0", "r", "ITTC", "exposure", "slice", "A", "H", "S+", "regret", "plausibility"]
+)
+def test_jargon_has_a_line_in_the_glossary(page: str, name: str) -> None:
+    glossary = page[page.index('<dl class="glossary">') :]
+    assert f"<dt>{name}</dt><dd>{escape(GLOSSARY[name], quote=False)[:20]}" in unescape(glossary)
+
+
+def test_the_scores_headings_have_tooltips(tags: list[Any]) -> None:
+    told = {dict(attributes).get("title") for tag, attributes in tags if tag == "abbr"}
+    assert {GLOSSARY[name] for name in ("A", "H", "S+", "C", "D", "S", "avoidable", "U", "Ug", "U0", "r")} <= told
+
+
+def test_an_interval_stands_below_its_score(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], tmp_path: Path
+) -> None:
+    page = write_report(
+        replace(evaluation, scores=tuple(replace(s, s_plus_interval=(12.0, 87.0)) for s in evaluation.scores)),
+        partitions,
+    ).read_text(encoding="utf-8")
+    assert page.count('<small class="pair">12..87</small>') == len(evaluation.scores)
+
+
+def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) -> None:
+    """Two ADSs whose difference may be chance share the first place."""
+    assert ranking_content(evaluation, Beside()) is None
+    ranked = SimpleNamespace(
+        ranking=SimpleNamespace(
+            weights={"a": 1.0, "b": 2.0}, level=0.95,
+            ads=[SimpleNamespace(ads=name, place=1, s_plus=60.0, interval=(50.0, 70.0)) for name in ("x", "<y>")],
+            pairs=[SimpleNamespace(above="x", below="<y>", difference=1.5, interval=(-2.0, 5.0), told_apart=False)],
+        )
+    )  # fmt: skip
+    content = ranking_content(ranked, Beside())  # type: ignore[arg-type]
+    assert content is not None
+    text = template("sections/ranking.html.j2").render(content={"ranking": content}, term=term)
+    assert '<th scope="row">&lt;y&gt;</th>' in text
+    words = visible(text)
+    assert "1 x 60.0 50.0 to 70.0" in words
+    assert "x <y> +1.5 -2.0 to 5.0 no" in words
+    assert "a 1, b 2" in words
 
 
 def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation, page: str) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import builders
 from rich.console import Console
 
-from sumo_eval.report.terminal import closing_lines, plain_table, score_table
+from sumo_eval.report.terminal import closing_lines, ledger_lines, plain_table, score_table
 from sumo_eval.report.words import unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import DriverSettings
@@ -25,6 +25,8 @@ def test_both_tables_show_the_same_numbers(evaluation: Evaluation) -> None:
         for score in evaluation.scores:
             assert f"{score.c:.3f}" in text
             assert f"{score.s:.1f}" in text
+            assert f"{score.avoided_share:.3f}" in text
+            assert f"{score.s_plus:.1f}" in text
             assert score.scenario in text
         assert "not computed" in text
 
@@ -73,3 +75,45 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluati
 def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Evaluation) -> None:
     recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
     assert not any("synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded)))
+
+
+def with_intervals(evaluation: Evaluation) -> Evaluation:
+    low_high = {"avoided_share": (-0.25, 1.0), "human_likeness": (0.0, 0.75), "s_plus": (12.5, 100.0), "c": (0.5, 1.0)}
+    intervals = {f"{name}_interval": values for name, values in low_high.items()}
+    return replace(evaluation, scores=tuple(replace(score, **intervals) for score in evaluation.scores))  # type: ignore[arg-type]
+
+
+def test_an_interval_stands_with_its_score_on_every_terminal(evaluation: Evaluation) -> None:
+    odd = with_intervals(evaluation)
+    narrow, plain = ("-0.25..1.00", "0.00..0.75", "12..100", "0.50..1.00"), ("-0.250..1.000", "12.5..100.0")
+    for text, intervals in ((rendered(odd), narrow), (plain_table(odd), plain)):
+        for interval in intervals:
+            assert text.count(interval) >= len(odd.scores)
+
+
+def test_the_collisions_and_the_scores_that_order_come_before_the_papers(evaluation: Evaluation) -> None:
+    heading = plain_table(evaluation).splitlines()[0].split()
+    leading = ["collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+", "C", "D", "S"]
+    assert [word for word in heading if word in leading] == leading
+
+
+def test_no_line_is_wider_than_the_terminal_and_nothing_is_cut(evaluation: Evaluation) -> None:
+    """Eighty columns: the paper's scores move to a table of their own, below."""
+    short = with_intervals(evaluation)
+    short = replace(short, scores=tuple(score for score in short.scores if score.ads == builders.CALM))
+    for width in (80, 120, 160):
+        console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
+        console.print(score_table(short, width))
+        text = console.file.getvalue()  # type: ignore[attr-defined]
+        assert max(map(len, text.splitlines())) <= width
+        assert "…" not in text
+        for score in short.scores:
+            assert f"{score.s_plus:.1f}" in text
+            assert f"{score.s:.1f}" in text
+
+
+def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation: Evaluation) -> None:
+    lines = ledger_lines(evaluation)
+    for score in evaluation.scores:
+        assert any(line.endswith(f"in {score.scenario}: S+ = {score.s_plus:.2f}") for line in lines)
+        assert any(line.endswith(f"in {score.scenario}: S = {score.s:.2f}") for line in lines)

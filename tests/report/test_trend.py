@@ -38,6 +38,11 @@ def test_what_was_added_comes_back(history: Path, evaluation: Evaluation) -> Non
         for score in evaluation.scores:
             assert values[score.ads, score.scenario, "S"] == score.s
             assert values[score.ads, score.scenario, "D"] == score.d
+            assert values[score.ads, score.scenario, "A"] == score.avoided_share
+            assert values[score.ads, score.scenario, "H"] == score.human_likeness
+            assert values[score.ads, score.scenario, "S+"] == score.s_plus
+            assert values[score.ads, score.scenario, "regret"] == score.regret
+            assert values[score.ads, score.scenario, "avoidable_collisions"] == score.avoidable_collisions
         assert {gate.threshold for gate in lines.gates()} == {40.0}
 
 
@@ -87,10 +92,25 @@ def test_a_quantity_that_was_not_computed_breaks_the_line_and_a_gate_is_a_stroke
         value if (value.night, value.quantity) != (nights[1].night, "S") else type(value)(*value_without(value))
         for value in values
     ]
-    chart = next(one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S")
+    chart = next(
+        one for one in charts(builders.SCENARIOS[0], nights, gap, gates) if one.title == "Score S of the paper"
+    )
     assert [len(part) for part in chart.lines[0].parts] == [1, 1]
     assert len(chart.gates) == 3
     assert all(TOP <= point.y <= HEIGHT for line in chart.lines for part in line.parts for point in part)
+
+
+def test_a_history_of_earlier_nights_without_the_newer_quantities_still_reads(history: Path) -> None:
+    """The oldest night knows S, C, D and collisions only: its line of A begins a night later, the others are whole."""
+    with open_history(history) as lines:
+        nights, values = lines.nights(), lines.values()
+    known = ("S", "C", "D", "collisions", "collision_probability", "not_evaluated", "run_time")
+    older = [value for value in values if value.night != nights[0].night or value.quantity in known]
+    found = {chart.title: chart for chart in charts(builders.SCENARIOS[0], nights, older, [])}
+    assert [len(part) for part in found["Avoided share A"].lines[0].parts] == [2]
+    assert [len(part) for part in found["Score S of the paper"].lines[0].parts] == [3]
+    only = [value for value in older if value.quantity in known]
+    assert "Avoided share A" not in {chart.title for chart in charts(builders.SCENARIOS[0], nights, only, [])}
 
 
 def value_without(value: object) -> tuple[object, ...]:

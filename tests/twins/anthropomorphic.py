@@ -30,13 +30,19 @@ def lateral_position(trajectory: Trajectory, position: float) -> float:
 
 
 def length(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
-    """To the road's end, to the stop, or what was driven."""
+    """To the stop, to where it left the road, else to the road's end."""
+    beside = trajectory.y[-1] < road.right_edge or trajectory.y[-1] > road.left_edge
+    if trajectory.speed[-1] < settings.stop_speed or beside:
+        return seen(trajectory, road, settings)
+    return road.length - trajectory.x[0]
+
+
+def seen(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings) -> float:
+    """How far it was seen."""
     x = trajectory.x.tolist()
     if max(x) >= road.length or x[-1] + (x[-1] - x[-2]) >= road.length:
         return road.length - x[0]
-    if trajectory.speed[-1] < settings.stop_speed:
-        return x[-1] - x[0]
-    return max(x) - x[0]
+    return (x[-1] if trajectory.speed[-1] < settings.stop_speed else max(x)) - x[0]
 
 
 def operations(time: Sequence[float], active: Sequence[bool], neutral_time: float) -> int:
@@ -54,11 +60,50 @@ def operations(time: Sequence[float], active: Sequence[bool], neutral_time: floa
 
 
 def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
-    """Steering (every angle known) and pedals."""
+    """Steering (by the wheel every angle is known) and pedals."""
     time = trajectory.time.tolist()
-    steering = [abs(math.degrees(a)) > settings.steering_threshold_deg for a in trajectory.steering_wheel_angle]
     pedals = [abs(a) > settings.acceleration_threshold for a in trajectory.acceleration]
-    return operations(time, steering, settings.neutral_time) + operations(time, pedals, settings.neutral_time)
+    count = operations(time, pedals, settings.neutral_time)
+    if settings.steering_rule == "manoeuvre":
+        return count + manoeuvres(trajectory, settings)
+    steering = [abs(math.degrees(a)) > settings.steering_threshold_deg for a in trajectory.steering_wheel_angle]
+    return count + operations(time, steering, settings.neutral_time)
+
+
+def manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+    """Moves to one side at more than 0.12 m/s, a mean over a second, that shift the vehicle by at least 1 m."""
+    time, y = trajectory.time.tolist(), trajectory.y.tolist()
+
+    def at(moment: float) -> float:
+        moment = min(max(moment, time[0]), time[-1])
+        after = next(i for i, t in enumerate(time) if t >= moment)
+        if after == 0:
+            return y[0]
+        share = (moment - time[after - 1]) / (time[after] - time[after - 1])
+        return y[after - 1] + share * (y[after] - y[after - 1])
+
+    def rate(moment: float) -> float:
+        span = min(moment + 0.5, time[-1]) - max(moment - 0.5, time[0])
+        return (at(moment + 0.5) - at(moment - 0.5)) / span
+
+    count = 0
+    for side in (-1.0, 1.0):
+        active = [side * rate(moment) > 0.12 for moment in time]
+        first = last = neutral_since = None
+        for i, moving in enumerate([*active, False]):
+            over = i == len(active)
+            rested = neutral_since is not None and not over and time[i] - neutral_since >= settings.neutral_time - 1e-6
+            if first is not None and (over or (moving and rested)):
+                count += side * (y[last] - y[first]) >= 1.0
+                first = None
+            if over:
+                break
+            if moving:
+                first = i if first is None else first
+                last, neutral_since = i, None
+            elif neutral_since is None:
+                neutral_since = time[i]
+    return count
 
 
 def anthropomorphic_index(
@@ -72,7 +117,8 @@ def anthropomorphic_index(
     length_factor = min(1.0, own / statistics.fmean(lengths))
     operation_factor = min(1.0, n_human / n_ads) if n_ads else 1.0
 
-    start, reach = float(ads.x[0]), min(own, statistics.fmean(lengths))
+    driven = [seen(driver, road, settings) for driver in drivers]
+    start, reach = float(ads.x[0]), min(seen(ads, road, settings), statistics.fmean(driven))
     slices = [start]
     while slices[-1] + settings.slice_spacing <= start + reach + 1e-6:
         slices.append(start + len(slices) * settings.slice_spacing)
@@ -83,7 +129,7 @@ def anthropomorphic_index(
     terms = []
     for x in slices:
         centre = lateral_position(ads, x)
-        there = [d for d, reached in zip(drivers, lengths, strict=True) if d.x[0] + reached >= x - 1e-6]
+        there = [d for d, reached in zip(drivers, driven, strict=True) if d.x[0] + reached >= x - 1e-6]
         humans = [lateral_position(driver, x) for driver in (there if len(there) >= 2 else drivers)]
         deviation = max(statistics.stdev(humans), settings.centre_deviation_floor)
         centre_term = gaussian_similarity(centre, statistics.fmean(humans), deviation)

@@ -6,7 +6,9 @@ TOUCH = 1e-3
 
 
 def plain_measures(ego, actors, collision):
-    """min TTC, max ITTC, min THW, min gap, max DRAC, PET, strongest deceleration, largest jerk, delta-v."""
+    """min TTC, max ITTC, min THW, min gap, max DRAC, PET, strongest deceleration, largest jerk, delta-v, largest
+    lateral speed and acceleration.
+    """
     ttcs, ittcs, thws, gaps, dracs = [], [], [], [], []
     for i, t in enumerate(ego.time):
         nearest = None
@@ -47,8 +49,24 @@ def plain_measures(ego, actors, collision):
     return (
         min(ttcs, default=math.nan), max(ittcs, default=math.nan), min(thws, default=math.nan),
         min(gaps, default=math.nan), max(dracs, default=math.nan), plain_pet(ego, actors, collision),
-        deceleration, max(jerks, default=math.nan), plain_delta_v(collision),
+        deceleration, max(jerks, default=math.nan), plain_delta_v(collision), *plain_lateral(ego),
     )  # fmt: skip
+
+
+def plain_lateral(ego):
+    """Largest lateral speed and acceleration: slopes of lines through 11 samples, and of lines through such slopes."""
+    number = int((ego.time[-1] - ego.time[0]) / 0.1 + 1e-6) + 1
+    times = [min(ego.time[0] + 0.1 * k, ego.time[-1]) for k in range(number)]
+    speeds = slopes([at(ego.time, ego.y, t) for t in times])
+    return tuple(max((abs(v) for v in values), default=math.nan) for values in (speeds, slopes(speeds)))
+
+
+def slopes(values):
+    """sum(t_j v_j) / sum(t_j^2) around the middle of every 11 neighbours 0.1 s apart."""
+    return [
+        sum(0.1 * j * values[i + j] for j in range(-5, 6)) / sum((0.1 * j) ** 2 for j in range(-5, 6))
+        for i in range(5, len(values) - 5)
+    ]
 
 
 def plain_pet(ego, actors, collision):

@@ -416,6 +416,11 @@
     document.querySelectorAll("input[name=speed-over]").forEach((input) => input.addEventListener("change", () => drawSpeed(shown)));
   }
 
+  /** Ug or U0 in words. */
+  function reference(severity) {
+    return severity === null ? "not known" : severity === 0 ? "0, avoids" : `${fixed(severity, 1)}${data.severityUnit}`;
+  }
+
   function facts(scenario, item) {
     const rows = scenario.parameters.map((p, k) => [p.name, `${short(item.values[k])} ${p.unit}`]);
     rows.push(["zone", item.zone], ["status", item.status], ["verdict", data.verdicts[item.verdict].words]);
@@ -425,15 +430,23 @@
     if (item.outcome === "collision") {
       rows.push(
         ["impact speed", `${fixed(item.impactSpeed, 1)} m/s`], ["overlap", `${fixed(100 * item.overlap, 0)} %`], ["side hit", item.side],
-        ["severity U", `${fixed(item.severity, 1)} m/s`], ["loss L", fixed(item.loss, 1)],
-        ["ideal vehicle's Ug", item.idealSeverity === 0 ? "0, avoids" : `${fixed(item.idealSeverity, 1)} m/s`],
-        ["weight r", fixed(item.weight, 3)], ["C lost", fixed(item.lost, 4)],
+        ["kind of collision", item.idealSeverity === null ? "ideal vehicle not known" : item.kind],
+        ["severity U", `${fixed(item.severity, 1)}${data.severityUnit}`], ["loss L", fixed(item.loss, 1)],
+        ["ideal vehicle's Ug", reference(item.idealSeverity)], ["doing nothing, U0", reference(item.noReactionSeverity)],
+        ["weight r", fixed(item.weight, 3)], ["A lost", fixed(item.aLost, 4)], ["C lost", fixed(item.lost, 4)],
       );
     }
+    if (item.humanLikeness !== null) {
+      rows.push(["human-likeness in H", fixed(item.humanLikeness, 3)]);
+      if (item.outcome !== "collision") {
+        rows.push(["operations factor in H", fixed(item.operationTolerance, 3)], ["similarity in H", fixed(item.mixtureSimilarity, 3)]);
+      }
+    }
+    if (item.plausibility !== null) rows.push(["plausibility", fixed(item.plausibility, 3)]);
     if (item.index !== null) {
       rows.push(
         ["D_i", fixed(item.index, 3)], ["length factor", fixed(item.lengthFactor, 3)],
-        ["operations factor", fixed(item.operationFactor, 3)], ["similarity", fixed(item.similarity, 3)],
+        ["operations factor in D_i", fixed(item.operationFactor, 3)], ["similarity in D_i", fixed(item.similarity, 3)],
       );
     }
     for (const [name, value, unit] of item.measures) rows.push([name, `${fixed(value, 2)} ${unit}`]);

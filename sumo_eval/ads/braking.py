@@ -1,0 +1,217 @@
+"""Brakes in continuous time, for drivers that are asked once a step.
+
+A driver's braking is a path: a deceleration over time that may begin, rise, hold and end anywhere within a step. The
+vehicle model's brakes move to a told level at a finite rate, from the beginning of the step on, and then hold it. So a
+level is told for the speed that it takes off, not for what is wanted at some instant of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from sumo_eval.cosim.world import fields, flags
+from sumo_eval.kernels import kernel
+
+_HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s
+_JUMP = 0.5  # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
+_INSIDE = 1e-3  # of a part of a step: at its very ends a demand may be that before or after it
+
+BRAKE_PATH = fields("level", "brakes", "owed")
+"""The vehicle's brakes on the way that a driver's braking takes; all 0 at the beginning.
+
+level: where the driver's braking is, m/s2. brakes: where the vehicle's are, m/s2. owed: m/s that the vehicle has yet to
+lose to be as slow as the driver's braking makes it.
+"""
+SAFETY_BRAKING = [("path", BRAKE_PATH), *fields("alarmed"), *flags("is_alarmed", "looks")]
+"""Brakes that follow a demand; all 0 at the beginning. alarmed: when the first demand came, s. looks: how often a
+demand was looked for."""
+
+
+class Braked(NamedTuple):
+    """lost: speed taken off within a time, m/s. level: deceleration at its end, m/s2."""
+
+    lost: float
+    level: float
+
+
+@kernel
+def moved(level: float, target: float, rate: float, duration: float) -> Braked:
+    """A deceleration that goes from `level` to `target` (m/s2) at `rate` (m/s3) and holds there, after `duration` s."""
+    change = target - level
+    reach = rate * duration
+    if abs(change) >= reach:
+        end = level + reach if change > 0.0 else level - reach
+        return Braked(0.5 * (level + end) * duration, end)
+    return Braked(target * duration - 0.5 * change * abs(change) / rate, target)
+
+
+@kernel
+def switched(level: float, target: float, wait: float, rate: float, step: float) -> float:
+    """What to tell brakes in a step, m/s2, that shall leave `level` for `target` only `wait` s from its beginning.
+
+    With h the step, j the brakes' rate, D = |target - level|, b = D / j:
+
+        change = j / 2 (h + b - sqrt((h + b)^2 - 4 b (h - wait)))
+
+    Brakes that change so much at once, hold that to the end of the step and go on to `target` after it have in the end
+    taken off the same speed as brakes that leave `level` `wait` s late.
+    """
+    if wait >= step:
+        return level
+    if wait <= 0.0:
+        return target
+    longest = abs(target - level) / rate
+    both = step + longest
+    change = 0.5 * rate * (both - math.sqrt(both * both - 4.0 * longest * (step - wait)))
+    return level + change if target > level else level - change
+
+
+@kernel
+def mean_level(level: float, mean: float, rate: float, step: float) -> float:
+    """What to tell brakes at `level`, m/s2, for a mean over the step of `mean`, or as near to it as they can come."""
+    change = abs(mean - level)
+    if change == 0.0:
+        return level
+    square = step * step - 2.0 * change * step / rate
+    told = rate * (step - math.sqrt(square)) if square > 0.0 else rate * step
+    return level + told if mean > level else level - told
+
+
+@kernel
+def released_level(level: float, lost: float, rate: float, step: float) -> float:
+    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are open.
+
+    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after it:
+
+        lost = level^2 / (2 j) + c (h - (level - c) / j)
+    """
+    spare = step - level / rate
+    square = spare * spare + 4.0 * (lost - 0.5 * level * level / rate) / rate
+    told = 0.5 * rate * (math.sqrt(square) - spare) if square > 0.0 else 0.0
+    return min(max(told, 0.0), level)
+
+
+@kernel
+def path_towards(path: Any, target: float, duration: float, rise: float, vehicle: Any) -> float:
+    """Speed lost while the braking goes towards `target` m/s2 for `duration` s, m/s.
+
+    It rises at `rise` m/s3, if the brakes can, and falls as fast as they.
+    """
+    fall = vehicle.brake_jerk
+    braked = moved(path.level, target, min(rise, fall) if target > path.level else fall, duration)
+    path.level = braked.level
+    return float(braked.lost)
+
+
+@kernel
+def path_command(
+    path: Any, lost: float, releases: bool, rise: float, strongest: float, vehicle: Any, step: float
+) -> float:
+    """What to tell the vehicle, m/s2, where the coming step shall take off `lost` m/s. Call once a step.
+
+    releases: the braking ends in it, or has ended. Brakes that rise no faster than the driver asks (`rise`, m/s3) may
+    be told more than `strongest` m/s2, to be even with him.
+    """
+    before, fall = path.brakes, vehicle.brake_jerk
+    if releases and before == 0.0 and lost == 0.0:
+        path.owed = 0.0
+        return 0.0
+    if releases:
+        until_open = lost + path.owed + 0.5 * path.level * path.level / fall
+        told = released_level(before, until_open, fall, step)
+    else:
+        most = min(strongest, vehicle.max_deceleration) if rise < fall else vehicle.max_deceleration
+        told = min(max(mean_level(before, (lost + path.owed) / step, fall, step), 0.0), most)
+    takes = moved(before, told, fall, step)
+    path.brakes = takes.level
+    path.owed += lost - takes.lost
+    return float(told)
+
+
+@kernel
+def first_instant(demand: Callable[..., float], scene: Any, above: float, begin: float, end: float) -> float:
+    """The instant within begin..end, s, from which on the demand is above `above`, or not, as at the end; at the
+    beginning it is the other way round. demand: called with the scene and a time.
+    """
+    wanted = demand(scene, end) > above
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (begin + end)
+        if (demand(scene, middle) > above) == wanted:
+            end = middle
+        else:
+            begin = middle
+    return end
+
+
+@kernel
+def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: float) -> float:
+    """Where within begin..end, s, a demand that jumps there passes half of its change.
+
+    A level in the middle of a part errs in second order where the demand is smooth in it, and in first order where it
+    jumps. `end`, where the demand changes by less than 0.5 m/s2.
+    """
+    inside = _INSIDE * (end - begin)
+    early, late = demand(scene, begin + inside), demand(scene, end - inside)
+    if abs(late - early) < _JUMP:
+        return end
+    return first_instant(demand, scene, 0.5 * (early + late), begin + inside, end - inside)
+
+
+@kernel
+def path_along(
+    path: Any, demand: Callable[..., float], scene: Any, begin: float, end: float, strongest: float, rise: float,
+    vehicle: Any,
+) -> float:  # fmt: skip
+    """Speed lost while the braking goes from `begin` to `end` (s after now) where a demand of up to `strongest` m/s2
+    takes it, m/s.
+    """
+    jump = demand_jump(demand, scene, begin, end)
+    lost = 0.0
+    if jump > begin:
+        lost += path_towards(path, min(demand(scene, 0.5 * (begin + jump)), strongest), jump - begin, rise, vehicle)
+    if end > jump:
+        lost += path_towards(path, min(demand(scene, 0.5 * (jump + end)), strongest), end - jump, rise, vehicle)
+    return lost
+
+
+@kernel
+def follow_demand(
+    braking: Any, demand: Callable[..., float], scene: Any, time: float, reaction: float, strongest: float,
+    jerk: float, vehicle: Any, step: float,
+) -> float:  # fmt: skip
+    """What to tell the vehicle for the coming step, m/s2: brakes `reaction` s after the first demand, rising at `jerk`
+    m/s3, up to `strongest` m/s2. Call once a step.
+
+    demand: called with the scene and a time (s) after now, from one and a half steps before now to a step after it, the
+    deceleration that is demanded then, as far as it can be foreseen, m/s2; 0 for none. The first demand is looked for
+    half a step ago, where speeds that are told from positions are known; one that began with a jump began with the last
+    step. The reaction is waited for once: who has been alarmed stays alert.
+    """
+    path = braking.path
+    if braking.is_alarmed == 0 and braking.looks == 0:
+        if demand(scene, 0.0) > 0.0:
+            braking.is_alarmed, braking.alarmed = 1, time
+    elif braking.is_alarmed == 0 and demand(scene, -0.5 * step) > 0.0:
+        began = -step
+        earlier = -1.5 * step if braking.looks > 1 else -step
+        if not demand(scene, earlier) > 0.0:
+            began = first_instant(demand, scene, 0.0, earlier, -0.5 * step)
+        braking.is_alarmed, braking.alarmed = 1, time + began
+    braking.looks += 1
+    wait = max(braking.alarmed + reaction - time, 0.0) if braking.is_alarmed else math.inf
+    if wait >= step:
+        return path_command(path, path_towards(path, 0.0, step, jerk, vehicle), True, jerk, strongest, vehicle, step)
+    lost = path_towards(path, 0.0, wait, jerk, vehicle) if wait > 0.0 else 0.0
+    before, after = demand(scene, wait) > 0.0, demand(scene, step) > 0.0
+    change = step if before == after else first_instant(demand, scene, 0.0, wait, step)
+    if change > wait and before:
+        lost += path_along(path, demand, scene, wait, change, strongest, jerk, vehicle)
+    elif change > wait:
+        lost += path_towards(path, 0.0, change - wait, jerk, vehicle)
+    if step > change and after:
+        lost += path_along(path, demand, scene, change, step, strongest, jerk, vehicle)
+    elif step > change:
+        lost += path_towards(path, 0.0, step - change, jerk, vehicle)
+    return path_command(path, lost, not after, jerk, strongest, vehicle, step)

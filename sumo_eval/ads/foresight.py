@@ -1,0 +1,150 @@
+"""What the ideal vehicle of Eq. 17 knows before a case begins: whom it would touch, and from when on it can know so.
+
+Everything is worked out in continuous time from the scripts of the other vehicles, so that it does not depend on the
+simulation's step; only whether bodies touch is asked step by step, as the harness asks it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sumo_eval.cosim.contact import Body, first_touch
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Start
+from sumo_eval.settings import SimulationSettings, VehicleSettings
+
+_LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
+_HALVINGS = 30  # of `_LOOK`: to 5e-11 s
+_PEAK_RATE = 1.875  # of `smooth_step_rate`
+
+
+class Foresight(NamedTuple):
+    """What is known of one other vehicle.
+
+    noticed: when its first change of state can be seen, s; inf where it never can. meets: whether an ego that keeps
+    its speed would touch it. speed: its lowest speed along the road to come, m/s.
+    """
+
+    noticed: float
+    meets: bool
+    speed: float
+
+
+def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[Foresight, ...]:
+    """One `Foresight` for each of the other vehicles. settings: those of the case, its ego's body among them."""
+    ego, actors = concrete.ego, concrete.actors
+    on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    until = min(settings.time_limit, on_the_road)
+    found = []
+    for actor in actors:
+        meets = first_meeting(ego, settings.vehicle, actor, settings.step, until) is not None
+        in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + settings.vehicle.width)
+        changes = first_change(actor, caught_up=in_path and actor.start.speed < ego.speed)
+        noticed = first_sight(ego, actor, actors, changes, 1.0 - settings.ideal_visible_share, until)
+        found.append(Foresight(noticed, meets, actor.start.speed if actor.brake is None else 0.0))
+    return tuple(found)
+
+
+def first_change(actor: Actor, *, caught_up: bool) -> float:
+    """When the state of another vehicle first changes, s; 0 for one that the ego catches up with as it is."""
+    moves = [move.begin for move in actor.lane_changes]
+    if actor.brake is not None:
+        moves.append(actor.brake.begin)
+    return 0.0 if caught_up else min(moves, default=0.0)
+
+
+def first_sight(ego: Start, actor: Actor, actors: Sequence[Actor], time: float, hiding: float, until: float) -> float:
+    """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it stays hidden.
+
+    It is hidden while a nearer one covers more than the share `hiding` of its width, looking along the road; the ego
+    keeps its speed.
+    """
+    others = [other for other in actors if other is not actor]
+    while any(_hides(ego, other, actor, time, hiding) for other in others):
+        if time > until:
+            return math.inf
+        later = time + _LOOK
+        if not any(_hides(ego, other, actor, later, hiding) for other in others):
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (time + later)
+                hidden = any(_hides(ego, other, actor, middle, hiding) for other in others)
+                time, later = (middle, later) if hidden else (time, middle)
+            return later
+        time = later
+    return time
+
+
+def _hides(ego: Start, nearer: Actor, actor: Actor, time: float, hiding: float) -> bool:
+    if not ego.x + ego.speed * time < nearer.x(time) < actor.x(time):
+        return False
+    its, hidden = _half_width(nearer, time), _half_width(actor, time)
+    shared = min(its + hidden - abs(nearer.y(time) - actor.y(time)), 2.0 * its, 2.0 * hidden)
+    return shared > 2.0 * hidden * hiding
+
+
+def _heading(actor: Actor, time: float) -> float:
+    across = 0.0 if actor.slides else actor.lateral_speed(time)
+    return math.atan2(across, actor.speed(time)) if across else 0.0
+
+
+def _half_width(actor: Actor, time: float) -> float:
+    """Half the extent of the (turned) body across the road, m."""
+    heading = _heading(actor, time)
+    return 0.5 * (actor.length * abs(math.sin(heading)) + actor.width * math.cos(heading))
+
+
+def first_meeting(ego: Start, vehicle: VehicleSettings, actor: Actor, step: float, until: float) -> float | None:
+    """When an ego that keeps its speed and its lane first touches another vehicle, s; None if not before `until`.
+
+    Steps in which the bodies cannot come together, whatever the script holds, are passed over; in the others contact
+    is what the harness would find.
+    """
+    speed, along = ego.speed, actor.start.speed
+    fastest_x = max(abs(speed - along), speed if actor.brake is not None else 0.0)
+    fastest_y = sum(_fastest(move) for move in actor.lane_changes)
+    turns = fastest_y > 0.0 and not actor.slides
+    reach_x = 0.5 * (vehicle.length + actor.length + (actor.width if turns else 0.0))
+    reach_y = 0.5 * (vehicle.width + actor.width + (actor.length if turns else 0.0))
+    count = 0
+    while count * step < until:
+        time = count * step
+        apart_x = abs(actor.x(time) - ego.x - speed * time) - reach_x
+        apart_y = abs(actor.y(time) - ego.y) - reach_y
+        clear = max(_time_over(apart_x, fastest_x), _time_over(apart_y, fastest_y))
+        if clear >= until:
+            return None
+        if clear >= step:
+            count += int(clear / step)
+            continue
+        later = time + step
+        share = first_touch(
+            _ego_body(ego, vehicle, time), _ego_body(ego, vehicle, later), _body(actor, time), _body(actor, later)
+        )
+        if share is not None:
+            return time + share * step
+        count += 1
+    return None
+
+
+def _fastest(move: object) -> float:
+    """Largest speed of a lateral move, m/s."""
+    if isinstance(move, LaneChange):
+        return _PEAK_RATE * abs(move.offset) / move.duration
+    return float(move.speed)  # type: ignore[attr-defined]
+
+
+def _time_over(apart: float, speed: float) -> float:
+    """Time that a distance holds at most at a speed, s; 0 where there is none."""
+    if apart <= 0.0:
+        return 0.0
+    return apart / speed if speed > 0.0 else math.inf
+
+
+def _ego_body(ego: Start, vehicle: VehicleSettings, time: float) -> Body:
+    return Body(ego.x + ego.speed * time, ego.y, 0.0, ego.speed, vehicle.length, vehicle.width)
+
+
+def _body(actor: Actor, time: float) -> Body:
+    heading = _heading(actor, time)
+    return Body(actor.x(time), actor.y(time), heading, actor.speed(time), actor.length, actor.width)

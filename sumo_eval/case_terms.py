@@ -1,0 +1,173 @@
+"""What each case brings to the scores, as arrays, and all scores of one sample of the cases or of many."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sumo_eval.method import score_terms
+from sumo_eval.method.collision_avoidance import collision_loss
+from sumo_eval.results import CaseResult
+from sumo_eval.settings import MethodSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+SCORES = (
+    "c",
+    "d",
+    "s",
+    "avoided_share",
+    "avoided_share_exposure",
+    "regret",
+    "human_likeness",
+    "s_plus",
+    "collision_probability",
+)
+"""What `scores_of` computes, by the names of `ScenarioResult`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaseTerms:
+    """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a term.
+
+    exposure: p_i. weight: r_i. severity: U_i, 0 without contact, nan where it could not be evaluated. ideal: Ug_i and
+    unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all three, 0.1
+    without contact. ratio: Ug_i/U_i (Lg/L) of a collision. collided, evaluated: flags. index: D_i, likeness:
+    human-likeness, of the safe cases that have one.
+    voids: collisions after which there is no D.
+    """
+
+    exposure: FloatArray
+    weight: FloatArray
+    severity: FloatArray
+    ideal: FloatArray
+    unreacting: FloatArray
+    ratio: FloatArray
+    collided: BoolArray
+    evaluated: BoolArray
+    index: FloatArray
+    likeness: FloatArray
+    voids: BoolArray
+
+
+def case_terms(cases: Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
+    """The terms of cases, in their order."""
+    collided = np.array([case.collided for case in cases], dtype=np.bool_)
+    evaluated = np.array([case.evaluated for case in cases], dtype=np.bool_)
+    hit = _column(case.severity for case in cases)
+    severity, ideal, unreacting = (
+        _loss(values) if method.collision.loss == "class" else values
+        for values in (
+            np.where(collided, hit, np.where(evaluated, 0.0, np.nan)),
+            _column(case.ideal_severity for case in cases),
+            _column(case.no_reaction_severity for case in cases),
+        )
+    )
+    return CaseTerms(
+        exposure=_column(case.exposure for case in cases),
+        weight=_column(case.weight for case in cases),
+        severity=severity,
+        ideal=ideal,
+        unreacting=unreacting,
+        ratio=score_terms.ideal_ratio(np.where(collided, severity, np.nan), ideal),
+        collided=collided,
+        evaluated=evaluated,
+        index=_column(case.index if case.counts_for_index else None for case in cases),
+        likeness=_column(case.human_likeness for case in cases),
+        voids=np.array([case.voids_index for case in cases], dtype=np.bool_),
+    )
+
+
+def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:
+    """Ug/U of collisions, (n,), or that of their loss classes; nan where one of both is nan."""
+    if method.collision.loss == "class":
+        severity, ideal = (_loss(values) for values in (severity, ideal))
+    return score_terms.ideal_ratio(severity, ideal)
+
+
+def scores_of(terms: CaseTerms, counts: FloatArray, method: MethodSettings) -> dict[str, FloatArray]:
+    """Every score of `SCORES` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
+
+    Whether a collision in the safe zone leaves no D is a fact of all cases, and not drawn again with a sample.
+    """
+    points = method.score
+    c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, counts)
+    d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
+    if terms.voids.any():
+        d = np.full(d.shape, np.nan)
+    seen = np.isfinite(terms.weight)
+    u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
+    weight = np.nan_to_num(terms.weight)
+    avoided = score_terms.avoided_share(u, ideal, unreacting, weight, counts)
+    by_exposure = np.full(d.shape, np.nan)
+    if terms.exposure.any():
+        by_exposure = score_terms.avoided_share(terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts)
+    human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
+    hits = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
+    return {
+        "c": c,
+        "d": d,
+        "s": score_terms.combined(c, d, points.a, points.b, points.k5, points.k6),
+        "avoided_share": avoided,
+        "avoided_share_exposure": by_exposure,
+        "regret": score_terms.regret(u, ideal, weight, counts),
+        "human_likeness": human,
+        "s_plus": score_terms.score_plus(avoided, human, points.a, points.b),
+        "collision_probability": score_terms.exposure_mean(hits, terms.exposure, counts),
+    }
+
+
+def avoided_share_losses(terms: CaseTerms) -> FloatArray:
+    """What each case takes from A, (n,); together 1 - A. nan where a case has no part in it."""
+    seen = np.isfinite(terms.weight)
+    u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
+    return score_terms.avoided_share_losses(u, ideal, unreacting, np.nan_to_num(terms.weight))
+
+
+def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
+    """Every score of `SCORES` of the cases themselves; None where it does not exist."""
+    found = scores_of(terms, score_terms.once(len(terms.exposure)), method)
+    return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
+
+
+def missing_bounds(terms: CaseTerms, safe: BoolArray, method: MethodSettings) -> dict[str, tuple[float, float]]:
+    """Worst and best of A, regret, H and S+ with every missing case counted in; empty where none of them moves.
+
+    A case that could not be evaluated counts as doing nothing, or as the ideal vehicle where that is harder; at best as
+    the ideal vehicle. A safe case without a human-likeness that could have one counts 0, and 1. Points at which a
+    reference is missing have no part in A. safe: flags, (n,).
+    """
+    lost = ~terms.evaluated & np.isfinite(terms.ideal) & np.isfinite(terms.unreacting)
+    unlike = safe & ~terms.collided & np.isnan(terms.likeness)
+    bounds: dict[str, tuple[float, float]] = {}
+    if not (lost.any() or unlike.any()):
+        return bounds
+    hardest = np.maximum(terms.unreacting, terms.ideal)
+    worst, best = (
+        point_values(
+            replace(
+                terms,
+                severity=np.where(lost, hit, terms.severity),
+                likeness=np.where(unlike, like, terms.likeness),
+            ),
+            method,
+        )
+        for hit, like in ((hardest, 0.0), (terms.ideal, 1.0))
+    )
+    for name in ("avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus"):
+        ends = [value for value in (worst[name], best[name]) if value is not None]
+        if ends:
+            bounds[name] = min(ends), max(ends)
+    return bounds
+
+
+def _column(values: Iterable[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _loss(severity: FloatArray) -> FloatArray:
+    known = np.isfinite(severity)
+    loss = np.full(severity.shape, np.nan)
+    loss[known] = collision_loss(severity[known])
+    return loss

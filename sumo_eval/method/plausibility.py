@@ -1,0 +1,204 @@
+"""Plausibility of a case, a factor of H: are its extremes within what recorded people do?
+
+Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how abruptly. Six
+extremes of a drive do: the least time to collision and time headway, the strongest braking, and the largest jerk,
+lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules on both
+sides (`method.measures`): distances at the recorded samples, derivatives of speed and y by `smooth_motion`.
+
+A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in before it, one before it
+leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios are; a longer drive has more chances of an
+extreme.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.method.measures import smooth_motion, time_headway, time_to_collision, vehicle_ahead
+from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+
+USUAL_SHARE = 0.05
+"""An extreme that at least this share of people reach is as plausible as any."""
+LEAST_PEOPLE = 20
+"""Fewer people cannot show a share of 5 %: one of them is more than that."""
+EXTREMES: Final[Mapping[str, int]] = {
+    "min_ttc": -1,
+    "min_thw": -1,
+    "max_deceleration": 1,
+    "max_jerk": 1,
+    "max_lateral_speed": 1,
+    "max_lateral_acceleration": 1,
+}
+"""Which extremes count; 1 where more is more extreme, -1 where less is."""
+LEVELS: Final = (0.01, 0.02, 0.03, 0.04, 0.05, 0.1, 0.25, 0.5)
+"""Shares of people at which a table holds values, after the share of the single most extreme one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantiles:
+    """How extreme people get: `values[name][k]` is reached by the share `shares[name][k]` of them, most extreme first.
+
+    Shares ascend. The first value is the most extreme that anybody reached. people: how many
+    persons, drives: how many drives of theirs (each person weighs 1). source: whose drives, in words. s, m/s, m/s2,
+    m/s3 as in `extremes_of`.
+    """
+
+    values: Mapping[str, tuple[float, ...]]
+    shares: Mapping[str, tuple[float, ...]]
+    people: int
+    drives: int
+    source: str
+
+    def __post_init__(self) -> None:
+        for name, values in self.values.items():
+            if name not in EXTREMES:
+                raise unknown("extreme of a drive", name, EXTREMES)
+            shares = self.shares.get(name, ())
+            if len(values) < 2 or len(values) != len(shares):
+                raise must_be(f"`{name}`", "a table of people", "at least two values, a share each", values)
+            if np.any(np.diff(shares) <= 0.0) or not 0.0 < shares[0] <= shares[-1] <= 1.0:
+                raise must_be(f"The shares of `{name}`", "a table of people", "ascending within 0..1", shares)
+            if np.any(np.diff(values) * EXTREMES[name] > 0.0) or not np.all(np.isfinite(values)):
+                raise must_be(f"`{name}`", "a table of people", "finite values, the most extreme first", values)
+
+    def share(self, name: str, value: float) -> float:
+        """Share of people at least as extreme as `value`, 0..1, linear between the table's values.
+
+        1 where the table does not know the extreme, where the value is nan (a drive without it, as without a vehicle
+        ahead) and where it is milder than the table's last. Beyond the most extreme person the share falls to 0 over
+        as far as it is from the table's second value to that person: one more person could have gone there.
+        """
+        if name not in self.values or math.isnan(value):
+            return 1.0
+        side, values = EXTREMES[name], np.asarray(self.values[name])
+        if (value - values[-1]) * side < 0.0:
+            return 1.0
+        reached = np.append(2.0 * values[0] - values[1], values)
+        return float(np.interp(-side * value, -side * reached, (0.0, *self.shares[name])))
+
+
+MOTORWAY_PEOPLE: Final = Quantiles(
+    values={
+        "min_ttc": (1.332, 1.887, 2.343, 2.717, 3.19, 3.606, 4.819, 7.947, 12.218),
+        "min_thw": (0.203, 0.304, 0.331, 0.369, 0.394, 0.451, 0.557, 0.792, 1.287),
+        "max_deceleration": (5.764, 2.778, 2.66, 2.533, 2.163, 2.005, 1.42, 0.998, 0.575),
+        "max_jerk": (2.819, 1.593, 1.474, 1.401, 1.353, 1.328, 1.07, 0.814, 0.556),
+        "max_lateral_speed": (1.627, 1.154, 1.064, 1.015, 0.994, 0.967, 0.854, 0.695, 0.31),
+        "max_lateral_acceleration": (0.933, 0.589, 0.486, 0.458, 0.446, 0.387, 0.338, 0.265, 0.181),
+    },
+    shares={
+        "min_ttc": (0.00067, *LEVELS),
+        "min_thw": (0.00117, *LEVELS),
+        "max_deceleration": (0.00156, *LEVELS),
+        "max_jerk": (0.00156, *LEVELS),
+        "max_lateral_speed": (0.00117, *LEVELS),
+        "max_lateral_acceleration": (0.00156, *LEVELS),
+    },
+    people=213,
+    drives=674,
+    source="DLR Highway Traffic v1.1.0, motorway near Braunschweig, 2024-10-07",
+)
+"""213 people on a free-flowing motorway of two lanes, 674 encounters, from `tools/motorway_people.py`; 1 drive is left
+out as a ghost of the tracker (3.5 m/s across the road). Not for towns: nobody here stops, turns or meets pedestrians.
+"""
+
+
+def extremes_of(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+) -> dict[str, float]:
+    """The six extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any.
+
+    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_lateral_speed m/s;
+    max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this drive,
+    as without a vehicle ahead, or in one too short for a derivative.
+    """
+    gap, closing = vehicle_ahead(ego, actors, collision)
+    motion = smooth_motion(ego)
+    return {
+        "min_ttc": -_largest(-time_to_collision(gap, closing)),
+        "min_thw": -_largest(-time_headway(gap, ego.speed * np.cos(ego.heading))),
+        "max_deceleration": _largest(np.maximum(-motion.acceleration, 0.0)),
+        "max_jerk": _largest(np.abs(motion.jerk)),
+        "max_lateral_speed": _largest(np.abs(motion.lateral_speed)),
+        "max_lateral_acceleration": _largest(np.abs(motion.lateral_acceleration)),
+    }
+
+
+def plausibility(extremes: Mapping[str, float], people: Quantiles) -> float:
+    """Plausibility = min over the extremes of min(1, share of people at least as extreme / 5 %), 0..1.
+
+    extremes: those of one drive (`extremes_of`). people: the table to compare with.
+    """
+    return min(1.0, *(people.share(name, value) / USUAL_SHARE for name, value in _known(extremes).items()))
+
+
+def least_plausible(extremes: Mapping[str, float], people: Quantiles) -> tuple[str, float]:
+    """The extreme that decides the plausibility, and the share of people at least as extreme; the first of equals."""
+    shares = {name: people.share(name, value) for name, value in _known(extremes).items()}
+    name = min(shares, key=lambda one: shares[one])
+    return name, shares[name]
+
+
+def quantiles_of(
+    drives: Sequence[Mapping[str, float]], people: Sequence[str] | None = None, *, source: str = "recorded drivers"
+) -> Quantiles:
+    """The table of some people's drives. people: who drove each; every drive is another person's where not given.
+
+    Every person weighs 1, shared by that person's drives. An extreme that a drive does not have (nan) leaves the drive
+    out of that extreme; one that fewer than 20 people have is not in the table, and counts for nobody.
+    Raises InputError for fewer than 20 people, who cannot show a share of 5 %.
+    """
+    names = [str(number) for number in range(len(drives))] if people is None else list(people)
+    if len(names) != len(drives):
+        raise must_be("`people`", "the recorded drives", f"one name a drive ({len(drives)})", len(names))
+    if len(set(names)) < LEAST_PEOPLE:
+        raise InputError(
+            f"The recorded drives must be of at least {LEAST_PEOPLE} people, because fewer cannot show a share of 5 %, "
+            f"got {len(set(names))}."
+        )
+    values: dict[str, tuple[float, ...]] = {}
+    shares: dict[str, tuple[float, ...]] = {}
+    for name, side in EXTREMES.items():
+        found = np.array([drive[name] for drive in drives], dtype=np.float64)
+        known = np.flatnonzero(~np.isnan(found))
+        times = Counter(names[place] for place in known)
+        if len(times) < LEAST_PEOPLE:
+            continue
+        weights = np.array([1.0 / times[names[place]] for place in known]) / len(times)
+        table = _table(side * found[known], weights)
+        if table is not None:
+            shares[name], values[name] = table[0], tuple(side * value for value in table[1])
+    return Quantiles(values, shares, len(set(names)), len(drives), source)
+
+
+def _table(extreme: FloatArray, weights: FloatArray) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Shares and the values that they reach, of extremes (n,) of which more is more extreme; weights add up to 1."""
+    order = np.argsort(-extreme, kind="stable")
+    reached, share = extreme[order], np.cumsum(weights[order])
+    last = np.append(reached[1:] < reached[:-1], True)  # of equal ones: whoever is as extreme is counted
+    reached, share = reached[last & np.isfinite(reached)], share[last & np.isfinite(reached)]
+    if reached.size < 2:
+        return None
+    levels = np.array([share[0], *(level for level in LEVELS if share[0] < level <= share[-1])])
+    return tuple(levels.tolist()), tuple(np.interp(levels, share, reached).tolist())
+
+
+def _known(extremes: Mapping[str, float]) -> Mapping[str, float]:
+    for name in extremes:
+        if name not in EXTREMES:
+            raise unknown("extreme of a drive", name, EXTREMES)
+    if not extremes:
+        raise InputError(f"The extremes of a drive must hold at least one of {', '.join(EXTREMES)}, got none.")
+    return extremes
+
+
+def _largest(values: FloatArray) -> float:
+    known = values[~np.isnan(values)]
+    return float(known.max()) if known.size else float("nan")

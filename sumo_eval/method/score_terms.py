@@ -1,0 +1,187 @@
+"""The arithmetic of every score, Eqs. 13, 17 and 18 and those that order ADSs, over one sample of cases or over many.
+
+Every function takes what each case brings, arrays (n,), nan where a case has no part in it, and `counts`, (m, n): how
+often each case stands in each of m samples. A row of ones is the evaluation itself; a bootstrap draws the other rows.
+(m,) values come back, nan where a sample holds nothing to compute the value from. No function looks at anything but
+its arguments, so a score, its interval and a difference between two scores are one arithmetic.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+
+def once(n: int) -> FloatArray:
+    """The counts, (1, n), of the evaluation itself: each of n cases stands in it once."""
+    return np.ones((1, n))
+
+
+def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: FloatArray) -> FloatArray:
+    """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
+
+    values: (n,), a case whose value is nan has no part. weights: (n,), at least 0. counts: (m, n).
+    """
+    found, weight = np.asarray(values, dtype=np.float64), np.asarray(weights, dtype=np.float64)
+    known = np.isfinite(found)
+    weight = np.where(known, weight, 0.0)
+    total = counts @ weight
+    return _ratio(counts @ (weight * np.where(known, found, 0.0)), total, np.full(total.shape, np.nan))
+
+
+def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
+    """Eq. 17: Ug_i / U_i of each collision, 1 where the ADS hit no harder than the ideal vehicle; nan where one is nan.
+
+    severity: U_i, or the loss in its place. ideal: Ug_i, or its loss. Any one shape.
+    """
+    hit, best = np.asarray(severity, dtype=np.float64), np.asarray(ideal, dtype=np.float64)
+    return np.asarray(np.divide(best, hit, out=np.where(np.isnan(hit + best), np.nan, 1.0), where=hit > best))
+
+
+def collision_avoidance(
+    ratio: ArrayLike, weight: ArrayLike, collided: ArrayLike, evaluated: ArrayLike, counts: FloatArray
+) -> FloatArray:
+    """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions of every sample, (m,).
+
+    ratio: Ug_i / U_i (`ideal_ratio`), (n,), nan without a collision and where Ug_i is not known. weight: r_i, (n,), nan
+    likewise. collided, evaluated: flags (n,). A sample whose collisions all have r = 0 has their plain mean. A sample
+    without a collision has 1 if a case of it was evaluated; without an evaluated case, or with collisions none of
+    which can be compared, it has nan.
+    """
+    r = np.asarray(weight, dtype=np.float64)
+    share = np.where(np.isfinite(r), np.asarray(ratio, dtype=np.float64), np.nan)
+    plain = weighted_mean(share, np.ones(share.shape), counts)
+    c = weighted_mean(share, np.nan_to_num(r), counts)
+    c = np.where(np.isnan(c), plain, c)
+    without = ~_drawn(collided, counts) & _drawn(evaluated, counts)
+    return np.where(np.isnan(c) & without, 1.0, c)
+
+
+def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: FloatArray) -> FloatArray:
+    """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H likewise. nan where no case with exposure has one.
+
+    values: D_i (or the human-likeness of a case), (n,), nan where there is none. exposure: p_i, (n,), at least 0.
+    """
+    return weighted_mean(values, exposure, counts)
+
+
+def combined(
+    first: ArrayLike, second: ArrayLike, a: float, b: float, first_scale: float = 1.0, second_scale: float = 1.0
+) -> FloatArray:
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,). What is nan was not computed and counts 0; S is nan where both are.
+
+    first, second: C and D, (m,). a, b: points for either. first_scale, second_scale: k5 and k6.
+    """
+    c, d = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    total = a * first_scale * np.nan_to_num(c) + b * second_scale * np.nan_to_num(d)
+    return np.asarray(np.where(np.isnan(c) & np.isnan(d), np.nan, total))
+
+
+def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
+    """max(0, U_i - Ug_i), m/s, (n,): how much harder than the ideal vehicle; nan where one of both is not known.
+
+    severity: U_i, m/s, 0 without contact. ideal: Ug_i, m/s, 0 where the ideal vehicle avoids.
+    """
+    beyond = np.asarray(severity, dtype=np.float64) - np.asarray(ideal, dtype=np.float64)
+    return np.where(np.isnan(beyond), np.nan, np.maximum(beyond, 0.0))
+
+
+def avoided_share(
+    severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: FloatArray
+) -> FloatArray:
+    """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points of samples, (m,).
+
+    severity: U_i of the ADS, m/s, (n,), 0 without contact, nan where it could not be evaluated. ideal: Ug_i of the
+    ideal vehicle and unreacting: U0_i of `no_reaction` in the same concrete scenarios, likewise. weights: w_i, (n,).
+    1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that. A numerator of 0 gives 1; a denominator of
+    0 under another numerator gives 0. Where the weights of all points of a sample are 0, every point weighs the same.
+    nan where no point of a sample is known. Whoever is no worse in any case and better in one never has a lower A.
+    """
+    lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
+    known = np.isfinite(lost) & np.isfinite(at_stake)
+    numerator, denominator = (
+        _weighted_sum(np.where(known, part, np.nan), weights, known, counts) for part in (lost, at_stake)
+    )
+    share = 1.0 - _ratio(numerator, denominator, np.ones(numerator.shape))
+    share = np.where(numerator > 0.0, share, 1.0)
+    return np.where(_drawn(known, counts), share, np.nan)
+
+
+def avoided_share_losses(
+    severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike
+) -> FloatArray:
+    """What each point takes from A: w_i max(0, U_i - Ug_i) / sum(w_i max(0, U0_i - Ug_i)), (n,); together 1 - A.
+
+    The arguments are those of `avoided_share`. nan where a point is not known. Where nothing was at stake but
+    something was lost, A is 0 and the points share the 1 by what each lost.
+    """
+    lost, at_stake = excess(severity, ideal), excess(unreacting, ideal)
+    known = np.isfinite(lost) & np.isfinite(at_stake)
+    weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
+    if not weight.any():
+        weight = known.astype(np.float64)
+    taken = weight * np.where(known, lost, 0.0)
+    whole = float(np.sum(weight * np.where(known, at_stake, 0.0))) or float(np.sum(taken)) or 1.0
+    return np.where(known, taken / whole, np.nan)
+
+
+def product_losses(factors: FloatArray) -> FloatArray:
+    """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus its product.
+
+    The mean over all orders in which the factors can be taken off (the Shapley value), because a product has no order
+    of its own: (1 - v_j) times the mean over the sets of other factors, each set size weighing the same.
+    """
+    k = factors.shape[1]
+    losses = np.empty(factors.shape)
+    for column in range(k):
+        others = [other for other in range(k) if other != column]
+        share = np.zeros(len(factors))
+        for size in range(k):
+            weight = 1.0 / (k * math.comb(k - 1, size))
+            for chosen in itertools.combinations(others, size):
+                share += weight * factors[:, list(chosen)].prod(axis=1)
+        losses[:, column] = (1.0 - factors[:, column]) * share
+    return losses
+
+
+def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: FloatArray) -> FloatArray:
+    """sum(w_i max(0, U_i - Ug_i)) / sum(w_i) over all evaluated points of every sample, m/s, (m,).
+
+    The arguments are those of `avoided_share`. Where all weights of a sample are 0, every point weighs the same; nan
+    where no point of it is known.
+    """
+    lost = excess(severity, ideal)
+    mean = weighted_mean(lost, weights, counts)
+    return np.where(np.isnan(mean), weighted_mean(lost, np.ones(lost.shape), counts), mean)
+
+
+def score_plus(avoided: ArrayLike, human_likeness: ArrayLike, a: float, b: float) -> FloatArray:
+    """S+ = a max(A, 0) + b H, points, (m,). What is nan was not computed and counts 0; nan where both are.
+
+    avoided: A, (m,), at most 1. human_likeness: H, (m,), 0..1. a, b: points for either, together 100.
+    """
+    share = np.asarray(avoided, dtype=np.float64)
+    return combined(np.where(np.isnan(share), np.nan, np.maximum(share, 0.0)), human_likeness, a, b)
+
+
+def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, counts: FloatArray) -> FloatArray:
+    """sum(w_i v_i) over the known cases of every sample, (m,); of v_i alone where all their weights are 0."""
+    weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
+    found = np.where(known, values, 0.0)
+    weighs = counts @ weight > 0.0
+    return np.where(weighs, counts @ (weight * found), counts @ found)
+
+
+def _drawn(flags: ArrayLike, counts: FloatArray) -> BoolArray:
+    """Which samples hold a flagged case, (m,)."""
+    return np.asarray(counts @ np.asarray(flags, dtype=np.float64) > 0.0)
+
+
+def _ratio(numerator: FloatArray, denominator: FloatArray, otherwise: FloatArray) -> FloatArray:
+    """Numerator over denominator, (m,); `otherwise` where the denominator is 0."""
+    return np.divide(numerator, denominator, out=otherwise, where=denominator > 0.0)

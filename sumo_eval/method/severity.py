@@ -1,0 +1,247 @@
+"""How bad a contact is: the number that stands in the place of U of Eqs. 15-17, and in the avoided share A.
+
+`method.collision.severity` chooses it:
+
+- `severity`: U of Eq. 15, m/s, as the paper prints it;
+- `eq14`: its class L of Eq. 14; without a contact L is 0.1, the equation's "otherwise";
+- `injury:car_driver`, `injury:pedestrian`, `injury:cyclist`: the probability of a serious or fatal injury (MAIS3+ or
+  death) of the person whom, or whose car, the front of a car hits, by closing speed and age (Lubbe, Wu, Jeppsson 2022);
+- `package.module:function` or `file.py:function`: a function of one `Contact` that returns a loss within 0..1.
+
+Where U stands in an equation stands V, the chosen number: Ug_i, the ideal vehicle's, and U0_i, that of `no_reaction`,
+are V of their own contacts. Without a contact V is `without_contact`: 0, or 0.1 of Eq. 14. So C = sum(r V_g/V)/sum(r),
+and A = 1 - sum w max(0, V - V_g) / sum w max(0, V_0 - V_g).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.locators import load_object
+from sumo_eval.method.collision_avoidance import LEAST_LOSS, collision_loss, impact_severity
+from sumo_eval.settings import CollisionSettings
+from sumo_eval.trajectory import Collision, FloatArray, Side
+
+KMH = 3.6
+"""km/h in a m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A first contact as a severity sees it; vectors are in the ego's own frame, x ahead and y to its left.
+
+    ego_velocity, other_velocity: m/s. ego_mass, other_mass: kg (`method.collision`). overlap: share of the ego's bumper
+    width that faces the other, 0..1. side: where on the ego it was hit. angle: the other's heading less the ego's, rad
+    within -pi..pi, 0 for a rear-end contact in line. other: the other's name in the scenario.
+    """
+
+    ego_velocity: tuple[float, float]
+    other_velocity: tuple[float, float]
+    ego_mass: float
+    other_mass: float
+    overlap: float
+    side: Side
+    angle: float
+    other: str
+
+    @property
+    def closing_speed(self) -> float:
+        """|v_ego - v_other|, m/s."""
+        return math.dist(self.ego_velocity, self.other_velocity)
+
+
+def contact_of(collision: Collision, settings: CollisionSettings) -> Contact:
+    """The contact of a recorded collision."""
+    heading = collision.ego_pose[2]
+    cosine, sine = math.cos(heading), math.sin(heading)
+
+    def seen(velocity: tuple[float, float]) -> tuple[float, float]:
+        vx, vy = velocity
+        return cosine * vx + sine * vy, cosine * vy - sine * vx
+
+    return Contact(
+        ego_velocity=seen(collision.ego_velocity),
+        other_velocity=seen(collision.other_velocity),
+        ego_mass=settings.ego_mass,
+        other_mass=settings.other_mass,
+        overlap=collision.overlap,
+        side=collision.side,
+        angle=math.remainder(collision.other_pose[2] - heading, 2.0 * math.pi),
+        other=collision.other,
+    )
+
+
+class InjuryCurve(NamedTuple):
+    """logit P = intercept + speed * v + age * years, v the closing speed in km/h.
+
+    usual_age: years at which the curve passes through the published 10 %; taken where `method.collision.age` is not
+    set. fastest: km/h up to which it is used without a remark.
+    """
+
+    intercept: float
+    speed: float
+    age: float
+    usual_age: float
+    fastest: float
+
+
+INJURY_CURVES: Final[Mapping[str, InjuryCurve]] = {
+    "car_driver": InjuryCurve(-7.654, 0.041, 0.021, 41.0, 150.0),
+    "pedestrian": InjuryCurve(-6.190, 0.078, 0.038, 46.0, 100.0),
+    "cyclist": InjuryCurve(-7.467, 0.079, 0.047, 38.0, 100.0),
+}
+"""MAIS3+ or death: N. Lubbe, Y. Wu, H. Jeppsson, "Safe speeds: fatality and injury risks of pedestrians, cyclists,
+motorcyclists, and car drivers impacting the front of another passenger car as a function of closing speed and age",
+Traffic Safety Research 2, 000006 (2022), on German in-depth accident data (GIDAS)."""
+INJURY_AGES: Final = (15.0, 95.0)
+"""Years within which the curves are used without a remark. This and `fastest` are bounds of this project: the source's
+abstract states none."""
+_INJURY = "injury:"
+
+
+def injury_risk(who: str, closing_speed: ArrayLike, age: float | None = None) -> FloatArray:
+    """P(MAIS3+ or death) = 1 / (1 + exp(-(b0 + b1 v + b2 age))), any shape, 0..1 (Lubbe et al. 2022).
+
+    who: `car_driver`, `pedestrian` or `cyclist`. closing_speed: m/s, any shape. age: years; None: the curve's own.
+    Raises InputError for another name, and for speeds and ages that are negative or not finite.
+    """
+    if who not in INJURY_CURVES:
+        raise unknown("injury-risk curve", who, INJURY_CURVES)
+    curve = INJURY_CURVES[who]
+    speed, years = np.asarray(closing_speed, dtype=np.float64), curve.usual_age if age is None else age
+    for name, value in (("`closing_speed`", speed), ("`age`", np.asarray(years))):
+        if not (np.isfinite(value) & (value >= 0.0)).all():
+            raise must_be(name, f"injury-risk curve `{who}`", "finite and at least 0", value)
+    logit = curve.intercept + curve.speed * KMH * speed + curve.age * years
+    return np.asarray(1.0 / (1.0 + np.exp(-logit)))[()]
+
+
+@dataclass(frozen=True, slots=True)
+class Severity:
+    """The chosen number V of a contact. name: as in the settings. unit: of V. without_contact: V where there is none.
+
+    value: V of a collision. checked: whether that is a user's function, whose answers are looked at. beyond: why a
+    collision is outside the range that V is known for, in words; empty inside. sha256: of the file that holds a user's
+    function, so that scores tell which one they were made with; empty for those that ship.
+    """
+
+    name: str
+    unit: str
+    without_contact: float
+    value: Callable[[Collision], float]
+    beyond: Callable[[Collision], str]
+    checked: bool = False
+    sha256: str = ""
+
+    def of(self, collision: Collision, case: str) -> float:
+        """V of a collision. case: what to call it in a sentence.
+
+        Raises InputError where a user's function fails, returns anything but a finite number within 0..1, or returns
+        two different numbers for one contact.
+        """
+        if not self.checked:
+            return self.value(collision)
+        first, second = self._asked(collision, case), self._asked(collision, case)
+        if first != second:
+            raise InputError(
+                f"The severity `{self.name}` must return one number for one contact, got {first!r} and then "
+                f"{second!r} for {case}."
+            )
+        return first
+
+    def _asked(self, collision: Collision, case: str) -> float:
+        try:
+            answer: object = self.value(collision)
+        except Exception as error:
+            raise InputError(f"The severity `{self.name}` failed for {case}: {said(error)}.") from error
+        number = isinstance(answer, int | float | np.integer | np.floating) and not isinstance(answer, bool)
+        if not number or not 0.0 <= float(answer) <= 1.0:  # type: ignore[arg-type]
+            raise InputError(
+                f"The severity `{self.name}` must return a finite number within 0..1, got {answer!r} for {case}."
+            )
+        return float(answer)  # type: ignore[arg-type]
+
+
+def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:
+    """The severity that the settings choose. folder: where a locator's relative path starts.
+
+    A user's function is called once on an example contact, so that a wrong one is known before the first case.
+    Raises InputError for an unknown choice, for a locator that leads nowhere, and for a function that answers wrongly.
+    """
+    chosen = settings.severity
+    if chosen == "severity":
+        return Severity(chosen, "m/s", 0.0, _impact_severity, _never)
+    if chosen == "eq14":
+        return Severity(chosen, "loss", LEAST_LOSS, lambda hit: float(collision_loss(_impact_severity(hit))), _never)
+    if chosen.startswith(_INJURY):
+        return _injury(chosen, settings)
+    if ":" not in chosen:
+        raise unknown("severity", chosen, [*CHOICES, "package.module:function"])
+    function = load_object(chosen, folder, "Severity")
+    if not callable(function):
+        raise must_be(f"Severity `{chosen}`", "`CollisionSettings`", "a function of a Contact", function)
+    severity = Severity(
+        chosen,
+        "loss",
+        0.0,
+        lambda hit: function(contact_of(hit, settings)),
+        _never,
+        checked=True,
+        sha256=_hash_of(function),
+    )
+    severity.of(EXAMPLE, "an example, 20 m/s into a standing car in line")
+    return severity
+
+
+CHOICES: Final = ("severity", "eq14", *(_INJURY + name for name in INJURY_CURVES))
+"""The severities that ship."""
+EXAMPLE: Final = Collision(0.0, "example", (20.0, 0.0), (0.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0))
+
+
+def _hash_of(function: object) -> str:
+    module = sys.modules.get(getattr(function, "__module__", ""))
+    file = getattr(module, "__file__", None)
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+
+
+def _injury(chosen: str, settings: CollisionSettings) -> Severity:
+    who, age = chosen.removeprefix(_INJURY), settings.age
+    injury_risk(who, 0.0, age)  # refuses an unknown curve
+
+    def beyond(hit: Collision) -> str:
+        curve, years = INJURY_CURVES[who], INJURY_CURVES[who].usual_age if age is None else age
+        speed = KMH * hit.relative_speed
+        reasons = [
+            f"closing speed over {curve.fastest:g} km/h" if speed > curve.fastest else "",
+            f"age outside {INJURY_AGES[0]:g}..{INJURY_AGES[1]:g} years"
+            if not INJURY_AGES[0] <= years <= INJURY_AGES[1]
+            else "",
+            f"contact at the ego's {hit.side}, not its front" if hit.side != "front" else "",
+        ]
+        return "; ".join(reason for reason in reasons if reason)
+
+    return Severity(
+        chosen,
+        "probability of MAIS3+ or death",
+        0.0,
+        lambda hit: float(injury_risk(who, hit.relative_speed, age)),
+        beyond,
+    )
+
+
+def _impact_severity(hit: Collision) -> float:
+    return float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+
+
+def _never(hit: Collision) -> str:
+    return ""

@@ -1,0 +1,151 @@
+"""The ideal vehicle of Eq. 17: what it knows, when it brakes, and that nobody who ships is gentler."""
+
+import math
+
+import numpy as np
+import pytest
+from road_scenes import actor, case
+
+from sumo_eval.ads.foresight import foresee
+from sumo_eval.ads.known_answers import IdealBraking
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.method.collision_avoidance import impact_severity
+from sumo_eval.method.criticality import ideal_impact_speed
+from sumo_eval.scenario import Actor, Start, catalogue
+from sumo_eval.scenario.concrete import Brake, ConstantLateral
+from sumo_eval.settings import SimulationSettings
+
+SETTINGS = SimulationSettings(end_when_decided=True)
+PACKED = ("no_reaction", "careful_driver", "idm", "lane_changer")  # ADSs with a packed form
+ALONE = ("careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426", "eu_2022_1426_bus")
+
+
+def severity(recording) -> float:
+    """U, 0 without contact, m/s."""
+    hit = recording.collision
+    return 0.0 if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
+
+
+def drawn(name: str, count: int, seed: int = 5):
+    logical = catalogue.load(name)
+    points = logical.from_unit(np.random.default_rng(seed).random((8 * count, len(logical.names))))
+    return list(logical.concretes(points[logical.feasible(points)][:count]))
+
+
+def severities(cases, ads: str, settings=SETTINGS) -> np.ndarray:
+    return np.array([severity(recording) for recording in simulate_many(cases, ads, settings)])
+
+
+def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> None:
+    cases = drawn(name, count)
+    ideal = severities(cases, "ideal_braking")
+    for one in ads:
+        gentler = severities(cases, one) < ideal - 1e-9
+        assert not gentler.any(), (one, [cases[row].label for row in np.flatnonzero(gentler)[:3]])
+
+
+@pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
+def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle(name):
+    assert_nobody_is_gentler(name, 40, ("no_reaction", "careful_driver"))
+    assert_nobody_is_gentler(name, 4, ("idm", "lane_changer", *ALONE))
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
+def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name):
+    assert_nobody_is_gentler(name, 10_000, PACKED)
+    assert_nobody_is_gentler(name, 1_000, ALONE)  # each of them alone in its simulation
+
+
+def lateness(first: float):
+    """A driver who brakes as hard as the ideal vehicle, but later, for whoever is in its path, hidden or not."""
+
+    class Late:
+        def step(self, traci, ego, time):
+            return Command(-9.0 if time >= first else 0.0)
+
+    return Late
+
+
+def test_six_drivers_of_known_order_have_six_c_in_cut_out():
+    cases = drawn("front_vehicle_cut_out", 150, seed=8)
+    ideal, nothing = severities(cases, "ideal_braking"), severities(cases, "no_reaction")
+    hit = np.flatnonzero(nothing > 0.0)[:40]
+    cases, ideal = [cases[row] for row in hit], ideal[hit]
+    assert (ideal > 0.0).any()
+    found = []
+    for first in (0.8, 1.0, 1.2, 1.5, 1.8, 2.2):
+        u = np.array([severity(simulate(one, lateness(first), SETTINGS)) for one in cases])
+        touched = u > 0.0
+        found.append(float(np.mean(np.minimum(ideal[touched] / u[touched], 1.0))))
+    assert found == sorted(found, reverse=True)
+    assert len({round(c, 6) for c in found}) == 6
+
+
+def test_the_ideal_vehicle_reacts_to_the_first_lateral_motion_and_not_to_the_overlap():
+    cut_in = catalogue.load("cut_in").concrete(ego_speed=20.0, cut_in_speed=10.0, gap=15.0, lateral_speed=0.8)
+    ego = simulate(cut_in, "ideal_braking").ego
+    assert ego.acceleration[2] == -9.0, "0.2 s after the lateral motion began; the bodies overlap from 2 s on"
+
+
+def test_it_passes_where_keeping_its_speed_touches_nobody():
+    # 15 m/s faster, 5 m behind: it is 5 + 8.6 m further ahead after 0.907 s, the overlap begins after 1.6 / 1.6 = 1 s
+    passed = catalogue.load("cut_in").concrete(ego_speed=25.0, cut_in_speed=10.0, gap=5.0, lateral_speed=1.6)
+    recording = simulate(passed, "ideal_braking", SETTINGS)
+    assert (recording.collision, recording.ego.speed.min()) == (None, 25.0)
+    touched = catalogue.load("cut_in").concrete(ego_speed=25.0, cut_in_speed=10.0, gap=8.0, lateral_speed=1.6)
+    assert simulate(touched, "ideal_braking", SETTINGS).ego.speed.min() < 25.0
+
+
+def test_it_falls_behind_a_vehicle_that_it_would_be_beside_of_at_equal_speed():
+    # 5 m/s faster and 1 m behind, it is beside the other when it is as slow: 25 / 18 + 0.375 m; 8 s to the overlap
+    beside = catalogue.load("cut_in").concrete(ego_speed=15.0, cut_in_speed=12.5, gap=0.0, lateral_speed=0.9)
+    recording = simulate(beside, "ideal_braking", SETTINGS)
+    assert recording.collision is None
+    assert recording.ego.speed.min() < 12.5
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+def test_it_sees_the_obstacle_once_a_share_of_its_width_shows(share):
+    # sliding to the left at 1.8 m/s: a share of 1.8 m shows after that share of a second; all of it at 1 s
+    lead = Actor("lead", Start(80.0, 0.0, 20.0), (ConstantLateral(0.3, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    hidden = actor("obstacle", 60.0, 0.0)
+    known = dict(zip(("lead", "obstacle"), foresee(case(lead, hidden, speed=20.0), at(share)), strict=True))
+    assert known["obstacle"].meets
+    assert not known["lead"].meets
+    assert known["obstacle"].noticed == pytest.approx(0.0 if share == 0.0 else 0.3 + share, abs=1e-6)
+
+
+def at(share: float) -> SimulationSettings:
+    return SimulationSettings(ideal_visible_share=share)
+
+
+def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
+    lead = Actor("lead", Start(80.0, 0.0, 20.0), brake=Brake(0.73, 6.0))
+    (known,) = foresee(case(lead, speed=20.0), SimulationSettings())
+    assert known == (0.73, True, 0.0)
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
+def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
+    # the lead brakes from 0.73 s on, so hard that it stands at once
+    lead = Actor("lead", Start(50.0 + 4.5 + 40.0, 0.0, 30.0), brake=Brake(0.73, 1e6))
+    recording = simulate(case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1))
+    expected = float(ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15))
+    assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
+
+
+def test_only_the_ideal_vehicle_itself_is_told_the_scripts():
+    class Mine(IdealBraking):
+        pass
+
+    recording = simulate(case(actor("lead", 40.0, 0.0)), Mine)
+    assert recording.end_reason == "ads_error"
+    assert "The ideal vehicle must be told the scripts of the others" in recording.error
+
+
+def test_what_is_never_seen_is_never_noticed():
+    lead, hidden = actor("lead", 20.0, 20.0), actor("obstacle", 40.0, 20.0)
+    known = foresee(case(lead, hidden, speed=20.0), SimulationSettings())
+    assert [one.noticed for one in known] == [0.0, math.inf]

@@ -1,0 +1,180 @@
+"""Plausibility: worked numbers, laws, and the shipped table against the recordings that it was made from."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drivers.real_data import HUMAN, needs_recordings
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.measures import smooth_motion
+from sumo_eval.method.plausibility import (
+    EXTREMES,
+    MOTORWAY_PEOPLE,
+    Quantiles,
+    extremes_of,
+    least_plausible,
+    plausibility,
+    quantiles_of,
+)
+from sumo_eval.scenario.concrete import smooth_step
+from sumo_eval.trajectory import Collision, Trajectory
+
+law = settings(derandomize=True, deadline=None, max_examples=60)
+CALM = {
+    "min_ttc": math.inf,
+    "min_thw": 3.0,
+    "max_deceleration": 0.3,
+    "max_jerk": 0.3,
+    "max_lateral_speed": 0.2,
+    "max_lateral_acceleration": 0.1,
+}
+
+
+def drive(speeds, y=0.0, *, x=0.0, interval=0.1):
+    speeds = np.asarray(speeds, dtype=np.float64)
+    time = interval * np.arange(speeds.size)
+    xs = x + np.concatenate(([0.0], np.cumsum((speeds[1:] + speeds[:-1]) * interval / 2.0)))
+    return Trajectory(time, xs, np.broadcast_to(y, time.shape), np.zeros(time.size), speeds)
+
+
+def test_the_extremes_of_a_steady_approach_by_hand():
+    # 30 behind 20 m/s, 100 m apart at first, for 5 s: 50 m are left. TTC 50/10, THW 50/30.
+    found = extremes_of(drive(np.full(51, 30.0)), {"lead": drive(np.full(51, 20.0), x=104.5)})
+    assert found["min_ttc"] == pytest.approx(5.0)
+    assert found["min_thw"] == pytest.approx(50.0 / 30.0)
+    assert [found[name] for name in list(EXTREMES)[2:]] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_constant_braking_and_a_parabola_across_have_their_own_derivatives():
+    time = np.arange(0.0, 5.05, 0.1)
+    found = smooth_motion(drive(30.0 - 3.0 * time, 0.5 * time**2))
+    assert found.acceleration == pytest.approx(-3.0)
+    assert found.jerk == pytest.approx(0.0, abs=1e-9)
+    assert found.lateral_speed == pytest.approx(time[5:-5])  # d(t^2 / 2)/dt = t
+    assert found.lateral_acceleration == pytest.approx(1.0)
+
+
+def test_the_rate_of_the_recording_does_not_matter():
+    time = np.arange(0.0, 10.001, 0.02)
+    speed, y = 25.0 - 2.0 * smooth_step((time - 3.0) / 3.0), 3.5 * smooth_step((time - 2.0) / 6.0)
+    fine, coarse = drive(speed, y, interval=0.02), drive(speed[::5], y[::5])
+    for name, value in extremes_of(coarse, {}).items():
+        assert extremes_of(fine, {})[name] == pytest.approx(value, abs=1e-3, nan_ok=True)
+
+
+def test_noise_of_a_tracker_does_not_make_a_calm_drive_extreme():
+    rng = np.random.default_rng(5)
+    noisy = drive(25.0 + 0.05 * rng.standard_normal(200), 0.05 * rng.standard_normal(200))
+    found = extremes_of(noisy, {})
+    assert plausibility(found, MOTORWAY_PEOPLE) == 1.0
+    assert np.abs(np.gradient(np.gradient(noisy.y, 0.1), 0.1)).max() > 4.0, "plain differences see a violent swerve"
+
+
+def test_stopping_is_no_jerk_and_a_short_drive_has_no_derivatives():
+    time = np.arange(0.0, 12.0, 0.1)
+    stops = drive(np.maximum(10.0 - 1.5 * time, 0.0))
+    assert extremes_of(stops, {})["max_jerk"] < 0.5
+    assert extremes_of(stops, {})["max_deceleration"] == pytest.approx(1.5)
+    short = extremes_of(drive(np.full(5, 10.0)), {})
+    assert all(math.isnan(short[name]) for name in list(EXTREMES)[2:])
+    assert plausibility(short, MOTORWAY_PEOPLE) == 1.0
+
+
+def test_plausibility_is_the_least_share_over_five_percent():
+    assert plausibility(CALM, MOTORWAY_PEOPLE) == 1.0
+    # 2 % of the people brake with 2.66 m/s2 or harder: 0.02 / 0.05.
+    braking = CALM | {"max_deceleration": 2.66}
+    assert plausibility(braking, MOTORWAY_PEOPLE) == pytest.approx(0.4)
+    assert least_plausible(braking, MOTORWAY_PEOPLE) == ("max_deceleration", pytest.approx(0.02))
+    # Halfway between 1 % (0.304 s) and 2 % (0.331 s): 1.5 %.
+    tailgating = braking | {"min_thw": 0.3175}
+    assert plausibility(tailgating, MOTORWAY_PEOPLE) == pytest.approx(0.3)
+    # The most extreme jerk is 2.819 m/s3, of 0.156 % of the people; 1 % reach 1.593, so 0 % is at 2.819 + 1.226.
+    assert plausibility(CALM | {"max_jerk": 2.819 + 0.613}, MOTORWAY_PEOPLE) == pytest.approx(0.00078 / 0.05)
+    assert plausibility(CALM | {"max_jerk": 4.05}, MOTORWAY_PEOPLE) == 0.0
+    assert plausibility(CALM | {"min_ttc": math.nan, "min_thw": math.nan}, MOTORWAY_PEOPLE) == 1.0
+
+
+def test_what_fields_cannot_see_has_no_plausibility():
+    time = np.arange(0.0, 12.0, 0.1)
+    lead = drive(np.full(120, 22.0), x=74.5)
+    through = extremes_of(drive(np.full(120, 30.0)), {"lead": lead})  # 70 m, closing at 8 m/s: through after 8.75 s
+    assert through["min_thw"] < 0.01
+    assert plausibility(through, MOTORWAY_PEOPLE) == 0.0
+    swerve = extremes_of(drive(np.full(120, 30.0), 3.5 * smooth_step((time - 6.0) / 2.0)), {"lead": lead})
+    assert plausibility(swerve, MOTORWAY_PEOPLE) == 0.0
+    calm = extremes_of(drive(np.full(120, 30.0), 3.5 * smooth_step((time - 0.5) / 7.5)), {"lead": lead})
+    assert plausibility(calm, MOTORWAY_PEOPLE) == 1.0
+    close = extremes_of(drive(np.full(120, 22.0)), {"lead": drive(np.full(120, 22.0), x=4.5 + 0.25 * 22.0)})
+    assert plausibility(close, MOTORWAY_PEOPLE) < 0.15
+
+
+def test_a_contact_is_no_gap_at_all():
+    ego, lead = drive(np.full(21, 30.0)), drive(np.full(21, 20.0), x=25.5)
+    hit = Collision(2.0, "lead", (30.0, 0.0), (20.0, 0.0), 1.0, "front", (0.0, 0.0, 0.0), (4.5, 0.0, 0.0))
+    assert extremes_of(ego, {"lead": lead}, hit)["min_ttc"] == 0.0
+    assert plausibility(extremes_of(ego, {"lead": lead}, hit), MOTORWAY_PEOPLE) == 0.0
+
+
+@law
+@given(st.sampled_from(list(EXTREMES)), st.floats(0.0, 12.0), st.floats(0.0, 3.0))
+def test_more_extreme_is_never_more_plausible(name, value, more):
+    before, after = (CALM | {name: max(value + shift, 0.0)} for shift in (0.0, EXTREMES[name] * more))
+    assert plausibility(after, MOTORWAY_PEOPLE) <= plausibility(before, MOTORWAY_PEOPLE)
+
+
+def test_a_table_of_people_is_their_own_shares():
+    drives = [CALM | {"max_deceleration": 0.1 * (n + 1)} for n in range(100)]
+    table = quantiles_of(drives)
+    assert (table.people, table.drives) == (100, 100)
+    for n in (0, 60, 94, 95, 97, 99):  # 100 - n of 100 people brake at least as hard as number n
+        assert table.share("max_deceleration", drives[n]["max_deceleration"]) == pytest.approx(
+            1.0 if n < 50 else (100 - n) / 100
+        )
+    assert "min_ttc" not in table.values, "nobody ever closed in: there is nothing to compare with"
+
+
+def test_every_person_weighs_the_same_however_often_recorded():
+    drives = [CALM | {"max_deceleration": 0.1 * (n + 1)} for n in range(40)]
+    people = [str(n) for n in range(40)]
+    often = quantiles_of([*drives, *[CALM] * 9], [*people, *["39"] * 9])
+    assert (often.people, often.drives) == (40, 49)
+    # Number 39 is 1/40 of the people and braked hard in one drive of ten.
+    assert often.share("max_deceleration", 4.0) == pytest.approx(1 / 400)
+    assert often.shares["max_deceleration"][0] == pytest.approx(1 / 400)
+    all_hard = quantiles_of([*drives, *[drives[-1]] * 9], [*people, *["39"] * 9])
+    assert all_hard.share("max_deceleration", 4.0) == pytest.approx(1 / 40)
+
+
+def test_too_few_people_and_wrong_names_are_refused():
+    with pytest.raises(InputError, match=r"at least 20 people, .* got 19"):
+        quantiles_of([CALM] * 19)
+    with pytest.raises(InputError, match="Did you mean `max_jerk`"):
+        plausibility({"max_jrk": 1.0}, MOTORWAY_PEOPLE)
+    with pytest.raises(InputError, match="at least one of min_ttc"):
+        plausibility({}, MOTORWAY_PEOPLE)
+    with pytest.raises(InputError, match="the most extreme first"):
+        Quantiles({"max_jerk": (1.0, 2.0)}, {"max_jerk": (0.1, 0.2)}, 20, 20, "")
+    with pytest.raises(InputError, match="ascending"):
+        Quantiles({"max_jerk": (2.0, 1.0)}, {"max_jerk": (0.2, 0.1)}, 20, 20, "")
+
+
+@needs_recordings
+def test_the_shipped_table_is_what_the_tool_makes_of_the_recordings():
+    pytest.importorskip("duckdb")
+    tool = Path(__file__).resolve().parents[2] / "tools" / "motorway_people.py"
+    spec = importlib.util.spec_from_file_location("motorway_people", tool)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    table, ghosts = module.motorway_people(HUMAN)
+    assert (table.people, table.drives, ghosts) == (MOTORWAY_PEOPLE.people, MOTORWAY_PEOPLE.drives, 1)
+    for name in EXTREMES:
+        assert table.shares[name] == pytest.approx(MOTORWAY_PEOPLE.shares[name], abs=1.1e-5)
+        assert table.values[name] == pytest.approx(MOTORWAY_PEOPLE.values[name], abs=1.1e-3)

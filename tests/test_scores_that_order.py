@@ -1,0 +1,176 @@
+"""The scores that order ADSs, on real SUMO runs: A, regret, H and S+ follow from the case table, and are one ADS's."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
+
+import sumo_eval
+from sumo_eval.batch.store import open_store
+from sumo_eval.method.criticality import max_inverse_ttc
+from sumo_eval.report.tables import write_tables
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+
+CUT_OUT = "front_vehicle_cut_out"
+
+
+def settings(*controllers: str) -> EvaluationSettings:
+    """Three levels an axis of a scenario with both zones, four drivers."""
+    return EvaluationSettings(
+        name="orders",
+        scenario=(ScenarioSettings(CUT_OUT, SamplingSettings(levels=3)),),
+        ads=tuple(AdsSettings(controller, controller) for controller in controllers),
+        drivers=DriverSettings(count=4),
+    )
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    """`idm` beside one that strikes in the safe zone as well."""
+    found = sumo_eval.evaluate(settings("idm", "no_reaction", "ideal_braking"), tmp_path_factory.mktemp("both") / "run")
+    write_tables(found)
+    return found
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    return sumo_eval.evaluate(settings("idm"), tmp_path_factory.mktemp("alone") / "run")
+
+
+def rows(evaluation: Evaluation, ads: str) -> list[CaseResult]:
+    return [case for case in evaluation.cases if case.ads == ads]
+
+
+def facts_of(run: Path, ads: str) -> list[str | None]:
+    """A hash of each of an ADS's drives, trajectories and all."""
+    with open_store(run / "facts.sqlite") as store:
+        return [store.case_digest(case) for case, _, who in sorted(store.names("ads", CUT_OUT)) if who == ads]
+
+
+def test_an_ads_that_has_not_changed_keeps_every_digit_whoever_is_evaluated_beside_it(
+    both: Evaluation, alone: Evaluation
+) -> None:
+    assert facts_of(both.folder, "idm") == facts_of(alone.folder, "idm")
+    assert both.score("idm", CUT_OUT) == alone.score("idm", CUT_OUT)
+    circumstances = {"wall_time": None, "latency_mean": None, "latency_max": None}
+    for together, by_itself in zip(rows(both, "idm"), rows(alone, "idm"), strict=True):
+        assert replace(together, **circumstances) == replace(by_itself, **circumstances)
+
+
+def test_the_references_are_driven_at_every_point(both: Evaluation) -> None:
+    for case in both.cases:
+        assert case.ideal_severity is not None
+        assert case.no_reaction_severity is not None
+    with open_store(both.folder / "facts.sqlite") as store:
+        for role in ("ideal", "no_reaction"):
+            assert len(list(store.names(role, CUT_OUT))) == len(rows(both, "idm"))
+
+
+def test_doing_nothing_has_a_0_and_the_ideal_vehicle_a_1(both: Evaluation) -> None:
+    nothing, ideal = both.score("no_reaction", CUT_OUT), both.score("ideal_braking", CUT_OUT)
+    assert (nothing.avoided_share, nothing.avoided_share_exposure) == (0.0, 0.0)
+    assert (ideal.avoided_share, ideal.avoided_share_exposure, ideal.regret, ideal.c) == (1.0, 1.0, 0.0, 1.0)
+    assert nothing.regret > both.score("idm", CUT_OUT).regret > 0.0
+
+
+@pytest.mark.parametrize("ads", ["idm", "no_reaction", "ideal_braking"])
+def test_a_and_the_regret_are_those_of_the_case_table(both: Evaluation, ads: str) -> None:
+    cases, score = rows(both, ads), both.score(ads, CUT_OUT)
+    u = np.array([case.severity or 0.0 for case in cases])
+    ideal, nothing = (
+        np.array([getattr(case, name) for case in cases]) for name in ("ideal_severity", "no_reaction_severity")
+    )
+    for name, weights in (
+        ("avoided_share", np.array([case.weight for case in cases])),
+        ("avoided_share_exposure", np.array([case.exposure for case in cases])),
+    ):
+        lost, at_stake = (weights * np.maximum(one - ideal, 0.0) for one in (u, nothing))
+        assert getattr(score, name) == pytest.approx(1.0 - lost.sum() / at_stake.sum(), abs=1e-12)
+    weights = np.array([case.weight for case in cases])
+    assert score.regret == pytest.approx((weights * np.maximum(u - ideal, 0.0)).sum() / weights.sum(), abs=1e-12)
+
+
+@pytest.mark.parametrize("ads", ["idm", "no_reaction"])
+def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) -> None:
+    """A safe case with an avoidable collision counts 0, every other the product of its four terms."""
+    score = both.score(ads, CUT_OUT)
+    safe = [case for case in rows(both, ads) if case.zone == "safe"]
+    struck = [case for case in safe if case.collided]
+    assert bool(struck) == (ads == "no_reaction")
+    likeness = []
+    for case in safe:
+        if case.collided:
+            assert case.human_likeness == 0.0
+            likeness.append(0.0)
+        else:
+            product = case.operation_tolerance * case.mixture_similarity * case.plausibility
+            assert case.human_likeness <= product
+            likeness.append(case.human_likeness)
+    assert score.human_likeness == pytest.approx(np.mean(likeness), abs=1e-12)
+    assert score.s_plus == pytest.approx(50.0 * max(score.avoided_share, 0.0) + 50.0 * score.human_likeness, abs=1e-9)
+    assert (score.a_points + score.h_points) == pytest.approx(score.s_plus, abs=1e-9)
+
+
+def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(both: Evaluation) -> None:
+    score = both.score("no_reaction", CUT_OUT)
+    assert (score.d, score.h_reason) == (None, "")
+    assert "in the safe zone" in score.d_reason
+    assert score.human_likeness is not None
+    # by hand: likeness 0.6 of exposure 3, and an avoidable collision, 0, of exposure 1: H = 1.8 / 4
+    made = combined(
+        replace(SAFE, human_likeness=0.6), replace(HIT, zone="safe", ideal_severity=0.0, human_likeness=0.0)
+    )
+    assert (made.d, made.d_reason) == (None, "not computed: 1 collision in the safe zone")
+    assert made.human_likeness == pytest.approx(0.45)
+
+
+def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_not_void_d() -> None:
+    shared = replace(HIT, zone="safe", ideal_severity=4.0)
+    made = combined(replace(SAFE, human_likeness=0.6), shared)
+    assert (made.d, made.human_likeness, made.safe_collisions) == (pytest.approx(0.8), 0.6, 1)
+    assert made.c == pytest.approx(0.4), "it is in C all the same: 4 / 10"
+    assert made.not_evaluated == 0
+    assert "The ideal vehicle has 1 of 1 collision in the safe zone as well" in made.notes[0]
+
+
+def test_tables_hold_every_name(both: Evaluation) -> None:
+    scores = json.loads((both.folder / "scores.json").read_text())["scores"]
+    names = ("c", "d", "s", "avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus")
+    for score in scores:
+        assert {*names, *(f"{name}_interval" for name in names)} <= set(score)
+    with (both.folder / "cases.csv").open() as file:
+        table = list(csv.DictReader(file))
+    assert {
+        "d_i",
+        "index",
+        "plausibility",
+        "human_likeness",
+        "no_reaction_severity",
+        "ideal_severity",
+        "recorded_drivers",
+    } <= set(table[0])
+    for row in table:
+        assert row["d_i"] == row["index"]
+        assert row["ideal_severity"] != ""
+        assert row["no_reaction_severity"] != ""
+        assert row["weight"] != ""
+
+
+def test_the_zone_of_every_case_is_the_criterions_own(both: Evaluation) -> None:
+    for case in rows(both, "idm"):
+        values = case.values
+        worst = max_inverse_ttc(values["ego_speed"], values["obstacle_speed"], values["gap"], delay=1.0)
+        assert (case.zone == "hazardous") == bool(worst >= 0.7)
+
+
+def test_nothing_evaluated_is_no_score() -> None:
+    nothing: ScenarioResult = combined(LOST, LOST_SAFE)
+    assert (nothing.c, nothing.d, nothing.s) == (None, None, None)
+    assert (nothing.avoided_share, nothing.human_likeness, nothing.s_plus) == (None, None, None)

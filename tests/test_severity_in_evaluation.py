@@ -1,0 +1,113 @@
+"""A severity of one's own from the evaluation file to the scores, on real SUMO runs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.method.severity import injury_risk
+from sumo_eval.report.comparability import differences
+from sumo_eval.report.tables import write_tables
+from sumo_eval.results import Evaluation
+
+OWN = """
+def by_speed(contact):
+    return min(contact.closing_speed / 50.0, 1.0) * contact.ego_mass / (contact.ego_mass + contact.other_mass)
+
+def example_only(contact):
+    return 0.5 if contact.other == "example" else float("nan")
+"""
+
+
+def evaluation_file(folder: Path, severity: str) -> Path:
+    (folder / "own.py").write_text(OWN)
+    path = folder / "evaluation.toml"
+    path.write_text(f"""
+name = "severities"
+[[scenario]]
+use = "front_vehicle_cut_out"
+[scenario.sampling]
+levels = 3
+[[ads]]
+name = "idm"
+controller = "idm"
+[[ads]]
+name = "no_reaction"
+controller = "no_reaction"
+[drivers]
+count = 3
+[method.collision]
+severity = "{severity}"
+ego_mass = 3000.0
+""")
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    folder = tmp_path_factory.mktemp("severity")
+    evaluation = sumo_eval.evaluate(evaluation_file(folder, "own.py:by_speed"), folder / "run")
+    write_tables(evaluation)
+    return evaluation
+
+
+def test_a_severity_of_ones_own_stands_in_the_place_of_u_in_every_score(found: Evaluation) -> None:
+    hits = [case for case in found.cases if case.collided]
+    assert len(hits) >= 3
+    for case in hits:  # 3,000 kg against 1,500 kg: two thirds
+        assert case.severity == pytest.approx(min(case.impact_speed / 50.0, 1.0) * 2.0 / 3.0)
+        assert case.loss in (0.4, 0.7, 1.0), "L stays the class of U"
+    for score in found.scores:
+        cases = [case for case in found.cases if case.ads == score.ads]
+        struck = [case for case in cases if case.collided]
+        weights = np.array([case.weight for case in struck])
+        ratios = np.array([min(1.0, case.ideal_severity / case.severity) for case in struck])
+        assert score.c == pytest.approx(np.sum(weights * ratios) / np.sum(weights))
+        weights, own, ideal, unreacting = np.array(
+            [(case.weight, case.severity or 0.0, case.ideal_severity, case.no_reaction_severity) for case in cases]
+        ).T
+        lost, at_stake = (np.sum(weights * np.maximum(value - ideal, 0.0)) for value in (own, unreacting))
+        assert score.avoided_share == pytest.approx(1.0 - lost / at_stake)
+        assert score.regret == pytest.approx(lost / np.sum(weights))
+
+
+def test_the_scores_tell_which_severity_they_were_made_with(found: Evaluation) -> None:
+    made_with = json.loads((found.folder / "scores.json").read_text())["severity"]
+    assert (made_with["name"], made_with["unit"], len(made_with["sha256"])) == ("own.py:by_speed", "loss", 64)
+    edited = sumo_eval.results.Evaluation(
+        found.name, found.folder, found.settings,
+        {**found.manifest, "severity": {**made_with, "sha256": "0" * 64}}, found.zones, found.scores, found.cases,
+        found.exposures,
+    )  # fmt: skip
+    assert [item.what for item in differences(found, edited) if item.decides] == ["file of the severity"]
+
+
+def test_another_severity_needs_no_simulation_and_says_where_its_range_ends(found: Evaluation) -> None:
+    again = sumo_eval.score(found.folder, ["method.collision.severity=injury:cyclist"])
+    for case in again.cases:
+        if case.collided:
+            assert case.severity == pytest.approx(float(injury_risk("cyclist", case.impact_speed)))
+    fast = sum(case.collided and case.impact_speed > 100.0 / 3.6 for case in again.cases)
+    said = [note for score in again.scores for note in score.notes if "outside the range of `injury:cyclist`" in note]
+    assert fast > 0
+    assert sum(int(note.split()[0]) for note in said) == fast
+    by_class = sumo_eval.score(found.folder, ["method.collision.severity=eq14"])
+    as_before = sumo_eval.score(found.folder, ["method.collision.severity=severity", "method.collision.loss=class"])
+    assert by_class.scores[0].c == as_before.scores[0].c
+
+
+def test_an_answer_that_is_no_loss_names_the_case_and_loses_nothing(found: Evaluation) -> None:
+    with pytest.raises(InputError, match=r"`own.py:example_only` must return .* got nan for front_vehicle_cut_out"):
+        sumo_eval.score(found.folder, ["method.collision.severity=own.py:example_only"])
+    assert sumo_eval.score(found.folder).scores[0].c == found.scores[0].c
+
+
+def test_a_wrong_severity_is_refused_before_the_first_case(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="Did you mean `by_speed`"):
+        sumo_eval.evaluate(evaluation_file(tmp_path, "own.py:by_sped"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
