@@ -80,9 +80,9 @@ for _rung in RUNGS:
 
 
 SPACES = (
-    ScenarioSettings("front_vehicle_cut_out", SamplingSettings(method="sobol", count=40)),
-    ScenarioSettings("cut_in", SamplingSettings(method="sobol", count=33)),
-    ScenarioSettings("front_vehicle_braking", SamplingSettings(method="sobol", count=24)),
+    ScenarioSettings("front_vehicle_cut_out", SamplingSettings(method="sobol", count=48)),
+    ScenarioSettings("cut_in", SamplingSettings(method="sobol", count=53)),
+    ScenarioSettings("front_vehicle_braking", SamplingSettings(method="sobol", count=28)),
 )
 
 
