@@ -39,7 +39,7 @@ def assert_a_orders(table: pd.DataFrame, least: int) -> None:
 
 
 def test_five_rungs_stand_in_their_order(ladder: ModuleType, tmp_path: Path) -> None:
-    Rung = ladder.Rung  # noqa: N806
+    Rung = ladder.Rung
     rungs = (Rung(0.2, 8, 80, 0), Rung(0.6, 8, 80, 0), Rung(1.2, 8, 80, 0), Rung(2.0, 8, 25, 0), Rung(2.0, 4, 25, 0))
     assert set(rungs) <= set(ladder.RUNGS)
     spaces = (ScenarioSettings("front_vehicle_braking", SamplingSettings(levels=2)),)
