@@ -137,11 +137,12 @@ def _jump(demand: Callable[[float], float], begin: float, end: float) -> float:
     A level in the middle of a part errs in second order where the demand is smooth in it, and in first order where it
     jumps. `end`, where the demand changes by less than `_JUMP`.
     """
-    early, late = demand(begin + _INSIDE * (end - begin)), demand(end - _INSIDE * (end - begin))
+    inside = _INSIDE * (end - begin)
+    early, late = demand(begin + inside), demand(end - inside)
     if abs(late - early) < _JUMP:
         return end
     half = 0.5 * (early + late)
-    return first_instant(lambda after: (demand(after) > half) == (early > half), begin, end)
+    return first_instant(lambda after: demand(after) > half, begin + inside, end - inside)
 
 
 class SafetyBraking:
@@ -183,11 +184,11 @@ class SafetyBraking:
         before, after = asks(wait), asks(step)
         change = step if before == after else first_instant(asks, wait, step)
         for begin, end, on in ((wait, change, before), (change, step, after)):
-            if not on:
-                lost += path.towards(0.0, end - begin)
-            elif end > begin:
-                jump = _jump(demand, begin, end)
-                for first, last in ((begin, jump), (jump, end)):
-                    if last > first:
-                        lost += path.towards(min(demand(0.5 * (first + last)), self._strongest), last - first)
+            if end <= begin:
+                continue
+            jump = _jump(demand, begin, end) if on else end
+            for first, last in ((begin, jump), (jump, end)):
+                if last > first:
+                    level = min(demand(0.5 * (first + last)), self._strongest) if on else 0.0
+                    lost += path.towards(level, last - first)
         return path.command(lost, releases=not after)
