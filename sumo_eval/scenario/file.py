@@ -340,10 +340,14 @@ class Definitions:
 
     def at(self, values: Mapping[str, float]) -> dict[str, float]:
         """The values and the definitions at one point, plain floats."""
-        known = {**values, **dict(self.options)}
+        known = dict(values)
+        known.update(self.options)
         for name, expression in self.entries:
             known[name] = expression.at(known)
         return known
+
+
+_FLOATS: frozenset[type] = frozenset({float, np.float64})
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,9 +359,9 @@ class Condition:
 
     def __call__(self, values: Values) -> BoolArray:
         """Whether it holds."""
-        if all(isinstance(value, float) for value in values.values()):  # one point, as `LogicalScenario.concrete` asks
-            point = self.definitions.at({name: float(value) for name, value in values.items()})
-            return np.asarray(self.expression.at(point), dtype=np.bool_)
+        if _FLOATS.issuperset(map(type, values.values())):  # one point, as `LogicalScenario.concrete` asks
+            point = self.definitions.at(dict(zip(values, map(float, values.values()), strict=True)))
+            return np.asarray(self.expression.at(point))
         return np.asarray(self.expression.value(self.definitions.extend(values)), dtype=np.bool_)
 
 

@@ -101,7 +101,7 @@ class NamedSample:
 
 def uniform_exposure(values: Values) -> FloatArray:
     """Every concrete scenario is met equally often."""
-    return np.ones(np.broadcast_shapes(*(np.shape(value) for value in values.values())))
+    return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +196,10 @@ class LogicalScenario:
 
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible values."""
-        owner = f"scenario `{self.name}`"
+        owner, names = f"scenario `{self.name}`", self.names
         for name in values:
-            if name not in self.names:
-                raise unknown(f"parameter of {owner}", name, self.names)
+            if name not in names:
+                raise unknown(f"parameter of {owner}", name, names)
         for parameter in self.parameters:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
@@ -216,10 +216,10 @@ class LogicalScenario:
             if parameter.values and float(value) not in parameter.values:
                 allowed = ", ".join(f"{known:g}" for known in parameter.values)
                 raise must_be(f"`{parameter.name}`", owner, f"one of {allowed} {parameter.unit}", float(value))
-        point = {name: float(values[name]) for name in self.names}
+        point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
-            if not np.all(constraint.holds(arrays)):  # type: ignore[arg-type]
+            if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
                 at = ", ".join(f"{name}={value:g}" for name, value in point.items())
                 raise must_be("The point", owner, constraint.about, at)
         ego, actors = self.place(point)
