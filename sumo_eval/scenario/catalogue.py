@@ -40,7 +40,7 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 
     After the name of a shipped one or of a `file.toml` options may stand: `cut_in?lateral_acceleration=1.5`.
     """
-    plain, given = _options(use)
+    plain, given = options_of(use)
     if plain.endswith(".toml"):
         return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
     if ":" not in plain:
@@ -54,15 +54,15 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
 @cache
 def load(name: str) -> LogicalScenario:
     """The shipped logical scenario of that name, with options if it has any: `cut_in?lateral_acceleration=1.5`."""
-    plain, given = _options(name)
+    plain, given = options_of(name)
     files = scenario_files()
     if plain not in files:
         raise unknown("logical scenario", plain, files)
     return read_scenario(files[plain], given)
 
 
-def _options(use: str) -> tuple[str, dict[str, str]]:
-    """`cut_in?a=1&b=2`: what stands before the options, and they by name, as written."""
+def options_of(use: str) -> tuple[str, dict[str, str]]:
+    """What stands before the options of `cut_in?a=1&b=2`, and the options by name, as written."""
     plain, asks, options = use.partition("?")
     given: dict[str, str] = {}
     for option in options.split("&") if asks else ():

@@ -58,8 +58,8 @@ _Pair = tuple[Callable[..., Any], Callable[..., Any]]
 """How an operation is done on arrays, and on plain floats; the same bits come out."""
 
 _ARITHMETIC: dict[type[ast.operator], _Pair] = {
-    ast.Add: (operator.add, operator.add), ast.Sub: (operator.sub, operator.sub), ast.Mult: (operator.mul, operator.mul),
-    ast.Div: (np.divide, _divide), ast.Pow: (np.power, _quiet(np.power)),
+    ast.Add: (operator.add, operator.add), ast.Sub: (operator.sub, operator.sub),
+    ast.Mult: (operator.mul, operator.mul), ast.Div: (np.divide, _divide), ast.Pow: (np.power, _quiet(np.power)),
 }  # fmt: skip
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,

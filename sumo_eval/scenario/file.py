@@ -29,6 +29,7 @@ from sumo_eval.scenario.logical import (
     Constraint,
     LogicalScenario,
     NamedSample,
+    Option,
     Parameter,
     Values,
     ZoneCoordinates,
@@ -163,11 +164,11 @@ class SampleTable(Checked):
     columns: Annotated[
         tuple[str, ...], About("the parameters that a row holds; default: all that `each` and `set` do not, in order")
     ] = ()
-    units: Annotated[dict[str, str], About("units of columns that are not the parameters' own: km/h instead of m/s")] = (
+    units: Annotated[dict[str, str], About("units of columns that are not the parameters': km/h instead of m/s")] = (
         field(default_factory=dict)
     )
-    each: Annotated[dict[str, tuple[float, ...]], About("parameter = values: every row with each of these values")] = (
-        field(default_factory=dict)
+    each: Annotated[dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")] = field(
+        default_factory=dict
     )
     set: Annotated[dict[str, Formula], About("parameter = expression of those that rows and `each` hold")] = field(
         default_factory=dict
@@ -225,7 +226,10 @@ _ADAPTER = TypeAdapter(ScenarioFile)
 
 
 def read_scenario(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
-    """The logical scenario in a TOML file. given: options by name, as written. Raises InputError naming what is wrong."""
+    """The logical scenario in a TOML file. given: options by name, as written.
+
+    Raises InputError naming what is wrong.
+    """
     return scenario_from(read_toml(path, "scenario file"), f"scenario file {path}", path.parent, given)
 
 
@@ -272,14 +276,14 @@ def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[Scenar
     return table, values
 
 
-def check_file(path: Path) -> tuple[str, ...]:
+def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Read a scenario file, place vehicles at every point of its own sample, and say in sentences what it holds.
 
-    Raises InputError with what is wrong, at the first point where something is.
+    given: options by name, as written. Raises InputError with what is wrong, at the first point where something is.
     """
     from sumo_eval.scenario.sampling import sample
 
-    logical = read_scenario(Path(path))
+    logical = read_scenario(Path(path), given)
     chosen = sample(logical)
     if not len(chosen.points):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none of {len(chosen.refused)}.")
@@ -518,12 +522,8 @@ _NEEDS = {
 }
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 
-_BOUNDS: dict[str, Mapping[str, float]] = {
-    "duration": {"above": 0.0},
-    "jerk": {"endless": True},  # with inf m/s3, or m/s2, what builds up is there at once
-    "acceleration": {"endless": True},
-}
-"""What numbers of manoeuvres must be besides finite, by key; brakes and sideways moves check more themselves."""
+_ENDLESS = ("jerk", "acceleration")
+"""Numbers of manoeuvres that may be inf: what builds up with inf m/s3, or m/s2, is there at once."""
 
 _KMH = 1.0 / 3.6  # m/s
 _CONVERSIONS = {"m/s": {"km/h": _KMH}, "m": {"km": 1000.0}, "1": {"%": 0.01}}
@@ -543,10 +543,11 @@ class _Builder:
         parameters = tuple(self._parameter(item) for item in table.parameter)
         if not parameters:
             raise InputError(f"{self.where} must have at least one [[parameter]].")
-        for item in table.option:
-            if not item.name.isidentifier():
-                raise must_be("The name", f"an option of {self.where}", "letters, digits and underscores", item.name)
-        names = [*(item.name for item in parameters), *(item.name for item in table.option)]
+        options = [option.name for option in table.option]
+        for name in options:
+            if not name.isidentifier():
+                raise must_be("The name", f"an option of {self.where}", "letters, digits and underscores", name)
+        names = [*(item.name for item in parameters), *options]
         self.known = _distinct(names, "parameter and option", self.where)
         entries = []
         for name, formula in table.define.items():
@@ -591,13 +592,14 @@ class _Builder:
             zone_coordinates=self._coordinates(definitions),
             samples=tuple(self._sample(item, parameters) for item in table.sample),
             default_sample=table.default_sample,
+            options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
         )
 
     def _number(self, formula: Formula, what: str) -> Expression:
         return checked_names(number(formula, f"{what} of {self.where}"), self.known, f"{what} of {self.where}")
 
-    def _quantity(self, formula: Formula, what: str, **bounds: float) -> Quantity:
-        return Quantity(what, self.owner, self._number(formula, what), **bounds)
+    def _quantity(self, formula: Formula, what: str, at_least: float = -math.inf) -> Quantity:
+        return Quantity(what, self.owner, self._number(formula, what), at_least)
 
     def _constraint(self, item: ConstraintTable, definitions: Definitions) -> Constraint:
         expression = checked_names(condition(item.require, self.where), self.known, self.where)
@@ -692,7 +694,9 @@ class _Builder:
             if value is not None and key not in (*needed, *allowed):
                 raise InputError(f"`{item.do}` of {what} in {self.where} has no `{key}`.")
             if value is not None:
-                numbers.append((key, self._quantity(value, f"{key} of `{item.do}` of {what}", **_BOUNDS.get(key, {}))))
+                quantity = self._quantity(value, f"{key} of `{item.do}` of {what}")
+                above = 0.0 if key == "duration" else -math.inf  # brakes and sideways moves check themselves
+                numbers.append((key, replace(quantity, above=above, endless=key in _ENDLESS)))
         return Move(item.do, tuple(numbers))
 
     def _zone(self, definitions: Definitions, vehicles: Sequence[Vehicle]) -> ZoneRule:
@@ -747,27 +751,23 @@ class _Builder:
             for row in item.points:
                 if len(row) != len(columns):
                     raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
-                scaled = [value if factor is None else value * factor for value, factor in zip(row, factors, strict=True)]
+                scaled = [value * factor for value, factor in zip(row, factors, strict=True)]
                 values = dict(zip(given, (*further, *scaled), strict=True))
                 values |= {name: float(expression.at(values)) for name, expression in derived.items()}
                 points.append(tuple(values[name] for name in names))
         return NamedSample(item.name, item.about or item.name, tuple(points))
 
-    def _factor(
-        self, item: SampleTable, columns: Sequence[str], parameters: Sequence[Parameter], name: str
-    ) -> float | None:
-        """What the numbers of a column are multiplied by; None: they are in the parameter's own unit."""
+    def _factor(self, item: SampleTable, columns: Sequence[str], parameters: Sequence[Parameter], name: str) -> float:
+        """What the numbers of a column are multiplied by to be in the parameter's unit."""
         for column in item.units:
             if column not in columns:
                 raise unknown(f"column in `units` of sample `{item.name}` of {self.where}:", column, columns)
         own = next(parameter.unit for parameter in parameters if parameter.name == name)
+        factors = {own: 1.0, **_CONVERSIONS.get(own, {})}
         unit = item.units.get(name, own)
-        if unit == own:
-            return None
-        others = _CONVERSIONS.get(own, {})
-        if unit not in others:
-            raise unknown(f"unit of column `{name}` of sample `{item.name}` of {self.where}:", unit, [own, *others])
-        return others[unit]
+        if unit not in factors:
+            raise unknown(f"unit of column `{name}` of sample `{item.name}` of {self.where}:", unit, factors)
+        return factors[unit]
 
 
 def _quantities(vehicle: Vehicle) -> list[Quantity]:

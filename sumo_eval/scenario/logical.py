@@ -91,6 +91,15 @@ class ZoneCoordinates:
 
 
 @dataclass(frozen=True, slots=True)
+class Option:
+    """A number that whoever names the scenario may give: `cut_in?lateral_acceleration=1.5`."""
+
+    name: str
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
 class NamedSample:
     """A list of points that somebody prescribes, rows in the order of `LogicalScenario.parameters`."""
 
@@ -113,7 +122,7 @@ class LogicalScenario:
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
-    parameters.
+    parameters. options: what may be given where the scenario is named.
     """
 
     name: str
@@ -131,6 +140,7 @@ class LogicalScenario:
     samples: tuple[NamedSample, ...] = ()
     default_sample: str = "grid"
     zone_coordinates: ZoneCoordinates | None = None
+    options: tuple[Option, ...] = ()
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)
