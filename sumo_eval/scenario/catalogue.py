@@ -25,6 +25,9 @@ class _Shipped(Mapping[str, LogicalScenario]):
             raise KeyError(name)
         return load(name)
 
+    def __contains__(self, name: object) -> bool:
+        return name in scenario_files()
+
     def __iter__(self) -> Iterator[str]:
         return iter(scenario_files())
 
