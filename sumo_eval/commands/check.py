@@ -69,10 +69,11 @@ def _check_scenario(use: str) -> NoReturn:
     from sumo_eval.scenario.file import check_file
 
     file, given = options_of(use)
-    scenario = ScenarioSettings(use)
+    path = Path(file)
+    scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    space_of(scenario, alone, Path.cwd())
-    for sentence in check_file(Path(file), given):
+    space_of(scenario, alone, path.parent.resolve())
+    for sentence in check_file(path, given):
         click.echo(sentence)
     sys.exit(DONE)
 

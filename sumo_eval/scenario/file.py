@@ -179,7 +179,9 @@ class SampleTable(Checked):
 class GivenTable(Checked):
     """What else is different where an option is given."""
 
-    suffix: Annotated[str | None, About("appended to the scenario's name after `_`; default: the option's name")] = None
+    suffix: Annotated[
+        str | None, MinLen(1), About("appended to the scenario's name after `_`; default: the option's name")
+    ] = None
     about: Annotated[str | None, About("what happens then, instead of the scenario's own `about`")] = None
     road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
 
@@ -321,8 +323,8 @@ def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], 
 class Definitions:
     """Names for expressions, worked out in order. options: names of plain numbers."""
 
-    options: tuple[tuple[str, float], ...]
     entries: tuple[tuple[str, Expression], ...]
+    options: tuple[tuple[str, float], ...] = ()
 
     def needed_by(self, *expressions: Expression) -> Definitions:
         """Those without which the expressions have no value."""
@@ -333,7 +335,7 @@ class Definitions:
                 entries.append((name, expression))
                 names |= expression.names
         options = tuple((name, value) for name, value in self.options if name in names)
-        return Definitions(options, tuple(reversed(entries)))
+        return Definitions(tuple(reversed(entries)), options)
 
     def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
         """The values and the definitions at them."""
@@ -503,10 +505,11 @@ class ZoneRule:
     def __call__(self, values: Values) -> Approach:
         """The approach at every point."""
         known = self.definitions.extend(values)
+        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         return Approach(
-            ego_speed=self.ego_speed.value(known),
-            obstacle_speed=self.obstacle_speed.value(known),
-            gap=self.gap.value(known),
+            ego_speed=np.broadcast_to(self.ego_speed.value(known), shape),
+            obstacle_speed=np.broadcast_to(self.obstacle_speed.value(known), shape),
+            gap=np.broadcast_to(self.gap.value(known), shape),
             delay=self.delay.value(known),
             obstacle_deceleration=self.obstacle_deceleration.value(known),
             conflict_begin=self.conflict_begin.value(known),
@@ -555,7 +558,7 @@ class _Builder:
                 raise InputError(f"`{name}` in [define] of {self.where} must differ from parameters and options.")
             entries.append((name, self._number(formula, f"[define] {name}")))
             self.known.append(name)
-        definitions = Definitions(tuple(self.options.items()), tuple(entries))
+        definitions = Definitions(tuple(entries), tuple(self.options.items()))
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
         for item in vehicles:
@@ -743,7 +746,7 @@ class _Builder:
         factors = [self._factor(item, columns, parameters, name) for name in columns]
         given = [*item.each, *columns]
         derived = {
-            name: checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner)
+            name: Quantity(name, owner, checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner))
             for name, formula in item.set.items()
         }
         points = []
@@ -753,7 +756,7 @@ class _Builder:
                     raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
                 scaled = [value * factor for value, factor in zip(row, factors, strict=True)]
                 values = dict(zip(given, (*further, *scaled), strict=True))
-                values |= {name: float(expression.at(values)) for name, expression in derived.items()}
+                values |= {name: quantity.at(values) for name, quantity in derived.items()}
                 points.append(tuple(values[name] for name in names))
         return NamedSample(item.name, item.about or item.name, tuple(points))
 

@@ -146,6 +146,8 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[ego]", SAMPLE.replace("km/h", "kmh") + "[ego]", "Did you mean `km/h`?"),
         ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]", "Did you mean `ego_speed`?"),
         ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]", "Did you mean `ego_speed`?"),
+        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]", "must be finite, got"),
+        ("[ego]", OPTION.replace('"later"', '""') + "[ego]", "`option[0].given.suffix` in scenario file"),
         ("[ego]", SAMPLE.replace("[[90]", "[[90, 3]") + "[ego]", "must be 1 numbers"),
         ("[ego]", SAMPLE + 'columns = ["truck_speed"]\n[ego]', "got `truck_speed` twice"),
         ("[ego]", SAMPLE.replace(EACH, 'columns = ["ego_speed"]') + "[ego]", "Parameter `truck_speed` of sample `own`"),
