@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sumo_eval.ads.braking import first_instant, mean_level, moved, released_level, switched
+from sumo_eval.ads.braking import SafetyBraking, first_instant, mean_level, moved, released_level, switched
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.settings import VehicleSettings
 
@@ -69,3 +69,16 @@ def test_law_a_release_takes_off_what_it_is_to(step):
 
 def test_the_instant_of_a_change_is_found():
     assert first_instant(lambda time: time > 0.0123, 0.0, 0.05) == pytest.approx(0.0123, abs=1e-7)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("jumps_at", [0.512, 0.537, 0.561, 0.5999])
+def test_a_demand_that_jumps_within_a_step_counts_from_there(step, jumps_at):
+    # 4 m/s2 from 0.1 s on, 2 more from the jump on; rising at 12 m/s3 loses 4^2/24 and 2^2/24 m/s of it
+    brakes, speed, acceleration = SafetyBraking(0.1, 7.0, 12.0, VEHICLE, step), 40.0, 0.0
+    for count in range(round(1.0 / step)):
+        time = count * step
+        told = brakes.follow(lambda after, now=time: 4.0 if now + after < jumps_at else 6.0, time)
+        acceleration, speed, _ = drive(speed, acceleration, -told, VEHICLE, step)
+    expected = 4.0 * 0.9 - 16.0 / 24.0 + 2.0 * (1.0 - jumps_at) - 4.0 / 24.0
+    assert 40.0 - speed == pytest.approx(expected, abs=1e-3)
