@@ -185,7 +185,7 @@ def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.Data
 
 
 def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
-    """The same tables as Parquet, by a reader and writer that never holds one whole."""
+    """Write each CSV table again as Parquet, by a reader and writer that never holds one whole."""
     try:
         import duckdb
     except ImportError as error:

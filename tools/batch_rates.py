@@ -70,7 +70,7 @@ def bare(cases: Sequence[Case]) -> int:
 
 
 def engine(run: RunSettings) -> Callable[[Sequence[Case]], int]:
-    """The same through an engine: how many outcomes came, and were evaluated."""
+    """Simulate the cases through an engine, and count the outcomes that came and were evaluated."""
     setup = Setup(SIMULATION, run, Path())
     return lambda cases: sum(1 for outcome in run_cases(cases, setup) if outcome.status in ("ok", "collision"))
 

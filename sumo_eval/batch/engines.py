@@ -17,10 +17,13 @@ from sumo_eval.batch.packs import Pack, Packs
 from sumo_eval.batch.pool import Ended, Pool, Work
 from sumo_eval.batch.worker import answer, run_together
 from sumo_eval.errors import InputError
+from sumo_eval.locators import load_object
 from sumo_eval.text import clean
 
 Stopping = Callable[[], bool]
 """Asked before cases are begun: whether no more of them should be."""
+
+_CLUSTER = "sumo_eval.batch.cluster:run_on_cluster"  # a text, because its workers build on this module
 
 
 def never() -> bool:
@@ -36,13 +39,12 @@ def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -
 
 
 def run_packs(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[list[Outcome], None, None]:
-    """The same by packs: the outcomes of those cases that ended together."""
+    """Outcomes of the cases by packs, a list of those that ended together, from the engine that `setup.run` names."""
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
-        from sumo_eval.batch.cluster import run_on_cluster
-
-        return run_on_cluster(cases, setup, stopping)
+        found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
+        return found
     return run_in_children(cases, setup, stopping, setup.run.workers)
 
 

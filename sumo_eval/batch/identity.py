@@ -34,10 +34,17 @@ def harness_identity() -> str:
 
     Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
     """
-    files = sorted(file for room in _ROOMS_THAT_MAKE_FACTS for file in (_PACKAGE / room).rglob("*.py"))
-    files += [_PACKAGE / "kernels.py", *(_PACKAGE / "batch" / name for name in ("claims.py", "worker.py"))]
-    sources = {str(file.relative_to(_PACKAGE)): _hash(file) for file in files}
-    return _text({"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources})
+    return _text(
+        {"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources_of_facts(_PACKAGE)}
+    )
+
+
+def sources_of_facts(package: Path) -> dict[str, str]:
+    """Hashes of the files of this package that facts depend on, by path in it: code and the shipped scenarios."""
+    rooms = [package / room for room in _ROOMS_THAT_MAKE_FACTS]
+    files = sorted(file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending))
+    files += [package / "kernels.py", *(package / "batch" / name for name in ("claims.py", "worker.py"))]
+    return {str(file.relative_to(package)): _hash(file) for file in files}
 
 
 def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:

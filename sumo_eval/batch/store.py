@@ -302,7 +302,7 @@ class Store:
         return list(self.each_fact(role, scenario, driver))
 
     def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
-        """The same one after the other, without holding them all."""
+        """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
         query = (
             f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
             "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
@@ -345,7 +345,7 @@ class Store:
         return found.hexdigest()
 
     def case_digest(self, case: str) -> str | None:
-        """The same of one case; None when it is not recorded."""
+        """A hash of one case's facts and trajectories; None when it is not recorded."""
         row = next(self._read('SELECT * FROM facts WHERE "case" = ?', (case,)), None)
         if row is None:
             return None

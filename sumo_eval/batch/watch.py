@@ -129,7 +129,7 @@ class WatchedController:
 
 
 class WatchedObserver(WatchedController, ObservingController):
-    """The same for a controller that is shown Observations."""
+    """A controller that is shown Observations, with an alarm and a memory limit around each of its steps."""
 
     def __init__(self, controller: ObservingController, step_timeout: float, memory_limit: float) -> None:
         super().__init__(cast("Controller", controller), step_timeout, memory_limit)
@@ -146,7 +146,7 @@ class WatchedObserver(WatchedController, ObservingController):
 
 
 class WatchedPolicy(WatchedController):
-    """The same for a policy, which is asked about what is seen."""
+    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of its answers."""
 
     is_policy = True
 

@@ -41,9 +41,10 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the clock, 2 it cannot
     be loaded or the file is wrong.
     """
-    if what.endswith(".toml"):
-        if _is_scenario(Path(what)):
-            _check_scenario(Path(what))
+    file = what.partition("?")[0]
+    if file.endswith(".toml"):
+        if _is_scenario(Path(file)):
+            _check_scenario(what)
         _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
 
@@ -61,15 +62,18 @@ def _is_scenario(path: Path) -> bool:
         return False
 
 
-def _check_scenario(path: Path) -> NoReturn:
+def _check_scenario(use: str) -> NoReturn:
     """By the function that a run of the scenario alone, on its own sample, asks first."""
     from sumo_eval.facts import space_of
+    from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
 
-    scenario = ScenarioSettings(path.name)
+    file, given = options_of(use)
+    path = Path(file)
+    scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
     space_of(scenario, alone, path.parent.resolve())
-    for sentence in check_file(path):
+    for sentence in check_file(path, given):
         click.echo(sentence)
     sys.exit(DONE)
 

@@ -14,3 +14,5 @@ def scenarios() -> None:
         click.echo(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
             click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g} {item.unit}, step {item.step:g}: {item.about}")
+        for option in scenario.options:
+            click.echo(f"  ?{option.name}=... {option.unit}: {option.about}")

@@ -49,7 +49,7 @@ class Body(NamedTuple):
 
 @kernel
 def within_a_turn(angle: float) -> float:
-    """The same direction within -pi..pi, rad."""
+    """An angle's direction as one within -pi..pi, rad."""
     return angle if -math.pi <= angle <= math.pi else angle - TURN * math.floor(angle / TURN + 0.5)
 
 

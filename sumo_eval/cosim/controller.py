@@ -214,6 +214,16 @@ SHIPPED = {
 }
 """Controllers that ship, by name."""
 
+DOORS = {
+    "exec": "sumo_eval.cosim.json_lines:JsonLinesProgram.from_command",
+    "traci": "sumo_eval.cosim.traci_program:TraciProgram.from_command",
+    "fmu": "sumo_eval.cosim.fmu:FmuController.from_locator",
+}
+"""What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
+
+Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
+"""
+
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
     "Daniel1", "ACC", "CACC",
@@ -239,18 +249,8 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     scheme, colon, rest = locator.partition(":")
     if colon and scheme == "sumo":
         return _native_model(locator, rest)
-    if colon and scheme == "exec":
-        from sumo_eval.cosim.json_lines import JsonLinesProgram
-
-        return JsonLinesProgram.from_command(rest, folder)
-    if colon and scheme == "traci":
-        from sumo_eval.cosim.traci_program import TraciProgram
-
-        return TraciProgram.from_command(rest, folder)
-    if colon and scheme == "fmu":
-        from sumo_eval.cosim.fmu import FmuController
-
-        return FmuController.from_locator(rest, folder)
+    if colon and scheme in DOORS:
+        return load_object(DOORS[scheme], None, "ADS")(rest, folder)
     target = SHIPPED.get(locator, locator)
     if ":" not in target:
         raise InputError(

@@ -195,7 +195,7 @@ def simulate_together(
     wrap: Callable[[Controller], Controller] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | str]:
-    """As `simulate_many`, but for cases that have to be driven alone: the reason, for the caller to see to them.
+    """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason.
 
     seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
     whether a policy over arrays may see many cases at once; its numbers may depend on which.

@@ -177,7 +177,7 @@ def _script_across(other: Any, moves: Any, time: float) -> float:
 
 @kernel
 def _script_acceleration(other: Any, moves: Any, time: float) -> float:
-    """As `Actor.acceleration`."""
+    """Acceleration of another vehicle along its heading as its script has it at a time, m/s2."""
     if not other.script_begin <= time <= other.script_end:
         return 0.0
     braking = braking_acceleration(other.brake, other.start.speed, time) if other.brakes else 0.0

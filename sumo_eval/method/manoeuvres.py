@@ -58,7 +58,7 @@ def choose(ads: Trajectory, drivers: Sequence[Trajectory], road: Road, settings:
 
 
 def chosen(mine: Manoeuvre, theirs: Sequence[Manoeuvre]) -> Choice:
-    """The same from the manoeuvres of the ADS and of the drivers."""
+    """Which drivers an ADS is compared with, from the manoeuvres of both sides that `manoeuvre_of` found."""
     counts = Counter(theirs)
     numbers = {manoeuvre: number for number, manoeuvre in enumerate(sorted(counts))}
     groups = np.array([numbers[manoeuvre] for manoeuvre in theirs])

@@ -725,7 +725,7 @@ class _DangerSearch:
         return np.asarray(points[np.lexsort((*points.T[::-1], *keys))[0]])
 
     def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
-        """The same point, to 1e-7 of the box, in the fewest digits that still lie within the zone."""
+        """The most dangerous point, to 1e-7 of the box, in the fewest digits that still lie within the zone."""
         for digits in range(10):
             short = np.clip(np.round(best, digits), self.logical.low, self.logical.high)
             near = np.all(np.abs(self.logical.to_unit(short) - self.logical.to_unit(best)) < 1e-7)

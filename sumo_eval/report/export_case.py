@@ -89,7 +89,7 @@ def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path
     entry = next(item for item in settings.scenario if item.use == use)
     ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
-    space = str(source / use) if use.endswith(".toml") else made_absolute(use, source)
+    space = str(source / use) if use.partition("?")[0].endswith(".toml") else made_absolute(use, source)
     plant = settings.simulation.plant
     if plant is not None:
         plant = replace(plant, file=str(source / plant.file))

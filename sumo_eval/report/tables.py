@@ -80,7 +80,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The same with dicts, lists and finite numbers only."""
+    """A value made of dicts, lists, texts and finite numbers only; None for a number that is not finite."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -90,7 +90,7 @@ def _styled(value: str, interval: str, heading: str) -> Text:
 
 
 def plain_table(evaluation: Evaluation) -> str:
-    """The same numbers as aligned text without lines, one line an ADS and logical scenario, for logs and pipes."""
+    """The scores as aligned text without ruled lines, one line an ADS and logical scenario, for logs and pipes."""
     rows = [COLUMNS, *(tuple(_row(score)) for score in evaluation.scores)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
     return "\n".join(

@@ -174,9 +174,11 @@ def _chart(
 
 def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:
     """Round numbers around a range, at least two of them, at least `least` apart."""
-    if high - low < 1e-9 * max(1.0, abs(high)):
-        pad = 0.5 * abs(high) or 0.5
-        low, high = low - pad if low else 0.0, high + pad
+    if max(abs(low), abs(high)) < 1e-9:  # nothing but zeros, and what rounding leaves of them
+        low, high = 0.0, 0.5
+    elif high - low < 1e-9 * max(1.0, abs(high)):
+        pad = 0.5 * abs(high)
+        low, high = low - pad, high + pad
     rough = (high - low) / (TICKS - 1)
     magnitude = 10.0 ** math.floor(math.log10(rough))
     step = next(factor * magnitude for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * magnitude >= rough * 0.999)

@@ -2,7 +2,7 @@
 
 Python's parser reads the text, and only the node types listed here are understood: numbers, names, + - * / **,
 comparisons (chains too), and, or, not, and the functions below. There are no attributes, no subscripts, no calls of
-anything else and no `eval`. Values are numpy arrays, so that one expression serves one point and a whole space.
+anything else and no `eval`. One expression serves a whole space, on numpy arrays, and one point, on plain floats.
 """
 
 from __future__ import annotations
@@ -24,24 +24,62 @@ from sumo_eval.text import clean, shown
 LONGEST = 1_000  # characters of an expression
 DEEPEST = 50  # brackets within brackets
 
-_ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
-    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: np.divide, ast.Pow: np.power,
+
+def _quiet(function: Callable[..., Any]) -> Callable[..., float]:
+    """A function of numpy's on plain floats: what is not defined is nan or inf, without a warning."""
+
+    def of_floats(*values: float) -> float:
+        with np.errstate(all="ignore"):
+            return float(function(*values))
+
+    return of_floats
+
+
+_divide_quietly = _quiet(np.divide)
+
+
+def _divide(a: float, b: float) -> float:
+    return a / b if b else _divide_quietly(a, b)
+
+
+def _smaller(a: float, b: float) -> float:
+    return a if a < b or math.isnan(a) else b
+
+
+def _larger(a: float, b: float) -> float:
+    return a if a > b or math.isnan(a) else b
+
+
+def _for_arrays(function: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    return lambda *values: reduce(function, values)
+
+
+_Pair = tuple[Callable[..., Any], Callable[..., Any]]
+"""How an operation is done on arrays, and on plain floats; the same bits come out."""
+
+_ARITHMETIC: dict[type[ast.operator], _Pair] = {
+    ast.Add: (operator.add, operator.add), ast.Sub: (operator.sub, operator.sub),
+    ast.Mult: (operator.mul, operator.mul), ast.Div: (np.divide, _divide), ast.Pow: (np.power, _quiet(np.power)),
 }  # fmt: skip
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
     ast.Eq: operator.eq, ast.NotEq: operator.ne,
 }  # fmt: skip
-_FUNCTIONS: dict[str, tuple[Callable[..., Any], int | None]] = {
-    "min": (lambda *values: reduce(np.minimum, values), None),
-    "max": (lambda *values: reduce(np.maximum, values), None),
-    "abs": (np.abs, 1),
-    "sqrt": (np.sqrt, 1),
-    "exp": (np.exp, 1),
-    "log": (np.log, 1),
-    "tanh": (np.tanh, 1),
-    "where": (np.where, 3),
+_FUNCTIONS: dict[str, tuple[_Pair, int | None]] = {
+    "min": ((_for_arrays(np.minimum), _for_arrays(_smaller)), None),
+    "max": ((_for_arrays(np.maximum), _for_arrays(_larger)), None),
+    "abs": ((np.abs, abs), 1),
+    "sqrt": ((np.sqrt, _quiet(np.sqrt)), 1),
+    "exp": ((np.exp, _quiet(np.exp)), 1),
+    "log": ((np.log, _quiet(np.log)), 1),
+    "tanh": ((np.tanh, _quiet(np.tanh)), 1),
+    "where": ((np.where, lambda holds, then, other: then if holds else other), 3),
 }
 """Functions by name and how many values they take (None: two or more). `where(condition, then, else)`."""
+_ARRAYS, _FLOATS = 0, 1
+_NOT: _Pair = (np.logical_not, operator.not_)
+_AND: _Pair = (np.logical_and, lambda a, b: a and b)
+_OR: _Pair = (np.logical_or, lambda a, b: a or b)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +105,18 @@ class Expression:
 
     def value(self, values: Mapping[str, ArrayLike]) -> Any:
         """The value at the given values by name, which broadcast. Where it is not defined (1 / 0) it is inf or nan."""
-        for name in self.names:
-            if name not in values:
-                raise unknown(f"name in expression `{self.text}`:", name, sorted(values))
-        with np.errstate(all="ignore"):
-            return np.asarray(_value(_tree(self.text), values))
+        try:
+            with np.errstate(all="ignore"):
+                return np.asarray(_compiled(self.text, _ARRAYS)(values))
+        except KeyError as error:
+            raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
+
+    def at(self, values: Mapping[str, float]) -> Any:
+        """The value at one point, given as plain floats: the number (or truth) that `value` has there, faster."""
+        try:
+            return _compiled(self.text, _FLOATS)(values)
+        except KeyError as error:
+            raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
 
 
 def checked_names(expression: Expression, known: Iterable[str], owner: str) -> Expression:
@@ -183,24 +228,53 @@ def _is_condition(node: ast.expr) -> bool:
     )
 
 
-def _value(node: ast.expr, values: Mapping[str, ArrayLike]) -> Any:
+_Work = Callable[[Mapping[str, Any]], Any]
+
+
+@lru_cache(maxsize=2048)
+def _compiled(text: str, kind: int) -> _Work:
+    """The expression as nested functions of the values by name. kind: `_ARRAYS` or `_FLOATS`."""
+    return _work(_tree(text), kind)
+
+
+def _work(node: ast.expr, kind: int) -> _Work:
+    found = _operation(node, kind)
+    if any(isinstance(part, ast.Name) and part.id not in _FUNCTIONS for part in ast.walk(node)):
+        return found
+    with np.errstate(all="ignore"):
+        constant = found({})
+    return lambda values: constant
+
+
+def _operation(node: ast.expr, kind: int) -> _Work:
     match node:
         case ast.Constant(value=value):
-            return np.float64(value)  # type: ignore[arg-type]
+            constant = float(value) if kind == _FLOATS else np.float64(value)  # type: ignore[arg-type]
+            return lambda values: constant
         case ast.Name(id=name):
-            return np.asarray(values[name], dtype=np.float64)
+            if kind == _FLOATS:
+                return operator.itemgetter(name)
+            return lambda values: np.asarray(values[name], dtype=np.float64)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _work(operand, kind)
         case ast.UnaryOp(op=op, operand=operand):
-            inner = _value(operand, values)
-            return np.logical_not(inner) if isinstance(op, ast.Not) else -inner if isinstance(op, ast.USub) else inner
+            inner, turn = _work(operand, kind), _NOT[kind] if isinstance(op, ast.Not) else operator.neg
+            return lambda values: turn(inner(values))
         case ast.BinOp(left=left, op=op, right=right):
-            return _ARITHMETIC[type(op)](_value(left, values), _value(right, values))
+            return _joined(_ARITHMETIC[type(op)][kind], _work(left, kind), _work(right, kind))
         case ast.BoolOp(op=op, values=parts):
-            join = np.logical_and if isinstance(op, ast.And) else np.logical_or
-            return reduce(join, [_value(part, values) for part in parts])
+            join = (_AND if isinstance(op, ast.And) else _OR)[kind]
+            return reduce(lambda a, b: _joined(join, a, b), [_work(part, kind) for part in parts])
         case ast.Compare(left=left, ops=ops, comparators=others):
-            sides = [_value(side, values) for side in (left, *others)]
-            found = [_COMPARISONS[type(op)](a, b) for op, a, b in zip(ops, sides[:-1], sides[1:], strict=True)]
-            return reduce(np.logical_and, found)
+            sides = [_work(side, kind) for side in (left, *others)]
+            pairs = zip(ops, sides[:-1], sides[1:], strict=True)
+            found = [_joined(_COMPARISONS[type(op)], a, b) for op, a, b in pairs]
+            return reduce(lambda a, b: _joined(_AND[kind], a, b), found)
         case ast.Call(func=ast.Name(id=name), args=args):
-            return _FUNCTIONS[name][0](*(_value(part, values) for part in args))
+            function, parts_of_it = _FUNCTIONS[name][0][kind], [_work(part, kind) for part in args]
+            return lambda values: function(*[part(values) for part in parts_of_it])
     raise AssertionError(ast.dump(node))  # `_check` has refused every other node
+
+
+def _joined(operation: Callable[[Any, Any], Any], left: _Work, right: _Work) -> _Work:
+    return lambda values: operation(left(values), right(values))

@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,9 +29,11 @@ from sumo_eval.scenario.logical import (
     Constraint,
     LogicalScenario,
     NamedSample,
+    Option,
     Parameter,
     Values,
     ZoneCoordinates,
+    uniform_exposure,
 )
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
@@ -154,11 +156,46 @@ class ZoneTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class SampleTable(Checked):
-    """Points that somebody prescribes, columns in the order of the parameters."""
+    """Points that somebody prescribes: rows, at each value of further parameters, with others worked out."""
 
     name: Annotated[str, MinLen(1), About("name, for `method` of an evaluation's sampling")]
-    points: Annotated[tuple[tuple[float, ...], ...], About("the points")]
+    points: Annotated[tuple[tuple[float, ...], ...], About("the rows")]
     about: Annotated[str, About("what they are")] = ""
+    columns: Annotated[
+        tuple[str, ...], About("the parameters that a row holds; default: all that `each` and `set` do not, in order")
+    ] = ()
+    units: Annotated[dict[str, str], About("units of columns that are not the parameters': km/h instead of m/s")] = (
+        field(default_factory=dict)
+    )
+    each: Annotated[dict[str, tuple[float, ...]], About("parameter = values: every row with each of them")] = field(
+        default_factory=dict
+    )
+    set: Annotated[dict[str, Formula], About("parameter = expression of those that rows and `each` hold")] = field(
+        default_factory=dict
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GivenTable(Checked):
+    """What else is different where an option is given."""
+
+    suffix: Annotated[
+        str | None, MinLen(1), About("appended to the scenario's name after `_`; default: the option's name")
+    ] = None
+    about: Annotated[str | None, About("what happens then, instead of the scenario's own `about`")] = None
+    road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class OptionTable(Checked):
+    """A number that whoever uses the scenario may give: `use = "cut_in?lateral_acceleration=1.5"`."""
+
+    name: Annotated[str, MinLen(1), About("name, for expressions and in `use`")]
+    unit: Annotated[str, MinLen(1), About("unit; `1` for a share")]
+    about: Annotated[str, About("what it is")] = ""
+    default: Annotated[float | None, About("its value where nobody gives one; default: infinite")] = None
+    above: Annotated[float | None, About("what is given must be greater than that")] = None
+    given: Annotated[GivenTable, About("what else is different where it is given")] = field(default_factory=GivenTable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +212,7 @@ class ScenarioFile(Checked):
     define: Annotated[dict[str, Formula], About("names for expressions, each may use those above it")] = field(
         default_factory=dict
     )
+    option: Annotated[tuple[OptionTable, ...], About("numbers that whoever uses the scenario may give")] = ()
     constraint: Annotated[tuple[ConstraintTable, ...], About("which points of the box exist")] = ()
     exposure: Annotated[str | None, About("density, an expression; multiplies the parameters' distributions")] = None
     road: Annotated[RoadTable, About("the road")] = field(default_factory=RoadTable)
@@ -189,28 +227,65 @@ _ADAPTER = TypeAdapter(ScenarioFile)
 # --- reading ----------------------------------------------------------------------------------------------------------
 
 
-def read_scenario(path: Path) -> LogicalScenario:
-    """The logical scenario in a TOML file. Raises InputError naming what is wrong."""
-    return scenario_from(read_toml(path, "scenario file"), f"scenario file {path}", path.parent)
+def read_scenario(path: Path, given: Mapping[str, str] | None = None) -> LogicalScenario:
+    """The logical scenario in a TOML file. given: options by name, as written.
+
+    Raises InputError naming what is wrong.
+    """
+    return scenario_from(read_toml(path, "scenario file"), f"scenario file {path}", path.parent, given)
 
 
-def scenario_from(content: Mapping[str, Any], where: str, folder: Path) -> LogicalScenario:
-    """The logical scenario in a plain mapping. `where` names it in errors; `folder`: where its paths start."""
+def scenario_from(
+    content: Mapping[str, Any], where: str, folder: Path, given: Mapping[str, str] | None = None
+) -> LogicalScenario:
+    """The logical scenario in a plain mapping. `where` names it in errors; `folder`: where its paths start.
+
+    given: as in `read_scenario`.
+    """
     try:
         table = _ADAPTER.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
         raise InputError(mistakes(error, where, ScenarioFile)) from None
-    return _Builder(table, where, folder).scenario()
+    table, options = _with_options(table, given or {})
+    return _Builder(table, options, where, folder).scenario()
 
 
-def check_file(path: Path) -> tuple[str, ...]:
+def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[ScenarioFile, dict[str, float]]:
+    """The file as it is with the options that are given, and the value of every option by name."""
+    owner = f"scenario `{table.name}`"
+    values = {item.name: math.inf if item.default is None else item.default for item in table.option}
+    for key in given:
+        if key not in values:
+            raise unknown(f"option of {owner}", key, values)
+    for item in table.option:
+        if item.name not in given:
+            continue
+        wanted = "finite" if item.above is None else f"finite and above {item.above:g} {item.unit}"
+        try:
+            value = float(given[item.name])
+        except ValueError:
+            raise must_be(f"`{item.name}`", owner, f"a number of {item.unit}", given[item.name]) from None
+        if not (math.isfinite(value) and (item.above is None or value > item.above)):
+            raise must_be(f"`{item.name}`", owner, wanted, value)
+        values[item.name] = value
+        then = item.given
+        table = replace(
+            table,
+            name=f"{table.name}_{item.name if then.suffix is None else then.suffix}",
+            about=table.about if then.about is None else then.about,
+            road=table.road if then.road is None else then.road,
+        )
+    return table, values
+
+
+def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Read a scenario file, place vehicles at every point of its own sample, and say in sentences what it holds.
 
-    Raises InputError with what is wrong, at the first point where something is.
+    given: options by name, as written. Raises InputError with what is wrong, at the first point where something is.
     """
     from sumo_eval.scenario.sampling import sample
 
-    logical = read_scenario(Path(path))
+    logical = read_scenario(Path(path), given)
     chosen = sample(logical)
     if not len(chosen.points):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none of {len(chosen.refused)}.")
@@ -246,16 +321,39 @@ def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], 
 
 @dataclass(frozen=True, slots=True)
 class Definitions:
-    """Names for expressions, worked out in order."""
+    """Names for expressions, worked out in order. options: names of plain numbers."""
 
     entries: tuple[tuple[str, Expression], ...]
+    options: tuple[tuple[str, float], ...] = ()
+
+    def needed_by(self, *expressions: Expression) -> Definitions:
+        """Those without which the expressions have no value."""
+        names = set().union(*(expression.names for expression in expressions))
+        entries = []
+        for name, expression in reversed(self.entries):
+            if name in names:
+                entries.append((name, expression))
+                names |= expression.names
+        options = tuple((name, value) for name, value in self.options if name in names)
+        return Definitions(tuple(reversed(entries)), options)
 
     def extend(self, values: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
         """The values and the definitions at them."""
-        known = dict(values)
+        known = {**values, **dict(self.options)}
         for name, expression in self.entries:
             known[name] = expression.value(known)
         return known
+
+    def at(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values and the definitions at one point, plain floats."""
+        known = dict(values)
+        known.update(self.options)
+        for name, expression in self.entries:
+            known[name] = expression.at(known)
+        return known
+
+
+_FLOATS: frozenset[type] = frozenset({float, np.float64})
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +365,9 @@ class Condition:
 
     def __call__(self, values: Values) -> BoolArray:
         """Whether it holds."""
+        if _FLOATS.issuperset(map(type, values.values())):  # one point, as `LogicalScenario.concrete` asks
+            point = self.definitions.at(dict(zip(values, map(float, values.values()), strict=True)))
+            return np.asarray(self.expression.at(point))
         return np.asarray(self.expression.value(self.definitions.extend(values)), dtype=np.bool_)
 
 
@@ -294,23 +395,45 @@ class Exposure:
 
 
 @dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number of a concrete scenario. what, owner: they name it in sentences; endless: it may be inf."""
+
+    what: str
+    owner: str
+    expression: Expression
+    at_least: float = -math.inf
+    above: float = -math.inf
+    endless: bool = False
+
+    def at(self, known: Mapping[str, float]) -> float:
+        """Its value where these names have these values. Raises InputError for one that it must not have."""
+        found: float = self.expression.at(known)
+        if self.at_least <= found and self.above < found and (found < math.inf or self.endless):
+            return found
+        wanted = "a number" if self.endless else "finite"
+        wanted += f" and at least {self.at_least:g}" if self.at_least > -math.inf else ""
+        wanted += f" and above {self.above:g}" if self.above > -math.inf else ""
+        at = ", ".join(f"{name}={value:g}" for name, value in known.items())
+        raise must_be(f"{self.what} = `{self.expression.text}`", self.owner, wanted, f"{found:g} at {at}")
+
+
+@dataclass(frozen=True, slots=True)
 class Move:
-    """A manoeuvre with its expressions."""
+    """A manoeuvre with its quantities by key, `begin` among them."""
 
     do: str
-    begin: Expression
-    numbers: tuple[tuple[str, Expression], ...]
+    numbers: tuple[tuple[str, Quantity], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """Another vehicle with its expressions. `gap` None: `x` says where it starts."""
+    """Another vehicle with its quantities. place: the gap ahead of the ego if `by_gap`, else x."""
 
     name: str
-    speed: Expression
-    gap: Expression | None
-    x: Expression | None
-    y: Expression
+    speed: Quantity
+    place: Quantity
+    by_gap: bool
+    y: Quantity
     length: float
     width: float
     slides: bool
@@ -321,54 +444,35 @@ class Vehicle:
 class Place:
     """Values of one point -> the ego's start and the other vehicles."""
 
-    owner: str
     definitions: Definitions
-    ego_speed: Expression
-    ego_x: Expression
-    ego_y: Expression
+    ego_speed: Quantity
+    ego_x: Quantity
+    ego_y: Quantity
     ego_length: float
     vehicles: tuple[Vehicle, ...]
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
-        known = self.definitions.extend(values)
+        known = self.definitions.at(values)
+        ego = Start(self.ego_x.at(known), self.ego_y.at(known), self.ego_speed.at(known))
+        return ego, tuple([self._actor(item, ego, known) for item in self.vehicles])
 
-        def real(expression: Expression, what: str, least: float = -math.inf) -> float:
-            found = float(expression.value(known))
-            if not (math.isfinite(found) and found >= least):
-                wanted = "finite" if least == -math.inf else f"finite and at least {least:g}"
-                at = ", ".join(f"{name}={value:g}" for name, value in values.items())
-                raise must_be(f"{what} = `{expression.text}`", self.owner, wanted, f"{found:g} at {at}")
-            return found
-
-        ego = Start(
-            real(self.ego_x, "x of the ego"), real(self.ego_y, "y of the ego"), real(self.ego_speed, "speed", 0.0)
-        )
-        actors = []
-        for item in self.vehicles:
-            what = f"of vehicle `{item.name}`"
-            if item.gap is not None:
-                x = ego.x + real(item.gap, f"gap {what}") + (self.ego_length + item.length) / 2
-            else:
-                assert item.x is not None
-                x = real(item.x, f"x {what}")
-            start = Start(x, real(item.y, f"y {what}"), real(item.speed, f"speed {what}", 0.0))
-            moves: list[LaneChange | ConstantLateral] = []
-            brake = None
-            for move in item.moves:
-                begin = real(move.begin, f"begin of `{move.do}` {what}", 0.0)
-                numbers = {name: real(value, f"{name} of `{move.do}` {what}") for name, value in move.numbers}
-                if move.do == "brake":
-                    brake = Brake(begin, numbers["deceleration"], numbers.get("jerk", math.inf))
-                elif move.do == "change_lane":
-                    if not numbers["duration"] > 0.0:
-                        raise must_be(f"`duration` of `change_lane` {what}", self.owner, "above 0", numbers["duration"])
-                    moves.append(LaneChange(begin, numbers["duration"], numbers["offset"]))
-                elif move.do == "move_sideways":
-                    build_up = numbers.get("acceleration", math.inf)
-                    moves.append(ConstantLateral(begin, numbers["speed"], numbers["offset"], build_up))
-            actors.append(Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides))
-        return ego, tuple(actors)
+    def _actor(self, item: Vehicle, ego: Start, known: Mapping[str, float]) -> Actor:
+        x = item.place.at(known)
+        if item.by_gap:
+            x = ego.x + x + (self.ego_length + item.length) / 2
+        start = Start(x, item.y.at(known), item.speed.at(known))
+        moves: list[LaneChange | ConstantLateral] = []
+        brake = None
+        for move in item.moves:
+            numbers = {key: quantity.at(known) for key, quantity in move.numbers}
+            if move.do == "brake":
+                brake = Brake(**numbers)
+            elif move.do == "change_lane":
+                moves.append(LaneChange(**numbers))
+            elif move.do == "move_sideways":
+                moves.append(ConstantLateral(**numbers))
+        return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides)
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,10 +505,11 @@ class ZoneRule:
     def __call__(self, values: Values) -> Approach:
         """The approach at every point."""
         known = self.definitions.extend(values)
+        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         return Approach(
-            ego_speed=self.ego_speed.value(known),
-            obstacle_speed=self.obstacle_speed.value(known),
-            gap=self.gap.value(known),
+            ego_speed=np.broadcast_to(self.ego_speed.value(known), shape),
+            obstacle_speed=np.broadcast_to(self.obstacle_speed.value(known), shape),
+            gap=np.broadcast_to(self.gap.value(known), shape),
             delay=self.delay.value(known),
             obstacle_deceleration=self.obstacle_deceleration.value(known),
             conflict_begin=self.conflict_begin.value(known),
@@ -420,12 +525,20 @@ _NEEDS = {
 }
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 
+_ENDLESS = ("jerk", "acceleration")
+"""Numbers of manoeuvres that may be inf: what builds up with inf m/s3, or m/s2, is there at once."""
+
+_KMH = 1.0 / 3.6  # m/s
+_CONVERSIONS = {"m/s": {"km/h": _KMH}, "m": {"km": 1000.0}, "1": {"%": 0.01}}
+"""Other units of a sample's columns: by how much their numbers are multiplied to be in the parameter's unit."""
+
 
 class _Builder:
     """Checks names across tables and puts the parts together."""
 
-    def __init__(self, table: ScenarioFile, where: str, folder: Path) -> None:
-        self.table, self.where, self.folder = table, where, folder
+    def __init__(self, table: ScenarioFile, options: Mapping[str, float], where: str, folder: Path) -> None:
+        self.table, self.options, self.where, self.folder = table, options, where, folder
+        self.owner = f"scenario `{table.name}`"
         self.known: list[str] = []
 
     def scenario(self) -> LogicalScenario:
@@ -433,30 +546,32 @@ class _Builder:
         parameters = tuple(self._parameter(item) for item in table.parameter)
         if not parameters:
             raise InputError(f"{self.where} must have at least one [[parameter]].")
-        self.known = _distinct([item.name for item in parameters], "parameter", self.where)
+        options = [option.name for option in table.option]
+        for name in options:
+            if not name.isidentifier():
+                raise must_be("The name", f"an option of {self.where}", "letters, digits and underscores", name)
+        names = [*(item.name for item in parameters), *options]
+        self.known = _distinct(names, "parameter and option", self.where)
         entries = []
         for name, formula in table.define.items():
             if name in self.known:
-                raise InputError(f"`{name}` in [define] of {self.where} must differ from the parameters.")
+                raise InputError(f"`{name}` in [define] of {self.where} must differ from parameters and options.")
             entries.append((name, self._number(formula, f"[define] {name}")))
             self.known.append(name)
-        definitions = Definitions(tuple(entries))
+        definitions = Definitions(tuple(entries), tuple(self.options.items()))
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
         for item in vehicles:
             check_name("`name`", f"a vehicle of {self.where}", item.name)
-        constraints = tuple(
-            Constraint(
-                item.about or f"one where {item.require}",
-                Condition(checked_names(condition(item.require, self.where), self.known, self.where), definitions),
-            )
-            for item in table.constraint
-        )
+        constraints = tuple(self._constraint(item, definitions) for item in table.constraint)
         density = None if table.exposure is None else self._number(table.exposure, "`exposure`")
         spread = [item for item in parameters if item.distribution is not None]
-        exposure = Exposure(parameters, density, definitions)
+        told = bool(spread) or density is not None
         body = self._body()
         ego = table.ego
+        ego_speed = self._quantity(ego.speed, "speed of the ego", at_least=0.0)
+        ego_x, ego_y = self._quantity(ego.x, "x of the ego"), self._quantity(ego.y, "y of the ego")
+        placed = [ego_speed, ego_x, ego_y, *itertools.chain.from_iterable(_quantities(item) for item in vehicles)]
         return LogicalScenario(
             name=table.name,
             about=table.about or table.name,
@@ -465,26 +580,34 @@ class _Builder:
             constraints=constraints,
             road=self._road(),
             place=Place(
-                owner=f"scenario `{table.name}`",
-                definitions=definitions,
-                ego_speed=self._number(ego.speed, "`ego.speed`"),
-                ego_x=self._number(ego.x, "`ego.x`"),
-                ego_y=self._number(ego.y, "`ego.y`"),
+                definitions=definitions.needed_by(*(quantity.expression for quantity in placed)),
+                ego_speed=ego_speed,
+                ego_x=ego_x,
+                ego_y=ego_y,
                 ego_length=4.5 if body is None else body.length,
                 vehicles=vehicles,
             ),
             approach=self._zone(definitions, vehicles),
-            exposure=exposure,
+            exposure=Exposure(parameters, density, definitions) if told else uniform_exposure,
             exposure_about=_exposure_about(spread, density),
             ego_body=body,
             time_limit=table.end.time,
             zone_coordinates=self._coordinates(definitions),
-            samples=tuple(self._sample(item, len(parameters)) for item in table.sample),
+            samples=tuple(self._sample(item, parameters) for item in table.sample),
             default_sample=table.default_sample,
+            options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
         )
 
     def _number(self, formula: Formula, what: str) -> Expression:
         return checked_names(number(formula, f"{what} of {self.where}"), self.known, f"{what} of {self.where}")
+
+    def _quantity(self, formula: Formula, what: str, at_least: float = -math.inf) -> Quantity:
+        return Quantity(what, self.owner, self._number(formula, what), at_least)
+
+    def _constraint(self, item: ConstraintTable, definitions: Definitions) -> Constraint:
+        expression = checked_names(condition(item.require, self.where), self.known, self.where)
+        holds = Condition(expression, definitions.needed_by(expression))
+        return Constraint(item.about or f"one where {item.require}", holds)
 
     def _parameter(self, item: ParameterTable) -> Parameter:
         owner = f"parameter `{item.name}` of {self.where}"
@@ -547,12 +670,17 @@ class _Builder:
         moves = tuple(self._move(move, what) for move in item.manoeuvre)
         if sum(move.do == "brake" for move in moves) > 1:
             raise InputError(f"{what.capitalize()} of {self.where} must brake at most once.")
+        if item.gap is not None:
+            place = self._quantity(item.gap, f"gap of {what}")
+        else:
+            assert item.x is not None
+            place = self._quantity(item.x, f"x of {what}")
         return Vehicle(
             name=item.name,
-            speed=self._number(item.speed, f"speed of {what}"),
-            gap=None if item.gap is None else self._number(item.gap, f"gap of {what}"),
-            x=None if item.x is None else self._number(item.x, f"x of {what}"),
-            y=self._number(item.y, f"y of {what}"),
+            speed=self._quantity(item.speed, f"speed of {what}", at_least=0.0),
+            place=place,
+            by_gap=item.gap is not None,
+            y=self._quantity(item.y, f"y of {what}"),
             length=item.length,
             width=item.width,
             slides=item.slides,
@@ -561,7 +689,7 @@ class _Builder:
 
     def _move(self, item: ManoeuvreTable, what: str) -> Move:
         needed, allowed = _NEEDS[item.do]
-        numbers = []
+        numbers = [("begin", self._quantity(item.begin, f"begin of `{item.do}` of {what}", at_least=0.0))]
         for key in ("deceleration", "jerk", "duration", "speed", "acceleration", "offset"):
             value = getattr(item, key)
             if value is None and key in needed:
@@ -569,8 +697,10 @@ class _Builder:
             if value is not None and key not in (*needed, *allowed):
                 raise InputError(f"`{item.do}` of {what} in {self.where} has no `{key}`.")
             if value is not None:
-                numbers.append((key, self._number(value, f"{key} of {what}")))
-        return Move(item.do, self._number(item.begin, f"begin of {what}"), tuple(numbers))
+                quantity = self._quantity(value, f"{key} of `{item.do}` of {what}")
+                above = 0.0 if key == "duration" else -math.inf  # brakes and sideways moves check themselves
+                numbers.append((key, replace(quantity, above=above, endless=key in _ENDLESS)))
+        return Move(item.do, tuple(numbers))
 
     def _zone(self, definitions: Definitions, vehicles: Sequence[Vehicle]) -> ZoneRule:
         zone = self.table.zone
@@ -578,19 +708,21 @@ class _Builder:
         if zone.obstacle not in by_name:
             raise unknown(f"vehicle in `zone.obstacle` of {self.where}:", zone.obstacle, by_name)
         obstacle = by_name[zone.obstacle]
-        gap = obstacle.gap if zone.gap is None else self._number(zone.gap, "`zone.gap`")
-        if gap is None:
+        if zone.gap is None and not obstacle.by_gap:
             raise InputError(f"[zone] of {self.where} must have a `gap`: vehicle `{obstacle.name}` starts at an x.")
-        braking = [dict(move.numbers)["deceleration"] for move in obstacle.moves if move.do == "brake"]
+        braking = [dict(move.numbers)["deceleration"].expression for move in obstacle.moves if move.do == "brake"]
+        parts = {
+            "ego_speed": self._number(self.table.ego.speed, "`ego.speed`"),
+            "obstacle_speed": obstacle.speed.expression,
+            "gap": obstacle.place.expression if zone.gap is None else self._number(zone.gap, "`zone.gap`"),
+            "delay": self._number(zone.delay, "`zone.delay`"),
+            "obstacle_deceleration": braking[0] if braking else Expression("0.0"),
+            "conflict_begin": self._number(zone.conflict_begin, "`zone.conflict_begin`"),
+        }
         return ZoneRule(
-            definitions=definitions,
-            ego_speed=self._number(self.table.ego.speed, "`ego.speed`"),
-            obstacle_speed=obstacle.speed,
-            gap=gap,
-            delay=self._number(zone.delay, "`zone.delay`"),
-            obstacle_deceleration=braking[0] if braking else Expression("0.0"),
-            conflict_begin=self._number(zone.conflict_begin, "`zone.conflict_begin`"),
+            definitions=definitions.needed_by(*parts.values()),
             passing_length=math.inf if zone.passing_length is None else zone.passing_length,
+            **parts,
         )
 
     def _coordinates(self, definitions: Definitions) -> ZoneCoordinates | None:
@@ -598,13 +730,53 @@ class _Builder:
         if not given:
             return None
         expressions = tuple(self._number(formula, f"zone.coordinates `{name}`") for name, formula in given.items())
-        return ZoneCoordinates(tuple(given), Coordinates(definitions, expressions))
+        return ZoneCoordinates(tuple(given), Coordinates(definitions.needed_by(*expressions), expressions))
 
-    def _sample(self, item: SampleTable, columns: int) -> NamedSample:
-        for row in item.points:
-            if len(row) != columns:
-                raise must_be("Each point", f"sample `{item.name}` of {self.where}", f"{columns} numbers", list(row))
-        return NamedSample(item.name, item.about or item.name, item.points)
+    def _sample(self, item: SampleTable, parameters: Sequence[Parameter]) -> NamedSample:
+        owner = f"sample `{item.name}` of {self.where}"
+        names = [parameter.name for parameter in parameters]
+        for name in (*item.columns, *item.each, *item.set):
+            if name not in names:
+                raise unknown(f"parameter in {owner}:", name, names)
+        columns = item.columns or [name for name in names if name not in item.each and name not in item.set]
+        held = _distinct([*columns, *item.each, *item.set], "parameter", owner)
+        for name in names:
+            if name not in held:
+                raise InputError(f"Parameter `{name}` of {owner} is missing: `columns`, `each` or `set` must have it.")
+        factors = [self._factor(item, columns, parameters, name) for name in columns]
+        given = [*item.each, *columns]
+        derived = {
+            name: Quantity(name, owner, checked_names(number(formula, f"`set.{name}` of {owner}"), given, owner))
+            for name, formula in item.set.items()
+        }
+        points = []
+        for further in itertools.product(*item.each.values()):
+            for row in item.points:
+                if len(row) != len(columns):
+                    raise must_be("Each point", owner, f"{len(columns)} numbers", list(row))
+                scaled = [value * factor for value, factor in zip(row, factors, strict=True)]
+                values = dict(zip(given, (*further, *scaled), strict=True))
+                values |= {name: quantity.at(values) for name, quantity in derived.items()}
+                points.append(tuple(values[name] for name in names))
+        return NamedSample(item.name, item.about or item.name, tuple(points))
+
+    def _factor(self, item: SampleTable, columns: Sequence[str], parameters: Sequence[Parameter], name: str) -> float:
+        """What the numbers of a column are multiplied by to be in the parameter's unit."""
+        for column in item.units:
+            if column not in columns:
+                raise unknown(f"column in `units` of sample `{item.name}` of {self.where}:", column, columns)
+        own = next(parameter.unit for parameter in parameters if parameter.name == name)
+        factors = {own: 1.0, **_CONVERSIONS.get(own, {})}
+        unit = item.units.get(name, own)
+        if unit not in factors:
+            raise unknown(f"unit of column `{name}` of sample `{item.name}` of {self.where}:", unit, factors)
+        return factors[unit]
+
+
+def _quantities(vehicle: Vehicle) -> list[Quantity]:
+    """All quantities of a vehicle."""
+    moves = [quantity for move in vehicle.moves for _, quantity in move.numbers]
+    return [vehicle.speed, vehicle.place, vehicle.y, *moves]
 
 
 def _distinct(names: Iterable[str], kind: str, where: str) -> list[str]:

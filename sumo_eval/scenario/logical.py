@@ -91,6 +91,15 @@ class ZoneCoordinates:
 
 
 @dataclass(frozen=True, slots=True)
+class Option:
+    """A number that whoever names the scenario may give: `cut_in?lateral_acceleration=1.5`."""
+
+    name: str
+    unit: str
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
 class NamedSample:
     """A list of points that somebody prescribes, rows in the order of `LogicalScenario.parameters`."""
 
@@ -101,7 +110,7 @@ class NamedSample:
 
 def uniform_exposure(values: Values) -> FloatArray:
     """Every concrete scenario is met equally often."""
-    return np.ones(np.broadcast_shapes(*(np.shape(value) for value in values.values())))
+    return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +122,7 @@ class LogicalScenario:
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
-    parameters.
+    parameters. options: what may be given where the scenario is named.
     """
 
     name: str
@@ -131,6 +140,7 @@ class LogicalScenario:
     samples: tuple[NamedSample, ...] = ()
     default_sample: str = "grid"
     zone_coordinates: ZoneCoordinates | None = None
+    options: tuple[Option, ...] = ()
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)
@@ -196,10 +206,10 @@ class LogicalScenario:
 
     def concrete(self, **values: float) -> ConcreteScenario:
         """The concrete scenario at a point; refuses unknown, missing, out-of-range and impossible values."""
-        owner = f"scenario `{self.name}`"
+        owner, names = f"scenario `{self.name}`", self.names
         for name in values:
-            if name not in self.names:
-                raise unknown(f"parameter of {owner}", name, self.names)
+            if name not in names:
+                raise unknown(f"parameter of {owner}", name, names)
         for parameter in self.parameters:
             if parameter.name not in values:
                 raise InputError(f"Parameter `{parameter.name}` of {owner} is missing.")
@@ -216,10 +226,10 @@ class LogicalScenario:
             if parameter.values and float(value) not in parameter.values:
                 allowed = ", ".join(f"{known:g}" for known in parameter.values)
                 raise must_be(f"`{parameter.name}`", owner, f"one of {allowed} {parameter.unit}", float(value))
-        point = {name: float(values[name]) for name in self.names}
+        point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:
-            if not np.all(constraint.holds(arrays)):  # type: ignore[arg-type]
+            if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
                 at = ", ".join(f"{name}={value:g}" for name, value in point.items())
                 raise must_be("The point", owner, constraint.about, at)
         ego, actors = self.place(point)

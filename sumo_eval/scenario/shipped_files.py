@@ -22,9 +22,9 @@ def routes_folder() -> Path:
     return _find("routes")
 
 
-def scenario_file(name: str) -> Path:
-    """The scenario file that says what the shipped scenario of that name does."""
-    return _PACKAGE / "scenario" / "files" / f"{name}.toml"
+def scenario_files() -> dict[str, Path]:
+    """The files of the shipped logical scenarios by scenario name, sorted."""
+    return {file.stem: file for file in sorted((_PACKAGE / "scenario" / "files").glob("*.toml"))}
 
 
 def _find(name: str, package: Path = _PACKAGE) -> Path:

@@ -16,10 +16,10 @@ from sumo_eval.cosim.contact import Body, separation
 from sumo_eval.cosim.controller import NativeModel, load_controller
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Start, catalogue
-from sumo_eval.scenario.catalogue import FRONT_VEHICLE_CUT_OUT as CUT_OUT
 from sumo_eval.scenario.sampling import grid, sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
+CUT_OUT = catalogue.load("front_vehicle_cut_out")
 GRIP = VehicleSettings().friction * 9.81  # m/s2
 
 

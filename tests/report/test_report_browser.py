@@ -281,13 +281,20 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
         if not hits:
             assert opened.run(f"document.querySelector('[data-terms=\"{which}\"]')") is None
             continue
-        opened.run(f"document.querySelectorAll('[data-terms=\"{which}\"] input[name^=term-][value=weight]')[0].click()")
-        shown = opened.run(f"""[...document.querySelectorAll('[data-terms="{which}"] .panels .plot')]
-            .map((plot) => plot.data[0])
-            .flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
-            .filter((z) => z !== null)""")
         ads = next(score.ads for score in evaluation.scores if score.scenario == scenario and score.collisions)
-        assert sorted(shown) == pytest.approx(sorted(case.weight for case in hits if case.ads == ads))
+        cases = [case for case in evaluation.cases if (case.scenario, case.ads) == (scenario, ads)]
+        # U belongs to collisions; r is the weight of every point in A, and of the collisions in C
+        for term, numbers in (
+            ("severity", [case.severity for case in hits if case.ads == ads]),
+            ("weight", [case.weight for case in cases if case.weight is not None]),
+        ):
+            radio = f'[data-terms="{which}"] input[name^=term-][value={term}]'
+            opened.run(f"document.querySelectorAll('{radio}')[0].click()")
+            shown = opened.run(f"""[...document.querySelectorAll('[data-terms="{which}"] .panels .plot')]
+                .map((plot) => plot.data[0])
+                .flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
+                .filter((z) => z !== null)""")
+            assert sorted(shown) == pytest.approx(sorted(numbers)), term
     assert opened.problems == []
 
 

@@ -29,6 +29,44 @@ def test_one_expression_serves_a_point_and_a_whole_space():
     assert float(rule.value({"speed": 12.5})) == 2.5
 
 
+EXACT = (
+    "a + 2 * b - a * b / c", "1 / (a - b)", "a / 0", "-a / 0", "min(a, b, 0.5) - max(c, -a)", "abs(b) * -a", "sqrt(a)",
+    "+a - (3 - 1)",
+    "where(a < b <= c or not a < 0, a / c, b)", "where(a == b and b != c, 1, where(c >= a and a > b, 2, 3))",
+)  # fmt: skip
+ROUNDED = ("a ** 2 - c ** b", "exp(a) + log(b)", "tanh(a / c)")
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(st.lists(st.tuples(real, real, real), min_size=1, max_size=8))
+def test_law_a_point_alone_has_the_number_that_it_has_in_a_space(rows):
+    space = {name: np.array(column) for name, column in zip("abc", zip(*rows, strict=True), strict=True)}
+    points = [dict(zip("abc", row, strict=True)) for row in rows]
+    for text in EXACT:
+        alone = np.array([Expression(text).at(point) for point in points])
+        together = np.broadcast_to(Expression(text).value(space), len(rows))
+        numbers = ~np.isnan(alone)  # a nan has bits that mean nothing
+        assert np.array_equal(numbers, ~np.isnan(together))
+        assert alone[numbers].tobytes() == together[numbers].tobytes()
+    for text in ROUNDED:
+        alone = [Expression(text).at(point) for point in points]
+        np.testing.assert_allclose(alone, Expression(text).value(space), rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["min", "max"])
+def test_what_is_not_a_number_stays_so_on_both_sides(name):
+    for values in ({"a": np.nan, "b": 1.0}, {"a": 1.0, "b": np.nan}):
+        rule = Expression(f"{name}(a, b)")
+        assert np.isnan(rule.at(values))
+        assert np.isnan(rule.value(values))
+
+
+def test_a_missing_value_is_named():
+    for ask in (Expression("2 * ego_speed").at, Expression("2 * ego_speed").value):
+        with pytest.raises(InputError, match="Did you mean `ego_sped`"):
+            ask({"ego_sped": 1.0})
+
+
 def test_it_knows_the_names_it_needs_and_whether_it_is_a_condition():
     assert Expression("min(a, 3 * b)").names == {"a", "b"}
     assert Expression("a < b and not b < 2").is_condition

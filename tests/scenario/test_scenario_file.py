@@ -20,6 +20,29 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
 
 
+OPTION = """
+[[option]]
+name = "reaction"
+unit = "s"
+default = 1.0
+above = 0.0
+about = "when the truck brakes"
+[option.given]
+suffix = "later"
+about = "A truck brakes when it is told to."
+[option.given.road]
+lanes = 3
+"""
+EACH = "each = { truck_speed = [10.0, 15.0] }"
+SAMPLE = f"""
+[[sample]]
+name = "own"
+units = {{ ego_speed = "km/h" }}
+points = [[90], [108]]
+{EACH}
+"""
+
+
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "slow_truck.toml"
@@ -113,6 +136,21 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[zone]", "[zone", "is not valid TOML"),
         ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = "grd"', "Did you mean `grid`?"),
         ("truck_speed < ego_speed", "truck_speed > ego_speed + 100", "must have possible points"),
+        ("[ego]", OPTION.replace("above", "abov") + "[ego]", "Did you mean `above`?"),
+        ("[ego]", OPTION.replace("suffix", "sufix") + "[ego]", "Did you mean `suffix`?"),
+        ("[ego]", OPTION.replace('"reaction"', '"ego_speed"') + "[ego]", "a name of its own, got `ego_speed` twice"),
+        ("[ego]", OPTION.replace('"reaction"', '"re action"') + "[ego]", "letters, digits and underscores"),
+        ("[ego]", OPTION.replace("1.0", "inf") + "[ego]", "a finite number"),
+        ("[ego]", SAMPLE.replace("each", "eech") + "[ego]", "Did you mean `each`?"),
+        ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]", "Did you mean `truck_speed`?"),
+        ("[ego]", SAMPLE.replace("km/h", "kmh") + "[ego]", "Did you mean `km/h`?"),
+        ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]", "Did you mean `ego_speed`?"),
+        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]", "Did you mean `ego_speed`?"),
+        ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]", "must be finite, got"),
+        ("[ego]", OPTION.replace('"later"', '""') + "[ego]", "`option[0].given.suffix` in scenario file"),
+        ("[ego]", SAMPLE.replace("[[90]", "[[90, 3]") + "[ego]", "must be 1 numbers"),
+        ("[ego]", SAMPLE + 'columns = ["truck_speed"]\n[ego]', "got `truck_speed` twice"),
+        ("[ego]", SAMPLE.replace(EACH, 'columns = ["ego_speed"]') + "[ego]", "Parameter `truck_speed` of sample `own`"),
     ],
 )  # fmt: skip
 def test_every_mistake_is_a_sentence(file, old, new, sentence):
@@ -121,6 +159,62 @@ def test_every_mistake_is_a_sentence(file, old, new, sentence):
     with pytest.raises(InputError) as caught:
         check_file(file)
     assert sentence in str(caught.value)
+
+
+def test_an_option_is_a_number_that_expressions_know_and_another_scenario_where_it_is_given(file):
+    text = EXAMPLE.replace("begin = 1.0", 'begin = "reaction"').replace("[ego]", OPTION + "[ego]")
+    file.write_text(text)
+    plain, given = (catalogue.find(f"slow_truck.toml{use}", file.parent) for use in ("", "?reaction=2.5"))
+    brakes = [logical.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].brake.begin for logical in (plain, given)]
+    assert brakes == [1.0, 2.5]
+    assert (plain.name, given.name) == ("slow_truck", "slow_truck_later")
+    assert (plain.road.lanes, given.road.lanes) == (2, 3)
+    assert given.about == "A truck brakes when it is told to."
+    assert [option.name for option in plain.options] == ["reaction"]
+    with pytest.raises(InputError, match=r"`reaction` of scenario `slow_truck` must be finite and above 0 s, got -1"):
+        catalogue.find("slow_truck.toml?reaction=-1", file.parent)
+    with pytest.raises(InputError, match="Did you mean `reaction`"):
+        catalogue.find("slow_truck.toml?reacton=1", file.parent)
+
+
+def test_options_without_a_table_of_their_own_are_named_one_after_the_other(file):
+    options = "".join(f'[[option]]\nname = "{name}"\nunit = "s"\ndefault = 1.0\n' for name in ("first", "second"))
+    file.write_text(EXAMPLE.replace("begin = 1.0", 'begin = "first + second"').replace("[ego]", options + "[ego]"))
+    both = catalogue.find("slow_truck.toml?second=3&first=-0.5", file.parent)
+    assert both.name == "slow_truck_first_second"
+    assert both.concrete(ego_speed=25.0, truck_speed=10.0).actors[0].brake.begin == 2.5
+
+
+def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(file):
+    file.write_text(EXAMPLE.replace("[ego]", SAMPLE + "[ego]"))
+    (own,) = read_scenario(file).samples
+    # 90 km/h = 25 m/s, 108 km/h = 30 m/s; the values of `each` are the outer loop
+    assert np.array(own.points) == pytest.approx(np.array([[25, 10], [30, 10], [25, 15], [30, 15]]), rel=1e-15)
+    worked_out = SAMPLE.replace(EACH, 'set = { truck_speed = "ego_speed - 15.0" }')
+    file.write_text(EXAMPLE.replace("[ego]", worked_out + "[ego]"))
+    (own,) = read_scenario(file).samples
+    assert np.array(own.points) == pytest.approx(np.array([[25, 10], [30, 15]]), rel=1e-15)
+
+
+def test_a_file_that_declares_no_exposure_has_none(file):
+    from sumo_eval.drivers.exposure import exposure_of
+    from sumo_eval.settings import DriverSettings, ExposureSettings
+
+    plain = re.sub("distribution = .*", "", EXAMPLE)
+    for text, known in ((EXAMPLE, True), (plain, False), (f'exposure = "ego_speed"\n{plain}', True)):
+        file.write_text(text)
+        found = exposure_of(read_scenario(file), ExposureSettings(), DriverSettings(), file.parent)
+        assert found.known is known
+
+
+def test_what_builds_up_may_be_there_at_once_and_nothing_else_is_endless(file):
+    sideways = '{ do = "move_sideways", speed = 1.0, offset = 3.5, acceleration = "1.0 / 0.0" }'
+    file.write_text(EXAMPLE.replace('{ do = "brake", begin = 1.0, deceleration = 4.0 }', sideways))
+    (truck,) = read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0).actors
+    assert (truck.lateral_speed(0.0), truck.y(1.0)) == (1.0, 1.0)
+    file.write_text(file.read_text().replace("speed = 1.0, offset", 'speed = "1.0 / 0.0", offset'))
+    with pytest.raises(InputError, match=r"speed of `move_sideways` of vehicle `truck` = `1.0 / 0.0` of scenario"):
+        read_scenario(file).concrete(ego_speed=25.0, truck_speed=10.0)
 
 
 def test_all_mistakes_of_a_kind_are_named_at_once(file):

@@ -69,7 +69,7 @@ def test_an_unknown_scenario_is_answered_with_the_nearest_name():
 
 def test_a_scenario_may_be_a_module_or_a_file_of_the_users(tmp_path):
     (tmp_path / "mine.py").write_text(
-        "from sumo_eval.scenario.catalogue import FRONT_VEHICLE_CUT_OUT as MINE\nOTHER = 3\n"
+        "from sumo_eval.scenario.catalogue import load\nMINE = load('front_vehicle_cut_out')\nOTHER = 3\n"
     )
     assert catalogue.find("mine.py:MINE", tmp_path) is CUT_OUT
     assert catalogue.find("front_vehicle_cut_out") is CUT_OUT

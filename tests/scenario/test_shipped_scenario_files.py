@@ -1,55 +1,175 @@
-"""The shipped scenarios as files: each says exactly what the scenario of that name in the catalogue does."""
+"""The shipped scenarios: which there are, and what each of their files comes to, to the last bit."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from scipy.stats import qmc
 
-from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import ConcreteScenario, ConstantLateral, LogicalScenario, catalogue
+from sumo_eval.scenario.file import check_file
 from sumo_eval.scenario.sampling import sample
-from sumo_eval.scenario.shipped_files import scenario_file
+from sumo_eval.scenario.shipped_files import scenario_files
 
 NAMES = sorted(catalogue.SCENARIOS)
+CONTENT = {
+    "cut_in": ("175597611e2fe6f0", "75596380c27d9578", "318b38130c910aed"),
+    "front_vehicle_braking": ("a1478c0a6285f116", "a281c74aef7230e3", "862384c866154ebe"),
+    "front_vehicle_cut_out": ("1f7e28e2e17a5845", "180685aa1cbbf5ca", "4b28f91984f31533"),
+    "front_vehicle_low_speed": ("0d2e3c9b4f21fe42", "d3229e4573170531", "dd0cc4204abd4b14"),
+    "ncap_ccrb": ("3e7a16010ead55f7", "0a3d708ff1a8e2d7", "15598502bfb55bb4"),
+    "ncap_ccrm": ("eed4f8560d1c34f2", "4c0ce48c30566017", "9d8d34ed6c73f45b"),
+    "ncap_ccrs": ("e2776def4727f84f", "55ec2f06fa2ce51a", "077c00c05eff1066"),
+    "r157_cut_out": ("ad3eb578dcfc8bd6", "017e7722d0687349", "49b23036d9d0ec89"),
+    "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
+    "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
+}
+"""Of each scenario: everybody's starts and scripts, the approaches that zones are computed from, the rest of it.
+
+Every number is a sum, product or quotient of doubles, which IEEE 754 rounds alike everywhere.
+"""
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_shipped_scenario_is_equal_to_its_file(name):
-    shipped, written = catalogue.load(name), read_scenario(scenario_file(name))
+def _points(logical: LogicalScenario) -> np.ndarray:
+    """500 drawn points of the box, those of the scenario's own samples, and two corners."""
+    drawn = logical.from_unit(np.random.default_rng(7).random((500, len(logical.names))))
+    listed = [point for own in logical.samples for point in own.points]
+    return np.concatenate([drawn, np.reshape(listed, (-1, len(logical.names))), [logical.low, logical.high]])
+
+
+def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
+    yield from (concrete.ego.x, concrete.ego.y, concrete.ego.speed, concrete.exposure)
+    for actor in concrete.actors:
+        yield from (actor.start.x, actor.start.y, actor.start.speed, actor.length, actor.width, actor.slides)
+        if actor.brake is not None:
+            yield from (actor.brake.begin, actor.brake.deceleration, actor.brake.jerk)
+        for move in actor.lane_changes:
+            yield from (move.begin, move.duration, move.offset)
+            if isinstance(move, ConstantLateral):
+                yield from (move.speed, move.acceleration)
+
+
+def _scripts(logical: LogicalScenario) -> str:
+    points = _points(logical)
+    possible = logical.feasible(points)
+    found = hashlib.sha256(possible.tobytes())
+    for concrete in logical.concretes(points[possible]):
+        names = [actor.name for actor in concrete.actors]
+        found.update(" ".join([*names, *(float(number).hex() for number in _numbers(concrete))]).encode())
+    return found.hexdigest()[:16]
+
+
+def _approaches(logical: LogicalScenario) -> str:
+    points = _points(logical)
+    approach = logical.approach(logical.columns(points))
+    found = hashlib.sha256()
     for part in (
-        "name",
-        "about",
-        "source",
-        "parameters",
-        "road",
-        "ego_body",
-        "time_limit",
-        "samples",
-        "default_sample",
-    ):
-        assert getattr(written, part) == getattr(shipped, part), part
-    assert written.exposure_about == shipped.exposure_about
-    box = shipped.from_unit(qmc.Sobol(len(shipped.names), rng=np.random.default_rng(7)).random(256))
-    points = np.concatenate([box, sample(shipped).points])
-    assert np.array_equal(written.feasible(points), shipped.feasible(points))
-    assert [c.about for c in written.constraints] == [c.about for c in shipped.constraints]
-    possible = points[shipped.feasible(points)]
-    for ours, theirs in zip(written.concretes(possible), shipped.concretes(possible), strict=True):
-        assert ours == theirs
-    columns = shipped.columns(points)
-    ours, theirs = written.approach(columns), shipped.approach(columns)
-    for part in ("ego_speed", "obstacle_speed", "gap", "delay", "obstacle_deceleration", "conflict_begin"):
-        assert np.allclose(getattr(ours, part), getattr(theirs, part), rtol=1e-12, atol=1e-12), part
-    assert (written.zone_coordinates is None) == (shipped.zone_coordinates is None)
-    if shipped.zone_coordinates is not None:
-        assert written.zone_coordinates.names == shipped.zone_coordinates.names
-        pairs = zip(written.zone_coordinates.of(columns), shipped.zone_coordinates.of(columns), strict=True)
-        assert all(np.allclose(mine, other, rtol=1e-12, atol=1e-12) for mine, other in pairs)
-    assert ours.passing_length == theirs.passing_length
-    assert ours.has_closed_form == theirs.has_closed_form
+        approach.ego_speed, approach.obstacle_speed, approach.gap, approach.delay, approach.obstacle_deceleration,
+        approach.conflict_begin, approach.passing_length,
+    ):  # fmt: skip
+        found.update(np.broadcast_to(np.asarray(part, dtype=np.float64), len(points)).tobytes())
+    return found.hexdigest()[:16]
+
+
+def _rest(logical: LogicalScenario) -> str:
+    body, road = logical.ego_body, logical.road
+    content = [
+        logical.name,
+        logical.about,
+        logical.source,
+        [
+            (axis.name, axis.low, axis.high, axis.step, axis.unit, axis.about, axis.values)
+            for axis in logical.parameters
+        ],
+        [constraint.about for constraint in logical.constraints],
+        [(own.name, own.about, own.points) for own in logical.samples],
+        logical.default_sample,
+        logical.time_limit,
+        body and (body.length, body.width),
+        (road.name, road.length, road.lanes, road.lane_width, road.run_out),
+        logical.exposure_about,
+        logical.zone_coordinates and logical.zone_coordinates.names,
+    ]
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:16]
+
+
+def test_the_catalogue_is_the_folder_of_files() -> None:
+    assert set(catalogue.SCENARIOS) == set(scenario_files()) == {use for use in CONTENT if "?" not in use}
+    assert len(catalogue.SCENARIOS) == 8
+    assert "front_vehicle" not in catalogue.SCENARIOS
+    with pytest.raises(KeyError):
+        catalogue.SCENARIOS["front_vehicle"]
+
+
+@pytest.mark.parametrize("use", sorted(CONTENT))
+def test_law_a_shipped_scenario_is_to_the_bit_what_runs_were_made_with(use: str) -> None:
+    logical = catalogue.load(use)
+    assert (_scripts(logical), _approaches(logical), _rest(logical)) == CONTENT[use]
+
+
+def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
+    # 30 - 10 = 20 m/s; the bodies overlap across after (3.5 - 1.9) / 0.8 = 2 s, when 60 - 20 * 2 = 20 m are left
+    point = {name: np.array([value]) for name, value in zip(
+        ("ego_speed", "cut_in_speed", "gap", "lateral_speed"), (30.0, 10.0, 60.0, 0.8), strict=True)}  # fmt: skip
+    for use in ("cut_in", "cut_in?lateral_acceleration=1.5"):
+        coordinates = catalogue.load(use).zone_coordinates
+        assert coordinates is not None
+        closing, left = coordinates.of(point)
+        assert closing.tolist() == [20.0]
+        assert left == pytest.approx(np.tanh(20.0 / 100.0), rel=1e-14)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_check_of_a_shipped_file_counts_its_points(name):
+def test_nobody_declared_an_exposure_for_a_shipped_scenario(name: str) -> None:
+    from sumo_eval.drivers.exposure import exposure_of
+    from sumo_eval.settings import DriverSettings, ExposureSettings
+
+    settings = ExposureSettings()
+    assert not exposure_of(catalogue.load(name), settings, DriverSettings(), scenario_files()[name].parent).known
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
     chosen = sample(catalogue.load(name))
-    sentences = check_file(scenario_file(name))
+    sentences = check_file(scenario_files()[name])
     assert f"{len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more." in sentences[1]
+
+
+@pytest.mark.parametrize(
+    ("use", "sentence"),
+    [
+        ("cut_in?lateral_acceleraton=1.5", "Unknown option of scenario `cut_in` `lateral_acceleraton`. Did you mean"),
+        ("cut_in?lateral_acceleration=fast", "of scenario `cut_in` must be a number of m/s2, got 'fast'."),
+        ("cut_in?lateral_acceleration=0", "of scenario `cut_in` must be finite and above 0 m/s2, got 0.0."),
+        ("cut_in?lateral_acceleration=inf", "must be finite and above 0 m/s2, got inf."),
+        ("cut_in?lateral_acceleration=nan", "must be finite and above 0 m/s2, got nan."),
+        ("cut_in?lateral_acceleration", "must be a number of m/s2, got ''."),
+        ("cut_in?lateral_acceleration=1&lateral_acceleration=2", "must be given once"),
+        ("cut_in?", "Unknown option of scenario `cut_in` ``."),
+        ("r157_cut_out?lateral_acceleration=1.5", "Unknown option of scenario `r157_cut_out` `lateral_acceleration`."),
+        ("cutin?lateral_acceleration=1.5", "Unknown logical scenario `cutin`. Did you mean `cut_in`?"),
+    ],
+)
+def test_a_wrong_option_is_a_sentence(use: str, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        catalogue.find(use)
+    assert sentence in str(caught.value)
+
+
+def test_a_scenario_is_read_when_it_is_asked_for_and_once() -> None:
+    program = (
+        "import sys; read = []\n"
+        "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else None)\n"
+        "from sumo_eval.scenario import catalogue\n"
+        "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) == 8\n"
+        "before = len([name for name in read if name.endswith('.toml')])\n"
+        "assert catalogue.load('ncap_ccrs') is catalogue.SCENARIOS['ncap_ccrs'] is catalogue.find('ncap_ccrs')\n"
+        "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if name.endswith('.toml')])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "0 ['ncap_ccrs.toml']\n"

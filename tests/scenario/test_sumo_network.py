@@ -11,7 +11,7 @@ from sumo_eval.cosim.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.file import read_scenario
-from sumo_eval.scenario.shipped_files import scenario_file
+from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scenario.sumo_network import laid_along_x, read_road
 from sumo_eval.settings import VehicleSettings
 
@@ -77,7 +77,7 @@ def test_a_case_on_a_turned_network_is_the_same_case(network):
 
 
 def test_a_scenario_file_names_the_network_beside_it(tmp_path, network):
-    text = scenario_file("front_vehicle_low_speed").read_text()
+    text = scenario_files()["front_vehicle_low_speed"].read_text()
     before, _, rest = text.partition("[road]")
     (tmp_path / "mine.toml").write_text(
         before + '[road]\nnetwork = "town.net.xml"\nedges = ["road"]\n' + rest[rest.index("[end]") :]

@@ -1,0 +1,118 @@
+"""What the pages for who carries on name is there: links, files, make targets; and the picture is sound."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DECISIONS = tuple(f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs" / "decisions").glob("*.md")))
+PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", *DECISIONS)
+PICTURE = ROOT / "docs" / "pictures" / "flow.svg"
+SVG = "{http://www.w3.org/2000/svg}"
+FOLDERS = ("", "sumo_eval", "sumo_eval/cosim")
+"""Where a path in a page may begin."""
+
+
+def text(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def paths_in(page: str) -> set[str]:
+    """Files and folders that a page names in code spans; placeholders and a user's own files are none."""
+    spans = " ".join(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text(page), flags=re.S)))
+    found = set(
+        re.findall(
+            r"(?<![\w./<>*-])((?:[a-z_0-9]+/)*[a-z_0-9]+\.(?:py|toml|js|j2|sh)|(?:[a-z_0-9]+/)+)(?![\w<*])", spans
+        )
+    )
+    return found - {"my_ads.py", "evaluation.toml", "utils.py", "dist/"}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    for target in re.findall(r"\]\((?!https?://)([^)#]+)\)", text(page)):
+        assert (ROOT / page).parent.joinpath(target).resolve().is_file(), target
+
+
+@pytest.mark.skipif(not (ROOT / "sumo_eval" / "kernels.py").is_file(), reason="the pages describe rules as kernels")
+@pytest.mark.parametrize("page", PAGES)
+def test_files_that_a_page_names_are_there(page: str) -> None:
+    said = text(page).split("\n## Where it is going")[0]
+    missing = {
+        path
+        for path in paths_in(page)
+        if path in said and not any((ROOT / folder / path).exists() for folder in FOLDERS)
+    }
+    assert not missing
+
+
+def test_every_room_of_the_package_stands_in_the_architecture() -> None:
+    table = text("ARCHITECTURE.md").split("\n## Rooms as they are")[1].split("\n## ")[0]
+    for path in sorted((ROOT / "sumo_eval").iterdir()):
+        if path.is_dir() and (path / "__init__.py").is_file():
+            assert f"`{path.name}/`" in table, path.name
+
+
+def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_are() -> None:
+    makefile = text("Makefile")
+    for target in {target for page in PAGES for target in re.findall(r"(?:^|`)make (\w+)", text(page), flags=re.M)}:
+        assert re.search(rf"^{target}:", makefile, flags=re.M), target
+    quick = re.findall(r"tests/\S+\.py", makefile)
+    assert len(quick) > 10
+    for path in quick:
+        assert (ROOT / path).is_file(), path
+
+
+def test_the_tables_that_are_named_for_extension_are_there() -> None:
+    from sumo_eval.cosim.controller import DOORS, SHIPPED
+    from sumo_eval.drivers.importing import READERS
+    from sumo_eval.report.sections import SECTIONS
+    from sumo_eval.scenario.sampling import METHODS
+
+    assert all((DOORS, SHIPPED, READERS, SECTIONS, METHODS))
+    for name in ("SHIPPED", "READERS", "SECTIONS", "METHODS"):
+        assert f"`{name}`" in text("CONTRIBUTING.md")
+
+
+def test_every_decision_stands_in_the_list_and_is_half_a_page() -> None:
+    listed = text("docs/decisions/README.md")
+    for page in DECISIONS:
+        name = Path(page).name
+        if name != "README.md":
+            assert f"]({name})" in listed
+            assert len(text(page).split()) < 450, name
+            assert "**What would change it.**" in text(page) or name == "readings.md", name
+
+
+def test_the_picture_is_small_says_what_it_shows_and_has_colours_for_light_and_dark() -> None:
+    assert PICTURE.stat().st_size < 10_000
+    root = ElementTree.parse(PICTURE).getroot()
+    assert root.find(f"{SVG}title") is not None
+    assert root.find(f"{SVG}desc") is not None
+    style = root.find(f"{SVG}style")
+    assert style is not None
+    assert style.text is not None
+    light, _, dark = style.text.partition("@media (prefers-color-scheme: dark)")
+    for name in ("page", "box", "small", "safe", "danger", "field"):
+        assert f".{name} {{" in light, name
+        assert f".{name} {{" in dark, name
+    used = {word for node in root.iter() for word in node.get("class", "").split()}
+    assert used <= set(re.findall(r"\.([a-z]+) \{", light))
+    assert text("README.md").split("## ")[0].count("](docs/pictures/flow.svg)") == 1
+
+
+def test_the_source_archive_takes_the_pages_along() -> None:
+    sdist = text("pyproject.toml").split("[tool.hatch.build.targets.sdist]")[1].split("\n[")[0]
+    for name in ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", "docs", "tools", "Makefile"):
+        assert f'"{name}"' in sdist
+
+
+def test_what_runs_before_a_commit_is_what_make_check_runs() -> None:
+    check = text("Makefile").split("\ncheck:")[1].split("\n\n")[0]
+    for tool in ("ruff check", "ruff format", "mypy", "lint-imports", "tools/house_check.py"):
+        assert tool in check
+        assert tool in text(".pre-commit-config.yaml")

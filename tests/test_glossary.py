@@ -1,0 +1,103 @@
+"""GLOSSARY.md names every column, every key of a score and every symbol, and nothing that does not exist."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from sumo_eval import settings
+from sumo_eval.report.tables import cases_csv
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+
+ROOT = Path(__file__).parents[1]
+GLOSSARY = (ROOT / "GLOSSARY.md").read_text(encoding="utf-8")
+
+
+def rows(section: str) -> list[list[str]]:
+    """The cells of a section's table, without its head."""
+    table = GLOSSARY.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    lines = [line for line in table.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def names(section: str) -> list[str]:
+    return [name for row in rows(section) for name in re.findall(r"`(.*?)`", row[0])]
+
+
+def symbols() -> set[str]:
+    return {symbol for row in rows("Symbols") for symbol in row[0].split(", ")}
+
+
+def test_every_column_of_cases_csv_has_one_row_and_every_row_a_column(tmp_path: Path) -> None:
+    run = settings.EvaluationSettings(name="none", scenario=(), ads=())
+    cases_csv(Evaluation("none", tmp_path, run, {}, (), (), ()), tmp_path / "cases.csv")
+    written = (tmp_path / "cases.csv").read_text(encoding="utf-8").strip().split(",")
+    found = names("Columns of cases.csv")
+    assert sorted(found) == sorted({*written, "values"})
+    assert {field.name for field in dataclasses.fields(CaseResult)} <= set(found)
+
+
+def test_every_key_of_a_score_has_one_row_and_every_row_a_key() -> None:
+    fields = [field.name for field in dataclasses.fields(ScenarioResult)]
+    assert sorted(names("Keys of a score in scores.json")) == sorted(fields)
+
+
+def test_every_symbol_of_a_setting_and_of_the_readmes_equations_has_a_row() -> None:
+    classes = [
+        found for found in vars(settings).values() if isinstance(found, type) and dataclasses.is_dataclass(found)
+    ]
+    given = {
+        settings.about(owner, field.name).symbol
+        for owner in classes
+        if issubclass(owner, settings.Checked)
+        for field in dataclasses.fields(owner)
+    }
+    assert {"k1", "p_i", "Ug"} <= given
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").split("## Where each equation is")[1].split("\n## ")[0]
+    whats = re.findall(r"^\| \d[\d-]* \| (.*?) \|", readme, flags=re.M)
+    used = {word for what in whats for word in what.split() if re.fullmatch(r"[A-Z](_i)?|r", word)}
+    assert {"C", "D_i", "r", "U"} <= used
+    assert given - {""} <= symbols()
+    assert used <= symbols()
+
+
+def test_every_symbol_used_in_a_table_is_explained() -> None:
+    shown = {
+        row[2]
+        for section in ("Columns of cases.csv", "Keys of a score in scores.json")
+        for row in rows(section)
+        if row[2]
+    }
+    parts = {part for symbol in shown for part in symbol.split()} - {"THW", "DRAC", "PET", "x_i", "b", "f_n+"}
+    assert parts <= symbols()
+
+
+@pytest.mark.parametrize(
+    "function", sorted({name for row in rows("Symbols") for name in re.findall(r"`(\w+\.\w+)`", row[3])} - {
+        "method.anthropomorphic", "method.score", "scenario.exposure", "simulation.ideal_deceleration",
+        "ZonePartition.most_dangerous",
+    }),
+)  # fmt: skip
+def test_a_function_named_beside_a_symbol_exists(function: str) -> None:
+    module, _, name = function.partition(".")
+    assert callable(getattr(importlib.import_module(f"sumo_eval.method.{module}"), name))
+
+
+def test_a_setting_named_beside_a_symbol_exists() -> None:
+    run = settings.EvaluationSettings(name="none", scenario=(), ads=())
+    entry = settings.ScenarioSettings("cut_in")
+    named = {
+        name
+        for row in rows("Symbols")
+        for name in re.findall(r"`((?:method|simulation|drivers|scenario)[.\w]+)`", row[3])
+    }
+    assert len(named) >= 8
+    for name in named:
+        found: object = entry if name.startswith("scenario.") else run
+        for part in name.removeprefix("scenario.").split("."):
+            assert hasattr(found, part), name
+            found = getattr(found, part)

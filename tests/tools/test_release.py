@@ -1,0 +1,155 @@
+"""tools/release.py in a small repository of its own: what it refuses, what it does, and that a dry run does nothing."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CHANGELOG = "# Changelog\n\n## [Unreleased]\n\n### Added\n- A thing.\n\n## [0.1.0] - 2026-01-01\n- The first.\n"
+PYPROJECT = """[build-system]
+requires = ["hatchling"]
+build-backend = "hatchling.build"
+
+[project]
+name = "sumo_eval"
+version = "0.1.0"
+requires-python = ">=3.11"
+
+[tool.hatch.build.targets.wheel]
+packages = ["sumo_eval"]
+"""
+
+
+def git(root: Path, *arguments: str) -> str:
+    return subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A repository with the real scripts and a package of one file, everything committed."""
+    root = tmp_path / "project"
+    for folder in ("sumo_eval", "tools", "tests/golden"):
+        (root / folder).mkdir(parents=True)
+    shutil.copy(ROOT / "tools" / "release.py", root / "tools")
+    shutil.copy(ROOT / "tools" / "house_check.py", root / "tools")
+    (root / "tests" / "golden" / "golden.py").write_text("raise SystemExit(0)\n")
+    (root / "sumo_eval" / "__init__.py").write_text('"""A package."""\n')
+    (root / "CHANGELOG.md").write_text(CHANGELOG)
+    (root / "pyproject.toml").write_text(PYPROJECT)
+    (root / ".gitignore").write_text("dist/\n")
+    git(tmp_path, "init", "--quiet", str(root))
+    git(root, "config", "user.name", "A tester")
+    git(root, "config", "user.email", "tester@example.org")
+    commit(root)
+    return root
+
+
+def commit(root: Path) -> None:
+    git(root, "add", "--all")
+    git(root, "commit", "--quiet", "--message", "A state")
+
+
+def release(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(root / "tools" / "release.py"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def state(root: Path) -> tuple[str, str, str]:
+    return git(root, "rev-parse", "HEAD"), git(root, "status", "--porcelain"), git(root, "tag")
+
+
+def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None:
+    before = state(project)
+    done = release(project, "0.2.0", "--dry-run")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "The tree is clean and the golden files hold.",
+        "Would change CHANGELOG.md and pyproject.toml, commit, build the wheel and tag v0.2.0. Nothing was done.",
+    ]
+    assert state(project) == before
+
+
+def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_tree(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("hatchling")
+    monkeypatch.setenv("PIP_NO_BUILD_ISOLATION", "0")  # pip's own way of saying that there is none
+    done = release(project, "0.2.0")
+    day = datetime.datetime.now(datetime.UTC).date().isoformat()
+    head = CHANGELOG.replace("## [Unreleased]\n", f"## [Unreleased]\n\n## [0.2.0] - {day}\n")
+    assert (project / "CHANGELOG.md").read_text() == head
+    assert 'version = "0.2.0"' in (project / "pyproject.toml").read_text()
+    assert git(project, "tag") == "v0.2.0\n"
+    assert git(project, "rev-parse", "v0.2.0^{commit}") == git(project, "rev-parse", "HEAD")
+    assert git(project, "status", "--porcelain") == ""
+    assert git(project, "worktree", "list").count("\n") == 1
+    assert done.returncode == 0, done.stderr
+    (wheel,) = (project / "dist").glob("*.whl")
+    assert wheel.name == "sumo_eval-0.2.0-py3-none-any.whl"
+    assert "sumo_eval/__init__.py" in zipfile.ZipFile(wheel).namelist()
+
+
+def test_a_wheel_that_cannot_be_built_takes_the_release_back(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PIP_NO_INDEX", "1")  # the build's own environment finds nothing to build with
+    before = state(project)
+    done = release(project, "0.2.0")
+    assert done.returncode == 1
+    assert "pip wheel" in done.stderr
+    assert state(project) == before
+    assert (project / "CHANGELOG.md").read_text() == CHANGELOG
+    assert git(project, "worktree", "list").count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("version", "sentence"),
+    [
+        ("0.1.0", "The version must be above 0.1.0, got 0.1.0."),
+        ("0.0.9", "The version must be above 0.1.0, got 0.0.9."),
+        ("next", "The version must have the form MAJOR.MINOR.PATCH, got next."),
+    ],
+)
+def test_a_version_must_go_up(version: str, sentence: str, project: Path) -> None:
+    done = release(project, version)
+    assert done.returncode == 1
+    assert done.stderr == f"No release: {sentence}\n"
+
+
+def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:
+    (project / "left.txt").write_text("Left lying about.\n")
+    done = release(project, "0.2.0")
+    assert done.returncode == 1
+    assert done.stderr == "No release: The tree must be clean, has 1 changes:\n?? left.txt\n"
+    assert git(project, "tag") == ""
+
+
+def test_a_tag_that_is_there_is_refused(project: Path) -> None:
+    git(project, "tag", "v0.2.0")
+    assert release(project, "0.2.0").stderr == "No release: The tag v0.2.0 is there already.\n"
+
+
+def test_golden_files_that_differ_are_refused_and_what_differs_is_said(project: Path) -> None:
+    (project / "tests" / "golden" / "golden.py").write_text(
+        "print('scores: idm: s was 1, is 2.')\nraise SystemExit(1)\n"
+    )
+    commit(project)
+    done = release(project, "0.2.0")
+    assert done.returncode == 1
+    assert done.stderr.endswith("scores: idm: s was 1, is 2.\n")
+    assert release(project, "0.2.0", "--skip-golden", "--dry-run").returncode == 0
+
+
+def test_nothing_new_and_a_house_with_a_fault_are_refused(project: Path) -> None:
+    (project / "CHANGELOG.md").write_text(CHANGELOG.replace("- A thing.\n", ""))
+    commit(project)
+    assert "says nothing" in release(project, "0.2.0").stderr
+    (project / "CHANGELOG.md").write_text(CHANGELOG)
+    (project / "sumo_eval" / "lost.py").write_text("LEFT = 1\n")
+    commit(project)
+    assert "dead: sumo_eval.lost.LEFT" in release(project, "0.2.0").stderr
