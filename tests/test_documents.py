@@ -38,7 +38,6 @@ def test_links_lead_somewhere(page: str) -> None:
         assert (ROOT / page).parent.joinpath(target).resolve().is_file(), target
 
 
-@pytest.mark.skipif(not (ROOT / "sumo_eval" / "kernels.py").is_file(), reason="the pages describe rules as kernels")
 @pytest.mark.parametrize("page", PAGES)
 def test_files_that_a_page_names_are_there(page: str) -> None:
     said = text(page).split("\n## Where it is going")[0]
