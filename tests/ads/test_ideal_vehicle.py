@@ -18,8 +18,6 @@ from sumo_eval.settings import SimulationSettings
 
 SETTINGS = SimulationSettings(end_when_decided=True)
 PACKED = ("no_reaction", "careful_driver", "idm", "lane_changer")  # ADSs with a packed form
-FOLLOWING = ("idm", "lane_changer")  # they keep their distance to a leader that is no danger
-SLOWER_BEFORE = 0.01  # share of the points at which that alone may make them gentler, where something else is hidden
 ALONE = ("careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426", "eu_2022_1426_bus")
 
 
@@ -43,18 +41,8 @@ def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> Non
     cases = drawn(name, count)
     ideal = severities(cases, "ideal_braking")
     for one in ads:
-        driven = list(simulate_many(cases, one, SETTINGS))
-        gentler = np.flatnonzero(np.array([severity(recording) for recording in driven]) < ideal - 1e-9)
-        unexplained = [cases[row].label for row in gentler if not slower_before_the_sight(cases[row], driven[row])]
-        assert not unexplained, (one, unexplained[:3])
-        assert len(gentler) <= (SLOWER_BEFORE if one in FOLLOWING else 0.0) * count, (one, len(gentler))
-
-
-def slower_before_the_sight(concrete, recording) -> bool:
-    """Whether the ego had slowed behind another vehicle before the one that it would touch could be seen at all."""
-    seen = min(known.noticed for known in foresee(concrete, concrete.simulation(SETTINGS)) if known.meets)
-    before = recording.ego.time < seen
-    return bool(before.any() and recording.ego.speed[before].min() < concrete.ego.speed - 0.01)
+        gentler = severities(cases, one) < ideal - 1e-9
+        assert not gentler.any(), (one, [cases[row].label for row in np.flatnonzero(gentler)[:3]])
 
 
 @pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
