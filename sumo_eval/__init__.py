@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sumo_eval.cosim.vehicle_model import Command
     from sumo_eval.evaluation import evaluate, score
-    from sumo_eval.exchange import open_run
+    from sumo_eval.record.exchange import open_run
     from sumo_eval.trajectory import Trajectory
 
 __all__ = ["Command", "Trajectory", "evaluate", "open_run", "score"]
@@ -16,7 +16,7 @@ _HOMES = {
     "Command": "sumo_eval.cosim.vehicle_model",
     "Trajectory": "sumo_eval.trajectory",
     "evaluate": "sumo_eval.evaluation",
-    "open_run": "sumo_eval.exchange",
+    "open_run": "sumo_eval.record.exchange",
     "score": "sumo_eval.evaluation",
 }
 

@@ -12,23 +12,23 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.batch import run_folder
-from sumo_eval.batch.engines import Stopping, never
-from sumo_eval.batch.human_reference import point_processes
-from sumo_eval.batch.recording import Progress, quiet
-from sumo_eval.batch.store import Fact, open_store
-from sumo_eval.comparison import compare_with_people, reference_sentences, references, with_people
-from sumo_eval.confidence.drivers import driver_deviations
-from sumo_eval.confidence.intervals import ScoreIntervals
-from sumo_eval.confidence.ranking import rank
-from sumo_eval.confidence.scored import with_intervals
-from sumo_eval.config import with_changes
 from sumo_eval.errors import InputError
-from sumo_eval.facts import Evaluable, check_complete, record_facts, resolve
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record import run_folder
+from sumo_eval.record.engines import Stopping, never
+from sumo_eval.record.facts import Evaluable, check_complete, record_facts, resolve
+from sumo_eval.record.human_reference import point_processes
+from sumo_eval.record.points import choose_points, zones_of
+from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.record.store import Fact, open_store
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import (
+from sumo_eval.scoring.confidence.drivers import driver_deviations
+from sumo_eval.scoring.confidence.intervals import ScoreIntervals
+from sumo_eval.scoring.confidence.ranking import rank
+from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.likeness import compare_with_people, reference_sentences, references, with_people
+from sumo_eval.scoring.quantities import (
     beyond_range,
     chosen_severity,
     combine,
@@ -39,7 +39,7 @@ from sumo_eval.scoring import (
     simulated_alone,
     tabulate,
 )
-from sumo_eval.spaces import choose_points, zones_of
+from sumo_eval.settings.config import with_changes
 from sumo_eval.trajectory import BoolArray
 
 

@@ -28,11 +28,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 _PACKAGE = Path(__file__).parent
-_ROOMS = ("kernels.py", "trajectory.py", "settings.py", "scenario", "cosim", "ads", "drivers")
+_ROOMS = ("kernels.py", "trajectory.py", "settings", "scenario", "cosim", "ads", "drivers")
 """Where kernels and the constants that are compiled into them stand."""
 
 _waiting: list[Callable[..., Any]] = []
-_LOOPS: list[Any] = []  # every loop of this process, in the order of their modules
 
 
 def kernel(function: Function) -> Function:
@@ -51,19 +50,34 @@ def rows(function: Function) -> Function:
     """
     if INTERPRETED:
         return cast("Function", _interpreted(function))
+    return cast("Function", Loop(function))
+
+
+class Loop:
+    """A loop over rows that loads numba, and then its machine code, when it is first called."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        functools.update_wrapper(self, function)
+        self.compiled: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """What the loop itself does."""
+        if self.compiled is None:
+            self.compiled = _compiled(self.__wrapped__)  # type: ignore[attr-defined]  # set by update_wrapper
+        return self.compiled(*arguments)
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
     numba = _numba()
     make = functools.partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_folder())
     try:
-        try:
-            found = make(cache=True)(function)
-        except RuntimeError:  # nowhere to keep it: every process compiles for itself
-            found = make(cache=False)(function)
+        return make(cache=True)(function)
+    except RuntimeError:  # nowhere to keep it: every process compiles for itself
+        return make(cache=False)(function)
     finally:
         numba.config.CACHE_DIR = before
-    _LOOPS.append(found)
-    return cast("Function", found)
 
 
 def _numba() -> Any:

@@ -138,7 +138,7 @@ class ScenarioResult:
     whose ideal vehicle could not be evaluated. caused_collisions: the avoidable ones that doing nothing avoids too.
 
     <name>_interval: the 95 % interval of each score, from the points, the drivers and the collisions that were not seen
-    (`sumo_eval.confidence.intervals`), each end moved to where the score lies when the cases that could not be
+    (`sumo_eval.scoring.confidence.intervals`), each end moved to where the score lies when the cases that could not be
     evaluated are counted as worst and as best (the worst of a missing safe case is a collision: then S has no D). None
     where there are fewer than two evaluated cases, and nothing is missing. half_widths_by_source: of S and S+ by points
     (`cases`) and by drivers alone.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.cosim.controller import Briefing
+from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.scenario import Actor, ConcreteScenario, LogicalScenario, Road, Start, catalogue
 from sumo_eval.settings import VehicleSettings

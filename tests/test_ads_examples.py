@@ -10,7 +10,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.traci_program import sumo_binary
+from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import (
@@ -131,7 +131,7 @@ def test_an_evaluation_takes_adss_by_locator_and_conditions_hold_for_them_alone(
     assert "perception_not_limited" not in clips[locators[0]]
     assert "perception_not_limited" in clips[locators[1]]
     assert "perception_delay = 0.5" in (tmp_path / "run" / "evaluation.toml").read_text()
-    from sumo_eval.batch.store import open_store
+    from sumo_eval.record.store import open_store
 
     with open_store(tmp_path / "run" / "facts.sqlite") as store:
         assert all(fact.clips == () or "perception" not in fact.clips[0].what for fact in store.facts("human"))

@@ -4,7 +4,7 @@ import json
 
 from click.testing import CliRunner
 
-from sumo_eval.benchmark import SETTINGS, TenLines, set_speed
+from sumo_eval.bench.costs import SETTINGS, TenLines, set_speed
 from sumo_eval.cli import main
 from sumo_eval.cosim import simulate
 from sumo_eval.scenario import catalogue

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sumo_eval.commands import progress as module
-from sumo_eval.commands.progress import Progress
+from sumo_eval.cli import progress as module
+from sumo_eval.cli.progress import Progress
 
 
 def test_plain_lines_tell_rate_time_left_and_failures(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
 from sumo_eval.errors import InputError
+from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
 
 SMALLEST = """
 name = "nightly"

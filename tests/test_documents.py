@@ -67,10 +67,10 @@ def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_a
 
 
 def test_the_tables_that_are_named_for_extension_are_there() -> None:
-    from sumo_eval.cosim.controller import DOORS, SHIPPED
-    from sumo_eval.drivers.importing import READERS
+    from sumo_eval.cosim.doors.controller import DOORS, SHIPPED
+    from sumo_eval.drivers.recorded.importing import READERS
     from sumo_eval.report.sections import SECTIONS
-    from sumo_eval.scenario.sampling import METHODS
+    from sumo_eval.scenario.sampling.samples import METHODS
 
     assert all((DOORS, SHIPPED, READERS, SECTIONS, METHODS))
     for name in ("SHIPPED", "READERS", "SECTIONS", "METHODS"):

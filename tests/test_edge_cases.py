@@ -2,10 +2,10 @@
 
 import pytest
 
-from sumo_eval.edge_cases import edge_cases
 from sumo_eval.method.danger import danger
+from sumo_eval.record.edge_cases import edge_cases
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import ZoneSettings
 
 

@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from batch.edited_store import edit
+from record.edited_store import edit
 
 import sumo_eval
-from sumo_eval.batch.store import FORMAT_VERSION, open_store
-from sumo_eval.config import PAPER_EVALUATION, read_evaluation
 from sumo_eval.errors import InputError
+from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings import (
@@ -28,6 +27,7 @@ from sumo_eval.settings import (
     SamplingSettings,
     ScenarioSettings,
 )
+from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
 
 def small(*controllers: str, scenarios: tuple[str, ...] = ("front_vehicle_low_speed", "front_vehicle_cut_out")):

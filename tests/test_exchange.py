@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from batch.runs import sumo_eval_cli, write_evaluation
+from record.runs import sumo_eval_cli, write_evaluation
 
 import sumo_eval
-from sumo_eval.batch.store import FORMAT_VERSION, open_store
 from sumo_eval.errors import InputError
-from sumo_eval.exchange import export
+from sumo_eval.record.exchange import export
+from sumo_eval.record.store import FORMAT_VERSION, open_store
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ import sumo_eval
 from sumo_eval import kernels
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.world import World
-from sumo_eval.drivers.synthetic import human_controller
+from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
@@ -133,7 +133,7 @@ def test_every_loop_is_compiled_for_one_kind_of_arguments():
             assert list(simulate_many(cases, controllers(ads, cases), SETTINGS))
     world = importlib.import_module("sumo_eval.cosim.world")
     for loop in (world.begin_rows, world.move_rows, world.see_rows):
-        assert len(loop.signatures) == 1, loop.__name__
+        assert len(loop.compiled.signatures) == 1, loop.__name__
 
 
 def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):

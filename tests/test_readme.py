@@ -61,7 +61,7 @@ def test_the_ten_line_ads_and_its_evaluation_file_run_as_printed(tmp_path: Path)
 
 
 def test_every_controller_and_scenario_in_the_readme_exists() -> None:
-    from sumo_eval.cosim.controller import SHIPPED
+    from sumo_eval.cosim.doors.controller import SHIPPED
     from sumo_eval.scenario.catalogue import SCENARIOS
 
     for name in (*SHIPPED, *SCENARIOS):

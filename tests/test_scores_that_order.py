@@ -12,8 +12,8 @@ import pytest
 from test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
-from sumo_eval.batch.store import open_store
 from sumo_eval.method.criticality import max_inverse_ttc
+from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings

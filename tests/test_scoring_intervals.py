@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from batch.runs import sumo_eval_cli, write_evaluation
+from record.runs import sumo_eval_cli, write_evaluation
 
 from sumo_eval.report.terminal import plain_table
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
-from sumo_eval.scoring import combine
+from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
 
 EMPTY = CaseResult(

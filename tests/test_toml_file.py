@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
-from sumo_eval.toml_file import DEEPEST, read_toml, toml_from
+from sumo_eval.settings.toml_file import DEEPEST, read_toml, toml_from
 
 DIGITS = "1" * 5_000
 WRONG = {

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
+from sumo_eval.bench.whole import END, stage_name, stages_of, whole_costs
 from sumo_eval.errors import InputError
-from sumo_eval.whole_benchmark import END, stage_name, stages_of, whole_costs
 
 SMALL = """
 name = "small"

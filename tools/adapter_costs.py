@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim import Command, simulate
-from sumo_eval.cosim.session import libsumo, session
-from sumo_eval.cosim.traci_module import TRACI
+from sumo_eval.cosim.doors.traci_module import TRACI
+from sumo_eval.cosim.sumo.session import libsumo, session
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 

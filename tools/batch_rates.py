@@ -25,13 +25,14 @@ from collections.abc import Callable, Sequence
 from multiprocessing import forkserver
 from pathlib import Path
 
-from sumo_eval.batch.cases import Case, Setup
-from sumo_eval.batch.engines import run_cases
 from sumo_eval.cosim import simulate_many
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.points import zones_of
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
-from sumo_eval.scenario.request import Request
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -41,7 +42,6 @@ from sumo_eval.settings import (
     ScenarioSettings,
     SimulationSettings,
 )
-from sumo_eval.spaces import zones_of
 from sumo_eval.trajectory import Trajectory
 
 ROUNDS = 5
@@ -129,7 +129,7 @@ def size(number: int) -> None:
     from resource import RUSAGE_SELF, getrusage
 
     from sumo_eval.evaluation import score
-    from sumo_eval.facts import record_facts
+    from sumo_eval.record.facts import record_facts
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.tables import write_tables
 

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.batch.cases import Case, Setup
-from sumo_eval.batch.engines import run_cases
-from sumo_eval.random_streams import random_stream
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import run_cases
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.drawn_points import evenly, from_shares
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.search.boundary import find_boundary
-from sumo_eval.search.slices import slice_of
-from sumo_eval.search.straddle import BoundarySearch
+from sumo_eval.scenario.sampling.drawn_points import evenly, from_shares
 from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.studies.boundary import find_boundary
+from sumo_eval.studies.slices import slice_of
+from sumo_eval.studies.straddle import BoundarySearch
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 SIDE = 100

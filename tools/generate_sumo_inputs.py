@@ -12,9 +12,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.scenario.catalogue import SCENARIOS
-from sumo_eval.scenario.sampling import central_point
+from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import SimulationSettings
 
 ROOT = Path(__file__).resolve().parents[1]

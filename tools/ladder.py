@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 import sumo_eval
-from sumo_eval.cosim.observation import Observation
+from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, SamplingSettings, ScenarioSettings
 

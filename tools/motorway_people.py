@@ -4,7 +4,8 @@
 
 Reads `dlr_ht/{approach,cutin,cutout}_{events.csv,series.parquet}` (DLR Highway Traffic v1.1.0). A drive is one event's
 whole series, if it is 10 s or longer. Left out, and counted: rows marked suspect, and drives with a lateral speed over
-2 m/s, which are ghosts of the tracker by the rule of `sumo_eval/drivers/events.py`. Needs the `parquet` extra (duckdb).
+2 m/s, which are ghosts of the tracker by the rule of `sumo_eval/drivers/recorded/events.py`. Needs the
+`parquet` extra (duckdb).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import duckdb
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.events import RULES
+from sumo_eval.drivers.recorded.events import RULES
 from sumo_eval.method.plausibility import Quantiles, extremes_of, quantiles_of
 from sumo_eval.trajectory import Trajectory
 

@@ -7,7 +7,6 @@ sharper curve, and the place where it is clear of the vehicle ahead stays where 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from sumo_eval.cosim.world import fields
@@ -104,29 +103,6 @@ def steering(memory: Any, me: Any, path_y: float, slope: float, bend: float, sce
     c = math.cos(wanted)
     memory.curvature = bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading)
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * memory.curvature))
-
-
-@dataclass(frozen=True, slots=True)
-class LanePath:
-    """A lane's centre line, and from `begin` on, over `length` m of road, the smooth step by `offset` m to the left.
-
-    begin: x, m. start: y before it, m. y = start + offset (10 s^3 - 15 s^4 + 6 s^5), s = (x - begin) / length: straight
-    and at rest at both ends.
-    """
-
-    start: float
-    offset: float = 0.0
-    begin: float = 0.0
-    length: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not self.length > 0.0:
-            raise must_be("`length`", "a lane change", "greater than 0 m", self.length)
-
-    @property
-    def target(self) -> float:
-        """y at the end, m."""
-        return self.start + self.offset
 
 
 def share_of_duration(done: float) -> float:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.cosim.session import vehicles
+from sumo_eval.cosim.sumo.session import vehicles
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import EGO, MOVER, Records, described, show
 from sumo_eval.kernels import rows as compiled_rows

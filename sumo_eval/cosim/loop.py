@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.controller import Briefing, PolicyController, as_command, knows_the_scripts
-from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
-from sumo_eval.cosim.observation import Look, Observation, Observations, Senses
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.sumo_files import EGO
-from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
-from sumo_eval.cosim.traci_numbers import finite_number, shown
+from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import PLANT, REASONS, Records, World, move_rows, see_rows, stop_rows
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said

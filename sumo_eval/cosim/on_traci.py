@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.controller import Briefing, Controller, NativeModel, ObservingController
-from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, ObservingController
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
 from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, checked, let_go, with_time
-from sumo_eval.cosim.observation import Senses
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
-from sumo_eval.cosim.sumo_files import EGO
-from sumo_eval.cosim.traci_module import GUARD, TRACI, RefusedCallError
+from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said

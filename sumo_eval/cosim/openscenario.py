@@ -10,7 +10,7 @@ import math
 
 from lxml import etree
 
-from sumo_eval.cosim.sumo_files import EGO
+from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 

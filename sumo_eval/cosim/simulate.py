@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from sumo_eval.cosim.compiled import Compiled
-from sumo_eval.cosim.controller import (
+from sumo_eval.cosim.doors.controller import (
     Controller,
     ControllerLike,
     NativeModel,
@@ -30,14 +30,14 @@ from sumo_eval.cosim.controller import (
     find_controller,
     load_controller,
 )
-from sumo_eval.cosim.fmu import FmuPlant
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
+from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_off, drive, told
 from sumo_eval.cosim.on_traci import OnTraci
-from sumo_eval.cosim.session import running, session
-from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.stage import Stage
-from sumo_eval.cosim.traci_module import RefusedCallError, seen_as_traci
-from sumo_eval.cosim.traci_program import TraciProgram, served
+from sumo_eval.cosim.sumo.session import running, session
+from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -72,7 +72,7 @@ def simulate(
 ) -> Recording:
     """Run a concrete scenario with an ADS at the ego's wheel.
 
-    controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.controller`).
+    controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.doors.controller`).
     folder: where relative paths in a locator start. step_timeout: longest wall time of one controller step, s.
     seed: of what `settings.conditions` leave to chance.
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
-from sumo_eval.cosim.session import NOWHERE, check_start, vehicles
-from sumo_eval.cosim.shared_files import edge_name, vehicle_names
+from sumo_eval.cosim.sumo.session import NOWHERE, check_start, vehicles
+from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import MODEL, STRAIGHT, World
 from sumo_eval.errors import SimulationError
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, between, describe, keeps_apart, share_at_touch, within_a_turn
-from sumo_eval.cosim.fault_place import fault_place
+from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import BESIDE
-from sumo_eval.cosim.session import NOWHERE
+from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
@@ -606,7 +606,8 @@ class World:
         ego = self.egos[row]
         struck = int(ego["struck"])
         ego_body = Body(*ego.tolist()[:7])
-        return describe(float(ego["time"]), actors[struck].name, ego_body, self.body(row, struck))
+        time = float(self.samples[row, 0, 0, int(ego["samples"]) - 1])  # a touch at a step's first instant is that one
+        return describe(time, actors[struck].name, ego_body, self.body(row, struck))
 
     def body(self, row: int, other: int) -> Body:
         """Another vehicle."""

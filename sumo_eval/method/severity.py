@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, said, unknown
-from sumo_eval.locators import load_object
 from sumo_eval.method.collision_avoidance import LEAST_LOSS, collision_loss, impact_severity
 from sumo_eval.settings import CollisionSettings
+from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Collision, FloatArray, Side
 
 KMH = 3.6

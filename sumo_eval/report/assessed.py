@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from sumo_eval.batch.recording import Progress, quiet
-from sumo_eval.confidence.assessment import assess
 from sumo_eval.evaluation import zone_partitions
+from sumo_eval.record.recording import Progress, quiet
 from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.html import NOTHING_BESIDE, write_report
 from sumo_eval.report.sections import Beside
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.confidence.assessment import assess
 
 
 def write_assessed_report(

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sumo_eval.case_terms import CaseTerms, point_values, scores_of
+from sumo_eval.scoring.case_terms import CaseTerms, point_values, scores_of
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import FloatArray
 

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sumo_eval.config import to_plain
 from sumo_eval.errors import InputError
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings.config import to_plain
 
 HARMLESS = ("name", "ads", "run", "report")
 """Settings that change no case of an ADS that both runs have: who drives, how work is spread, how it is shown."""

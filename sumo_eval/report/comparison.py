@@ -11,7 +11,6 @@ from typing import Final, Literal
 
 import numpy as np
 
-from sumo_eval.case_terms import case_terms
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
 from sumo_eval.report.bootstrap import paired_differences, quantities
@@ -19,6 +18,7 @@ from sumo_eval.report.comparability import Difference, differences, refuse_unles
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.case_terms import case_terms
 
 Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",

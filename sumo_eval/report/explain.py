@@ -7,14 +7,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import Fact, Store, open_store
-from sumo_eval.case_terms import avoided_share_losses, case_terms
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.score_terms import excess
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.words import (
     LIKENESS_FACTORS,
     MEASURES,
@@ -30,6 +29,7 @@ from sumo_eval.report.words import (
     severity_unit,
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
 
 ROUNDING = 1e-9
 

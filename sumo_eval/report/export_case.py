@@ -8,15 +8,15 @@ import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sumo_eval.batch import run_folder
-from sumo_eval.batch.store import Fact, open_store
-from sumo_eval.config import to_toml
-from sumo_eval.cosim.controller import made_absolute
+from sumo_eval.cosim.doors.controller import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
-from sumo_eval.cosim.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.record import run_folder
+from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.settings import DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
+from sumo_eval.settings.config import to_toml
 from sumo_eval.text import cell
 
 

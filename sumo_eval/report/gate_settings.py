@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from sumo_eval.config import read_checked
 from sumo_eval.errors import InputError
 from sumo_eval.settings import About, Checked, NotNegative
+from sumo_eval.settings.config import read_checked
 
 Quantity = Literal[
     "A", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",

@@ -198,7 +198,7 @@ def _group(
 
 
 def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
-    """How the points were chosen, in words; the rules are those of `sumo_eval.scenario.sampling.sample`."""
+    """How the points were chosen, in words; the rules are those of `sumo_eval.scenario.sampling.samples.sample`."""
     units = {item.name: item.unit for item in logical.parameters}
     given = sampling.levels is not None or bool(sampling.steps)
     method = sampling.method or ("grid" if given else logical.default_sample)

@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from sumo_eval.case_terms import avoided_share_losses, case_terms
 from sumo_eval.method.score_terms import product_losses
 from sumo_eval.report.words import (
     FACTORS,
@@ -26,6 +25,7 @@ from sumo_eval.report.words import (
     reason_without_h,
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
 from sumo_eval.settings import EvaluationSettings
 
 ROUNDING = 1e-9  # an index off the product of its factors by less is only rounding

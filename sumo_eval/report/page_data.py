@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import EGO, Store, open_store
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import EGO, Store, open_store
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import (

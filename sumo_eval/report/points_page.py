@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling import Sample
+from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.text import cell
 
 CHOSEN, REFUSED = "#0072b2", "#9aa1aa"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import EGO, Fact, Store, open_store
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.html import asset, template
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page_data import CHANNEL_STEPS, contact, encode_trajectories

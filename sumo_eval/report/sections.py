@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-from sumo_eval.confidence.assessment import Confidence
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
@@ -21,6 +20,7 @@ from sumo_eval.report.people import people_context
 from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
 from sumo_eval.report.words import interval_words, number, point
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.confidence.assessment import Confidence
 
 MOST_LEDGER_CASES = 5  # of one line of the ledger
 MOST_CHANGED = 200  # cases in the table of changes

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.case_terms import avoided_share_losses, case_terms
 from sumo_eval.method.anthropomorphic import BIMODAL
 from sumo_eval.method.collision_avoidance import collision_loss
 from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, once
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
 from sumo_eval.settings import EvaluationSettings
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"

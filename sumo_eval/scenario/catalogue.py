@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.locators import load_object
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.shipped_files import scenario_files
+from sumo_eval.settings.locators import load_object
 
 
 class _Shipped(Mapping[str, LogicalScenario]):

@@ -19,7 +19,6 @@ from annotated_types import Ge, MinLen
 from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.config import mistakes
 from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
 from sumo_eval.scenario.distribution import Distribution
@@ -37,7 +36,8 @@ from sumo_eval.scenario.logical import (
 )
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
-from sumo_eval.toml_file import read_toml
+from sumo_eval.settings.config import mistakes
+from sumo_eval.settings.toml_file import read_toml
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Formula = str | float
@@ -283,7 +283,7 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
 
     given: options by name, as written. Raises InputError with what is wrong, at the first point where something is.
     """
-    from sumo_eval.scenario.sampling import sample
+    from sumo_eval.scenario.sampling.samples import sample
 
     logical = read_scenario(Path(path), given)
     chosen = sample(logical)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sumo_eval.drivers.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.agreement import Agreement, concordance, rank_correlation
 from sumo_eval.results import Evaluation

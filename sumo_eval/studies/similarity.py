@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import open_store
 from sumo_eval.method.agreement import rank_correlation
 from sumo_eval.method.trajectory_similarity import trajectory_similarity
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
 from sumo_eval.results import Evaluation
 
 

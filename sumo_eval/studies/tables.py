@@ -14,7 +14,7 @@ from sumo_eval.text import cell
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from sumo_eval.drivers.population_check import Comparison
+    from sumo_eval.drivers.recorded.population_check import Comparison
 
 
 def write_rows(rows: Sequence[DataclassInstance], path: Path) -> None:

@@ -16,19 +16,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from batch.runs import command, digest, write_evaluation
 from campaign.mutants import mutant
 from click.testing import CliRunner
+from record.runs import command, digest, write_evaluation
 
 import sumo_eval
-from sumo_eval.batch.cases import Case, Setup
-from sumo_eval.batch.engines import run_cases
 from sumo_eval.cli import main
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import run_cases
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
-ADS = Path(__file__).parent.parent / "batch"
+ADS = Path(__file__).parent.parent / "record"
 
 # What each fault must be called. A fault of memory can hit SUMO's own allocation, which ends the process.
 EXPECTED = {

@@ -2,8 +2,8 @@
 
 `pytest -m campaign tests/campaign/test_interval_coverage.py -s`. Every seed draws other points (Sobol) and drivers.
 The truth is the mean of a score over all seeds: what an evaluation of this size gives on average.
-SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the 20 seeds that is run. tests/confidence/test_intervals.py is the
-small version, on a problem whose answer is known.
+SUMO_EVAL_CAMPAIGN_SHARE, default 1, is the share of the 20 seeds that is run.
+tests/scoring/confidence/test_intervals.py is the small version, on a problem whose answer is known.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ import time as clock
 import pytest
 
 from sumo_eval.cosim import Command
-from sumo_eval.cosim.contract import check_controller
-from sumo_eval.cosim.controller import SHIPPED
+from sumo_eval.cosim.doors.contract import check_controller
+from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
-from sumo_eval.config import settings_from, to_plain
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import PlantSettings, SimulationSettings
+from sumo_eval.settings.config import settings_from, to_plain
 
 pytest.importorskip("fmpy")
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"

@@ -10,7 +10,7 @@ import builders
 import numpy as np
 import pytest
 
-from sumo_eval.cosim import gui_replay
+from sumo_eval.cosim.sumo import gui_replay
 from sumo_eval.scenario import catalogue
 from sumo_eval.trajectory import Trajectory
 

@@ -11,11 +11,11 @@ import libsumo
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
-import sumo_eval.cosim.session as session_module
+import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body, separation
-from sumo_eval.cosim.session import session
-from sumo_eval.cosim.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.cosim.sumo.session import session
+from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario import Actor, LaneChange, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings

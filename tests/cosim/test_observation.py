@@ -6,13 +6,13 @@ from dataclasses import FrozenInstanceError, replace
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
-from sumo_eval.config import settings_from
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.observation import Observation, Senses
+from sumo_eval.cosim.doors.observation import Observation, Senses
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.settings import ConditionSettings
+from sumo_eval.settings.config import settings_from
 
 EGO = Body(50.0, 0.0, 0.0, 20.0, 4.5, 1.8)
 

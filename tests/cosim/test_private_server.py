@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case
 
-from sumo_eval.cosim.private_server import LOOPBACK, PrivateServer, Relay
-from sumo_eval.cosim.session import command_line
-from sumo_eval.cosim.traci_program import sumo_binary
+from sumo_eval.cosim.doors.traci_program import sumo_binary
+from sumo_eval.cosim.sumo.private_server import LOOPBACK, PrivateServer, Relay
+from sumo_eval.cosim.sumo.session import command_line
 from sumo_eval.errors import InputError
 
 if sys.platform != "linux":

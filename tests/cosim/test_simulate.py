@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 
-import sumo_eval.cosim.session as session_module
+import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body, separation
-from sumo_eval.cosim.controller import NativeModel, load_controller
+from sumo_eval.cosim.doors.controller import NativeModel, load_controller
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Start, catalogue
-from sumo_eval.scenario.sampling import grid, sample
+from sumo_eval.scenario.sampling.samples import grid, sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
@@ -130,7 +130,7 @@ def test_of_two_bodies_hit_in_one_step_the_first_one_counts():
 
 
 def test_a_simulation_of_somebody_else_in_the_process_is_a_sim_error_and_survives():
-    from sumo_eval.cosim.session import session
+    from sumo_eval.cosim.sumo.session import session
 
     with session(case(), SimulationSettings()) as traci:
         assert simulate(case(), nothing).end_reason == "sim_error"
@@ -248,7 +248,7 @@ def test_the_same_file_has_the_same_module_name_in_every_process(tmp_path, monke
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "my_ads.py").write_text("def drive(traci, ego, time):\n    pass\n")
     code = (
-        "import sys; from pathlib import Path; from sumo_eval.cosim.controller import find_controller\n"
+        "import sys; from pathlib import Path; from sumo_eval.cosim.doors.controller import find_controller\n"
         f"print(find_controller('my_ads.py:drive', Path({str(tmp_path)!r})).__module__)"
     )
     names = {

@@ -11,11 +11,11 @@ import pytest
 from cosim_cases import ROAD, case, lead
 from lxml import etree
 
-from sumo_eval.cosim.session import session
-from sumo_eval.cosim.sumo_files import SIMULATION_OPTIONS, configuration_xml, network_xml, routes_xml
+from sumo_eval.cosim.sumo.session import session
+from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, configuration_xml, network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Brake, LaneChange, Start, catalogue, shipped_files
-from sumo_eval.scenario.sampling import central_point
+from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 TREE = Path(__file__).resolve().parents[2]

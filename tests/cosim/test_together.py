@@ -12,15 +12,15 @@ from cosim_cases import case, lead
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
-from sumo_eval.batch.cases import Case, Setup
-from sumo_eval.batch.worker import run_case
 from sumo_eval.cosim import simulate, simulate_many
-from sumo_eval.cosim.session import running
-from sumo_eval.cosim.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.simulate import NOT_TOGETHER, ON_TRACI, ONE_OBJECT
+from sumo_eval.cosim.sumo.session import running
+from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.errors import InputError
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.worker import run_case
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start, catalogue
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 

@@ -6,7 +6,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.traci_program import sumo_binary
+from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 

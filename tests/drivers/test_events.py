@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 from drivers.real_data import needs_recordings, recording
 
-from sumo_eval.drivers.events import extract_events
-from sumo_eval.drivers.importing import import_recordings
-from sumo_eval.drivers.recordings import Recordings
+from sumo_eval.drivers.recorded.events import extract_events
+from sumo_eval.drivers.recorded.importing import import_recordings
+from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.scenario.concrete import smooth_step
 
 

@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from drivers.real_data import needs_recordings, recording
 
 from sumo_eval.cli import main
-from sumo_eval.drivers.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
-from sumo_eval.drivers.importing import FORMATS, import_recordings
-from sumo_eval.drivers.recordings import COLUMNS, read_csv, write_csv
+from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
+from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
+from sumo_eval.drivers.recorded.recordings import COLUMNS, read_csv, write_csv
 from sumo_eval.errors import InputError
 
 OWN = "recording,vehicle,t,x,y,length,width\n"

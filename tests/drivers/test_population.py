@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sumo_eval.drivers.population import (
+from sumo_eval.drivers.synthetic.population import (
     IDM_CORRELATION,
     IDM_FIT,
     LANE_CHANGE_10_90,

@@ -7,10 +7,10 @@ from dataclasses import asdict
 import pytest
 from drivers.test_reference import write_people
 
-from sumo_eval.drivers.events import extract_events
-from sumo_eval.drivers.population import draw_population
-from sumo_eval.drivers.population_check import Comparison, compare_population
-from sumo_eval.drivers.recordings import read_csv
+from sumo_eval.drivers.recorded.events import extract_events
+from sumo_eval.drivers.recorded.population_check import Comparison, compare_population
+from sumo_eval.drivers.recorded.recordings import read_csv
+from sumo_eval.drivers.synthetic.population import draw_population
 from sumo_eval.settings import PopulationSettings
 
 

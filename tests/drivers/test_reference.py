@@ -10,9 +10,9 @@ import pytest
 from drivers.test_events import track
 from scipy import stats
 
-from sumo_eval.drivers.exposure import exposure_of, fit_exposure
-from sumo_eval.drivers.recordings import Recordings, write_csv
-from sumo_eval.drivers.reference import open_people, reference
+from sumo_eval.drivers.recorded.exposure import exposure_of, fit_exposure
+from sumo_eval.drivers.recorded.recordings import Recordings, write_csv
+from sumo_eval.drivers.recorded.reference import open_people, reference
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings

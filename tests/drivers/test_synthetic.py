@@ -11,8 +11,7 @@ from road_scenes import Mover, actor, case, cut_outs_at_the_edge, fresh, low_spe
 from sumo_eval.ads.perception import carry_on
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.world import MOVER
-from sumo_eval.drivers.population import draw_driver, draw_population
-from sumo_eval.drivers.synthetic import (
+from sumo_eval.drivers.synthetic.driver import (
     ATTENTION,
     LOOK,
     LOOKS,
@@ -21,10 +20,11 @@ from sumo_eval.drivers.synthetic import (
     human_controller,
     synthetic_reference,
 )
+from sumo_eval.drivers.synthetic.population import draw_driver, draw_population
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import count_operations
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.trajectory import CHANNELS
 
 DRIVERS = draw_population(10, seed=1)
@@ -261,7 +261,8 @@ def test_a_follower_in_danger_evades_when_braking_is_not_enough():
 def test_a_child_process_that_drives_imports_no_heavy_package():
     # numba itself looks for scipy
     script = (
-        "import sys, numba; there = set(sys.modules)\nimport sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic;"
+        "import sys, numba; there = set(sys.modules)\n"
+        "import sumo_eval.ads.lane_changer, sumo_eval.drivers.synthetic.driver;"
         "print(sorted({'scipy', 'pandas', 'sklearn', 'pydantic'} & (set(sys.modules) - there)))"
     )
     answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

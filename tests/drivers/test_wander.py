@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sumo_eval.drivers.wander import SmoothNoise, noise_at, noise_value
+from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
 from sumo_eval.errors import InputError
-from sumo_eval.random_streams import random_stream
+from sumo_eval.settings.random_streams import random_stream
 
 
 def test_a_stream_is_the_same_everywhere_and_for_ever():

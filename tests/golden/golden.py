@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 
 import sumo_eval
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import Store, open_store
-from sumo_eval.cosim.controller import SHIPPED
+from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings import (
     AdsSettings,

@@ -9,8 +9,8 @@ import pytest
 
 import sumo_eval
 from golden import golden
-from sumo_eval.config import PAPER_EVALUATION
 from sumo_eval.scenario.catalogue import SCENARIOS
+from sumo_eval.settings.config import PAPER_EVALUATION
 
 
 @pytest.mark.parametrize("scenario", sorted(SCENARIOS))

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_eval.config import settings_from, to_plain
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
 from sumo_eval.method.severity import CHOICES, EXAMPLE, INJURY_CURVES, contact_of, injury_risk, severity_of
 from sumo_eval.settings import CollisionSettings
+from sumo_eval.settings.config import settings_from, to_plain
 
 law = settings(derandomize=True, deadline=None, max_examples=60)
 GRAZE = replace(EXAMPLE, ego_velocity=(25.0, 1.0), other_velocity=(15.0, 0.0), overlap=0.3, other="obstacle")

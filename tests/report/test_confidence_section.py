@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import builders
 import pytest
-from confidence.scored_by_hand import with_intervals_of
 from lxml import html
+from scoring.confidence.scored_by_hand import with_intervals_of
 
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.confidence.assessment import Confidence, assess
+from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.html import write_report
 from sumo_eval.report.sections import Beside
+from sumo_eval.scoring.confidence.assessment import Confidence, assess
 from sumo_eval.settings import RunSettings
 
 

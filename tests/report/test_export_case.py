@@ -16,9 +16,9 @@ from click.testing import CliRunner
 from lxml import etree
 
 import sumo_eval
-from sumo_eval.batch.run_folder import FACTS
-from sumo_eval.batch.store import open_store
 from sumo_eval.cli import main
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
 from sumo_eval.report.export_case import export_case
 
 ROOT = Path(__file__).parents[2]
@@ -312,7 +312,7 @@ def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path):
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
     path = next(p for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths if p.suffix == ".toml")
-    drivers = sumo_eval.config.read_evaluation(path).drivers
+    drivers = sumo_eval.settings.config.read_evaluation(path).drivers
     assert (drivers.source, drivers.cases) == (f"{run.parent / 'people.py'}:drives", str(run.parent / "tests"))
 
 

@@ -11,7 +11,7 @@ import pytest
 from sumo_eval.report.ledger import ledger, ledger_plus, sentences
 from sumo_eval.report.words import cases_of, explain_a
 from sumo_eval.results import Evaluation, ScenarioResult
-from sumo_eval.scoring import combine
+from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import MethodSettings, ScoreSettings
 
 

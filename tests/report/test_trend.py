@@ -10,9 +10,9 @@ import pytest
 from browser import CHROMIUM, Page
 
 from sumo_eval.errors import InputError
+from sumo_eval.nightly.history import HISTORY, Night, open_history
+from sumo_eval.nightly.trend import HEIGHT, TOP, _ticks, charts, write_trend
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.history import HISTORY, Night, open_history
-from sumo_eval.report.trend import HEIGHT, TOP, _ticks, charts, write_trend
 from sumo_eval.results import Evaluation
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")

@@ -5,9 +5,9 @@ import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
-from sumo_eval.scenario.openscenario_points import read_variation
-from sumo_eval.scenario.request import Request
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.openscenario_points import read_variation
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sampling.samples import sample
 
 CUT_IN = catalogue.load("cut_in")
 

@@ -11,12 +11,12 @@ from scipy import stats
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start, catalogue
-from sumo_eval.scenario.combinations import tuples_of
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.file import Definitions, Exposure
-from sumo_eval.scenario.listed_points import from_csv
-from sumo_eval.scenario.request import Request
-from sumo_eval.scenario.sampling import METHODS, sample
+from sumo_eval.scenario.sampling.combinations import tuples_of
+from sumo_eval.scenario.sampling.listed_points import from_csv
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sampling.samples import METHODS, sample
 
 CUT_IN, CUT_OUT = catalogue.load("cut_in"), catalogue.load("front_vehicle_cut_out")
 DRAWN = ("latin_hypercube", "sobol", "halton", "exposure", "exposure_danger")
@@ -96,7 +96,7 @@ def held(logical, points, strength, levels):
 @pytest.mark.parametrize("strength", [1, 2, 3, 4])
 @pytest.mark.parametrize("levels", [3, 5])
 def test_every_possible_combination_of_t_values_is_held_counted_one_by_one(strength, levels):
-    from sumo_eval.scenario.sampling import grid
+    from sumo_eval.scenario.sampling.samples import grid
 
     everything = grid(CUT_IN, levels=levels)
     possible = held(CUT_IN, everything[CUT_IN.feasible(everything)], strength, levels)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
-from sumo_eval.scenario.sampling import central_point, grid, sample
+from sumo_eval.scenario.sampling.samples import central_point, grid, sample
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
 LOW_SPEED = catalogue.load("front_vehicle_low_speed")

@@ -13,8 +13,8 @@ from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
-from sumo_eval.scenario.sampling import sample
-from sumo_eval.schema import evaluation_schema, scenario_schema
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "space.md"
 EXAMPLE = re.findall(r"```toml\n(name = .*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)[0]
@@ -197,7 +197,7 @@ def test_a_sample_is_rows_in_other_units_at_each_value_with_the_rest_worked_out(
 
 
 def test_a_file_that_declares_no_exposure_has_none(file):
-    from sumo_eval.drivers.exposure import exposure_of
+    from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     plain = re.sub("distribution = .*", "", EXAMPLE)

@@ -26,7 +26,7 @@ from sumo_eval.scenario import (
     catalogue,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario, braked_distance, braked_speed, smooth_step, smooth_step_rate
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 LOW_SPEED, CUT_OUT = catalogue.load("front_vehicle_low_speed"), catalogue.load("front_vehicle_cut_out")

@@ -13,7 +13,7 @@ import pytest
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import ConcreteScenario, ConstantLateral, LogicalScenario, catalogue
 from sumo_eval.scenario.file import check_file
-from sumo_eval.scenario.sampling import sample
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.shipped_files import scenario_files
 
 NAMES = sorted(catalogue.SCENARIOS)
@@ -126,7 +126,7 @@ def test_the_zones_of_a_cut_in_see_closing_speed_and_the_gap_left() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nobody_declared_an_exposure_for_a_shipped_scenario(name: str) -> None:
-    from sumo_eval.drivers.exposure import exposure_of
+    from sumo_eval.drivers.recorded.exposure import exposure_of
     from sumo_eval.settings import DriverSettings, ExposureSettings
 
     settings = ExposureSettings()

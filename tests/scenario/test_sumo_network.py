@@ -7,7 +7,7 @@ import pytest
 from lxml import etree
 
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.sumo_files import network_xml, routes_xml
+from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.file import read_scenario

@@ -1,0 +1,42 @@
+"""What every scoring command does last: files for people and machines, the table, the exit status."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
+from sumo_eval.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from sumo_eval.results import Evaluation
+
+
+def finish(evaluation: Evaluation) -> NoReturn:
+    """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
+    from sumo_eval.report.assessed import write_assessed_report
+    from sumo_eval.report.junit import JUNIT, run_suites, write_junit
+    from sumo_eval.report.tables import write_tables
+    from sumo_eval.report.terminal import closing_lines, plain_table, score_table
+
+    write_tables(evaluation)
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
+    with Progress() as progress:
+        write_assessed_report(evaluation, progress=progress)
+    if sys.stdout.isatty():
+        from rich.console import Console
+
+        console = Console()
+        console.print(score_table(evaluation, console.width))
+    else:
+        click.echo(plain_table(evaluation))
+    for line in closing_lines(evaluation):
+        click.echo(line)
+    if not evaluation.not_evaluated:
+        sys.exit(DONE)
+    if evaluation.settings.run.incomplete == "gate":
+        click.echo("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
+        sys.exit(GATE_FAILED)
+    sys.exit(NOT_EVALUATED)

@@ -1,0 +1,68 @@
+"""`sumo-eval run`: simulate and score an evaluation."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.finish import finish
+from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.stopping import Stopping
+
+ENGINES = ("processes", "serial", "dask")
+
+
+@click.command()
+@click.argument("evaluation", required=False, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="New folder for facts, scores and report.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
+@click.option(
+    "--ads", multiple=True, metavar="LOCATOR", help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable."
+)
+@click.option("--engine", type=click.Choice(ENGINES), help="Where cases run (default: as in the file: processes).")
+@click.option("--scheduler", metavar="ADDRESS", help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.")
+@click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
+@click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
+@click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
+def run(
+    evaluation: Path | None,
+    out: Path | None,
+    workers: int | None,
+    ads: tuple[str, ...],
+    engine: str | None,
+    scheduler: str | None,
+    resume: bool,
+    shard: str | None,
+    dry_run: bool,
+) -> None:
+    """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
+    from sumo_eval.record.children import warm_up
+
+    warm_up()  # before the imports below, which take a second
+    from sumo_eval.evaluation import score
+    from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
+
+    part = WHOLE if shard is None else parse_shard(shard)
+    if scheduler is not None and engine is None:
+        engine = "dask"
+    if out is None and not dry_run:
+        raise click.UsageError("Missing option '--out'.")
+    folder = out or Path()
+    settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
+    if dry_run:
+        click.echo(str(estimate(settings, source, out if resume else None, part)))
+        sys.exit(DONE)
+    with Progress() as progress, Stopping() as stopping:
+        recorded = record_facts(
+            settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
+        )
+    if part != WHOLE:
+        failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
+        click.echo(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
+        sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
+    with Progress() as progress:
+        result = score(folder, progress=progress)
+    finish(result)

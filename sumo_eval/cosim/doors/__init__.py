@@ -1,0 +1,1 @@
+"""The doors through which an ADS comes in: observations, TraCI code, programs, JSON lines, FMUs."""

@@ -1,0 +1,196 @@
+"""The contract of the ADS door as a function: drive cases again and again and say what an ADS should mend.
+
+In the manner of Gymnasium's `check_env`: what holds of every controller that ships is checked of yours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
+from sumo_eval.cosim.simulate import simulate
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+_WORDS = {
+    "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
+    "steering_angle": "asks for a steering wheel angle of {requested:.3g} rad, the vehicle gives {applied:.3g}",
+    "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
+    "touched_vehicle": "writes to other vehicles",
+    "stepped_the_clock": "steps SUMO's clock, which is left out",
+    "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
+}
+_OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
+                 "actor_off_its_script")  # fmt: skip
+_COMMANDS = ("acceleration", "steering_angle")
+RUN = RunSettings()
+_PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
+_MARGIN = 0.5  # of a limit: a busier machine can take twice as long
+_WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One point of the contract. kind: `ok`, `note`, `warn` (works, but look at it) or `FAIL`. mend: what to do."""
+
+    kind: str
+    text: str
+    mend: str = ""
+
+
+def check_controller(
+    controller: ControllerLike,
+    cases: Sequence[ConcreteScenario],
+    settings: SimulationSettings | None = None,
+    *,
+    folder: Path | None = None,
+    step_timeout: float = RUN.step_timeout,
+    case_timeout: float = RUN.case_timeout,
+) -> list[Finding]:
+    """Every point of the contract for an ADS, from two drives of each case. InputError if it cannot be loaded.
+
+    step_timeout, case_timeout: wall time that a step and a case may take in the run that is to be, s; what a run would
+    lose to them is worked out from the time that the drives took here.
+    """
+    asked = settings or SimulationSettings()
+    settings = replace(asked, record_interval=asked.step)
+    load_controller(controller, folder)
+    findings = [Finding("ok", "can be loaded")]
+
+    def drive(case: ConcreteScenario) -> Recording:
+        return simulate(case, controller, settings, folder=folder, step_timeout=step_timeout, seed=1)
+
+    first: list[Recording] = []
+    for case in cases:
+        if sum(recording.wall_time for recording in first) <= _PATIENCE:
+            first.append(drive(case))
+    driven = cases[: len(first)]
+    findings += [_ends_well(case, recording) for case, recording in zip(driven, first, strict=True)]
+    clock = _projected(driven, first, settings, step_timeout, case_timeout)
+    left_out = [] if len(driven) == len(cases) else [_left_out(len(driven), len(cases))]
+    if any(finding.kind == "FAIL" for finding in findings):
+        return [*findings, *left_out, *clock]
+    findings.append(Finding("ok", "commands are finite numbers"))
+    findings.append(_in_range(first))
+    again: list[Recording] = []
+    for case in driven:
+        if sum(recording.wall_time for recording in again) <= _PATIENCE:
+            again.append(drive(case))
+    findings += [_same(case, one, two) for case, one, two in zip(driven, first, again, strict=False)]
+    if len(again) < len(driven):
+        findings.append(Finding("note", f"{len(again)} of the {len(driven)} cases were driven a second time"))
+    findings.append(_latency((*first, *again), settings.step))
+    return [*findings, *left_out, *clock]
+
+
+def _left_out(driven: int, cases: int) -> Finding:
+    return Finding("note", f"{driven} of {cases} cases were driven: they took more than {_PATIENCE:g} s")
+
+
+def _projected(
+    cases: Sequence[ConcreteScenario],
+    recordings: Sequence[Recording],
+    settings: SimulationSettings,
+    step_timeout: float,
+    case_timeout: float,
+) -> list[Finding]:
+    """What a run would lose to its two limits on wall time, by the time that the drives took here."""
+    count = len(recordings)
+    late = sum(recording.end_reason == "ads_timeout" for recording in recordings)
+    if late:
+        text = f"`run` would lose {late} of these {count} cases to step_timeout = {step_timeout:g} s"
+        return [Finding("FAIL", text, "answer sooner, or allow more: [run] step_timeout")]
+    worst = max(recording.controller_latency[1] for recording in recordings)
+    found = []
+    if worst > _MARGIN * step_timeout:
+        text = f"a step took {_time(worst)} of the step_timeout = {step_timeout:g} s: a busier machine may lose cases"
+        found.append(Finding("note", text, "answer sooner, or allow more: [run] step_timeout"))
+    longest = max(recording.wall_time for recording in recordings)
+    lost = [case for case, one in zip(cases, recordings, strict=True) if one.wall_time > case_timeout]
+    driven = sum(max(recording.simulated_time, settings.step) for recording in recordings)
+    pace = sum(recording.wall_time for recording in recordings) / driven
+    at_limit = pace * settings.time_limit
+    reach = f"a case may simulate {case_timeout / pace:.0f} s at {pace:.2g} s of wall time a simulated second"
+    mend = "answer sooner, ask the ADS less often, or allow more: [run] case_timeout"
+    if lost:
+        where = f"{lost[0].scenario} ({lost[0].label})"
+        text = f"`run` would lose {len(lost)} of these {count} cases to case_timeout = {case_timeout:g} s, e.g. {where}"
+        found.append(Finding("FAIL", f"{text}; {reach}", mend))
+    elif longest > _MARGIN * case_timeout or at_limit > case_timeout:
+        text = f"`run` would lose a case that lasts until the time limit of {settings.time_limit:g} s"
+        text += f": {at_limit:.0f} s of wall time, and case_timeout is {case_timeout:g} s"
+        near = f"the slowest case here took {longest:.0f} s of the case_timeout = {case_timeout:g} s"
+        found.append(Finding("note", f"{text if at_limit > case_timeout else near}; {reach}", mend))
+    if not found:
+        limits = f"step_timeout = {step_timeout:g} s or case_timeout = {case_timeout:g} s"
+        slowest = f"{_time(worst)} the slowest step, {_time(longest)} the slowest case"
+        found.append(Finding("ok", f"`run` would lose none of these cases to {limits}: {slowest}"))
+    return found
+
+
+def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
+    where = f"{case.scenario} ({case.label})"
+    if recording.error is None:
+        return Finding("ok", f"drives {where} to its end: {recording.end_reason} at {recording.simulated_time:.2f} s")
+    mend = {
+        "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
+        "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
+    }.get(recording.end_reason, "mend what the sentence names")
+    log = f"\n{recording.log.rstrip()}" if recording.log.strip() else ""
+    return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
+
+
+def _in_range(recordings: Sequence[Recording]) -> Finding:
+    worst = [clip for recording in recordings for clip in recording.clips if clip.what in _OUT_OF_RANGE]
+    if not worst:
+        return Finding("ok", "commands are within what the vehicle can do")
+    said = {clip.what: _WORDS[clip.what].format(requested=clip.requested, applied=clip.applied) for clip in worst}
+    text = "; ".join(said.values())
+    if any(clip.what in _COMMANDS for clip in worst):
+        mend = (
+            "the vehicle does what it can, and every case counts that as clips; if it was not meant: acceleration is "
+            "in m/s2, steering is the steering WHEEL's angle in rad"
+        )
+        return Finding("warn", text, mend)
+    return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
+
+
+def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
+    """Whether two drives with one seed are one drive."""
+    where = f"{case.scenario} ({case.label})"
+    n = min(len(one.ego), len(two.ego))
+    rows = [np.column_stack([getattr(r.ego, name)[:n] for name in CHANNELS]) for r in (one, two)]
+    differ = np.flatnonzero(np.any((rows[0] != rows[1]) & ~(np.isnan(rows[0]) & np.isnan(rows[1])), axis=1))
+    clips = [tuple(clip for clip in r.clips if clip.what not in _WALL_CLOCK) for r in (one, two)]
+    if not differ.size and len(one.ego) == len(two.ego) and one.collision == two.collision and clips[0] == clips[1]:
+        return Finding("ok", f"drives {where} a second time as the first, with another case in between")
+    when = float(one.ego.time[differ[0]]) if differ.size else one.simulated_time
+    i = int(differ[0]) if differ.size else n - 1
+    return Finding(
+        "FAIL",
+        f"{where}: the second drive differs from {when:.2f} s on: {one.ego.speed[i]:.4f} m/s, "
+        f"then {two.ego.speed[i]:.4f} m/s",
+        "forget everything in reset (variables of the class and of the module too), draw random numbers from a seed, "
+        "do not read the wall clock",
+    )  # fmt: skip
+
+
+def _latency(recordings: Sequence[Recording], step: float) -> Finding:
+    mean = float(np.mean([recording.controller_latency[0] for recording in recordings]))
+    worst = max(recording.controller_latency[1] for recording in recordings)
+    text = f"{_time(mean)} a step, {_time(worst)} at most; SUMO's step is {_time(step)}"
+    if worst > step and math.isfinite(worst):
+        return Finding(
+            "note", text, "slower than real time at least once; [simulation.conditions] step_budget makes that count"
+        )
+    return Finding("ok", text)
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds * 1e6:.3g} us" if seconds < 1e-3 else f"{seconds * 1e3:.3g} ms"

@@ -1,0 +1,351 @@
+"""The ADS door: what a controller is, and how a locator such as `idm`, `module:name` or `exec:./my_ads` becomes one.
+
+A controller is a function `(traci, ego, time)` or an object with `step(traci, ego, time)` and, if it likes,
+`reset(scenario, traci, ego)` and `close()`. `traci` is the running simulation, so TraCI code works as it is; `ego`
+is the ego's vehicle id; `time` is seconds since the start of the case (SUMO's own clock is one step ahead of it, the
+step that inserted the vehicles). A step returns a `Command` for the harness's vehicle model, or None when it has
+commanded SUMO itself. Who prefers no TraCI takes an `Observation`: a function `(observation)`, or an object with
+`act(observation)`. A `traci.StepListener` is a controller too.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, cast
+from urllib.parse import parse_qsl
+
+from sumo_eval.cosim.doors.observation import Observation, Senses
+from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
+from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, said, unknown
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings.locators import load_object
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
+
+    scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
+    """
+
+    scenario: str
+    road: Road
+    vehicle: VehicleSettings
+    step: float
+    values: Mapping[str, float] | None = None
+    step_timeout: float = math.inf
+
+
+class Controller(Protocol):
+    """An ADS, bound to one case."""
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Called once, before the first step."""
+
+    def step(self, traci: Any, ego: str, time: float) -> Command | None:
+        """Called every step; returns a command, or None after commanding SUMO itself."""
+
+    def close(self) -> None:
+        """Called once, after the last step, whatever happened."""
+
+
+@dataclass(slots=True)
+class FunctionController:
+    """A controller that is a plain function."""
+
+    function: Callable[[Any, str, float], Command | None]
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """A function keeps nothing between cases."""
+
+    def step(self, traci: Any, ego: str, time: float) -> Command | None:
+        """Ask the function."""
+        return self.function(traci, ego, time)
+
+    def close(self) -> None:
+        """A function holds nothing."""
+
+
+@dataclass(slots=True)
+class ObjectController:
+    """A controller that is an object; `reset` and `close` are optional."""
+
+    target: Any
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Pass on, when the object has one."""
+        if hasattr(self.target, "reset"):
+            self.target.reset(scenario, traci, ego)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command | None:
+        """Ask the object."""
+        command: Command | None = self.target.step(traci, ego, time)
+        return command
+
+    def close(self) -> None:
+        """Pass on, when the object has one."""
+        if hasattr(self.target, "close"):
+            self.target.close()
+
+
+@dataclass(slots=True)
+class ListenerController:
+    """A `traci.StepListener` as a controller: its `step` is called after every step of the simulation."""
+
+    listener: Any
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Register it, as a TraCI script would."""
+        traci.addStepListener(self.listener)
+
+    def step(self, traci: Any, ego: str, time: float) -> None:
+        """The harness calls the listeners."""
+
+    def close(self) -> None:
+        """The harness removes the listeners."""
+
+
+class ObservingController:
+    """Base of the adapters that are shown Observations; the harness lends the senses before `reset`."""
+
+    senses: Senses
+
+
+@dataclass(slots=True)
+class PolicyController(ObservingController):
+    """A policy: a function `(observation)`, or an object with `act(observation)`."""
+
+    is_policy: ClassVar[bool] = True
+    act: Callable[[Observation], Any]
+    target: Any
+    senses: Senses = field(init=False, repr=False)
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Pass the briefing on, when the object takes one."""
+        if hasattr(self.target, "reset"):
+            self.target.reset(scenario)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Show what is seen, take the action."""
+        return as_command(self.act(self.senses.observe()))
+
+    def close(self) -> None:
+        """Pass on, when the object has one."""
+        if hasattr(self.target, "close"):
+            self.target.close()
+
+
+def as_command(action: Any) -> Command:
+    """An action as a Command: a Command, an acceleration in m/s2, or a pair with the steering wheel angle in rad."""
+    if type(action) is float:
+        return Command(action)
+    if isinstance(action, Command):
+        return action
+    if hasattr(action, "tolist"):
+        action = action.tolist()
+    values = list(action) if isinstance(action, list | tuple) else [action]
+    found = [finite_number(value) for value in values] if len(values) <= 2 else []
+    if not found or None in found:
+        raise ControllerError(
+            "The action of the ADS must be a Command, an acceleration or (acceleration, steering), of finite numbers, "
+            f"got {shown(action)}"
+        )
+    return Command(*cast(list[float], found))
+
+
+SUMO_ATTRIBUTES = (
+    "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep", "startupDelay",
+    "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength", "delta", "stepping", "adaptFactor",
+    "adaptTime", "tpreview", "tPersDrive", "tPersEstimate", "tReaction", "treaction", "ccoolness", "sigmaleader",
+    "sigmagap", "sigmaerror", "jerkmax", "epsilonacc", "taccmax", "Mflatness", "Mbegin", "speedControlGain",
+    "gapClosingControlGainSpeed", "gapClosingControlGainSpace", "gapControlGainSpeed", "gapControlGainSpace",
+    "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace", "speedControlMinGap", "applyDriverState",
+    "tauLastStep", "k", "phi", "security", "estimation", "tmp1", "tmp2", "tmp3", "tmp4", "tmp5", "cc1", "cc2", "cc3",
+    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9",
+)  # fmt: skip
+"""Attributes of a vType that describe how it follows; the body is the vehicle settings'."""
+
+
+@dataclass(frozen=True, slots=True)
+class NativeModel:
+    """The ego driven by one of SUMO's own car-following models, in its lane: `sumo:MODEL?tau=1.2&minGap=2`."""
+
+    model: str
+    attributes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def vtype(self) -> dict[str, str]:
+        """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can."""
+        return {"carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **self.attributes}
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Give SUMO the wheel: all its safety checks on, no lane changes."""
+        traci.vehicle.setSpeedMode(ego, 31)
+        traci.vehicle.setLaneChangeMode(ego, 0)
+
+    def step(self, traci: Any, ego: str, time: float) -> None:
+        """SUMO drives."""
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+SHIPPED = {
+    "ideal_braking": "sumo_eval.ads.known_answers:IdealBraking",
+    "no_reaction": "sumo_eval.ads.known_answers:no_reaction",
+    "idm": "sumo_eval.ads.car_following:Idm",
+    "lane_changer": "sumo_eval.ads.lane_changer:LaneChanger",
+    "careful_driver": "sumo_eval.ads.r157_careful_driver:CarefulDriver",
+    "careful_driver_aeb": "sumo_eval.ads.r157_careful_driver:CarefulDriverWithAeb",
+    "fsm": "sumo_eval.ads.fuzzy_safety_model:FuzzySafetyModel",
+    "rss": "sumo_eval.ads.rss:ResponsibilitySensitiveSafety",
+    "reg157": "sumo_eval.ads.reg157:Reg157",
+    "eu_2022_1426": "sumo_eval.ads.eu_2022_1426:Eu20221426",
+    "eu_2022_1426_bus": "sumo_eval.ads.eu_2022_1426:Eu20221426Bus",
+}
+"""Controllers that ship, by name."""
+
+DOORS = {
+    "exec": "sumo_eval.cosim.doors.json_lines:JsonLinesProgram.from_command",
+    "traci": "sumo_eval.cosim.doors.traci_program:TraciProgram.from_command",
+    "fmu": "sumo_eval.cosim.doors.fmu:FmuController.from_locator",
+}
+"""What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
+
+Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
+"""
+
+SUMO_MODELS = (
+    "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
+    "Daniel1", "ACC", "CACC",
+)  # fmt: skip
+"""Car-following models of SUMO that can drive the ego by themselves."""
+
+ControllerLike = str | Callable[..., Any] | Any
+
+
+def load_controller(controller: ControllerLike, folder: Path | None = None) -> Controller:
+    """A fresh controller from a locator, a class, a function or an object. Paths are relative to `folder`.
+
+    Raises InputError with one sentence when it cannot be found or is no controller.
+    """
+    with seen_as_traci():
+        if isinstance(controller, str):
+            return adapted(find_controller(controller, folder), controller)
+        return adapted(controller, repr(controller))
+
+
+def find_controller(locator: str, folder: Path | None = None) -> Any:
+    """What a locator names, not yet made into a controller: a class stays a class."""
+    scheme, colon, rest = locator.partition(":")
+    if colon and scheme == "sumo":
+        return _native_model(locator, rest)
+    if colon and scheme in DOORS:
+        return load_object(DOORS[scheme], None, "ADS")(rest, folder)
+    target = SHIPPED.get(locator, locator)
+    if ":" not in target:
+        raise InputError(
+            f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or `file.py:name`."
+            f"{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
+        )
+    with seen_as_traci():
+        return load_object(target, folder, "ADS")
+
+
+def knows_the_scripts(driver: Any) -> bool:
+    """Whether it is the ideal vehicle of Eq. 17 itself, which alone is told what the others will do: no ADS ever is,
+    nor a subclass.
+    """
+    return type(driver) is _ideal_vehicle()
+
+
+@lru_cache(maxsize=1)
+def _ideal_vehicle() -> Any:
+    return find_controller("ideal_braking")
+
+
+def made_absolute(locator: str, folder: Path) -> str:
+    """The locator with a path relative to `folder` made absolute, so that it holds wherever the evaluation file lies.
+
+    A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
+    """
+    scheme, _, rest = locator.partition(":")
+    if scheme in ("exec", "traci") and rest:
+        return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
+    if scheme == "fmu":
+        return f"fmu:{folder / rest}"
+    place, _, name = locator.rpartition(":")
+    return f"{folder / place}:{name}" if place.endswith(".py") else locator
+
+
+def _native_model(locator: str, text: str) -> NativeModel:
+    model, _, query = text.partition("?")
+    by_lower_case = {name.lower(): name for name in SUMO_MODELS}
+    if model.lower() not in by_lower_case:
+        raise unknown("SUMO car-following model", model, SUMO_MODELS)
+    try:
+        attributes = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+    except ValueError:
+        raise must_be("The parameters", f"ADS `{locator}`", "of the form name=value&name=value", query) from None
+    for name, value in attributes.items():
+        if name not in SUMO_ATTRIBUTES:
+            raise unknown("vType parameter", name, SUMO_ATTRIBUTES)
+        if not _is_finite(value):
+            raise must_be(f"`{name}`", f"ADS `{locator}`", "a finite number", value)
+    return NativeModel(by_lower_case[model.lower()], attributes)
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
+
+
+_ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerController, ObservingController)
+
+
+def adapted(found: Any, described: str) -> Controller:
+    """A fresh controller from what a locator names, or from what was given in its place."""
+    if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
+        return cast("Controller", found)
+    if inspect.isclass(found):
+        try:
+            found = found()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
+    if isinstance(found, TRACI.StepListener):
+        return ListenerController(found)
+    if callable(getattr(found, "act", None)):
+        return PolicyController(found.act, found)
+    if callable(getattr(found, "step", None)):
+        return ObjectController(found)
+    if callable(found):
+        return PolicyController(found, None) if _takes_one_argument(found) else FunctionController(found)
+    raise InputError(
+        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
+        f"got {type(found).__name__}."
+    )
+
+
+def _takes_one_argument(function: Callable[..., Any]) -> bool:
+    """Whether a function takes an observation, and not (traci, ego, time)."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    required = [
+        p for p in parameters if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+    ]
+    return len(required) == 1 and not any(p.kind == p.VAR_POSITIONAL for p in parameters)

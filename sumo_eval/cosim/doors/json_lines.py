@@ -1,0 +1,116 @@
+"""`exec:COMMAND`: an ADS in any language, a program that reads observations and writes commands, one JSON text a line.
+
+The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's stdin, the program
+writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s, "vehicle": {...}, "road": {...}}, which
+any JSON object answers; then {"type": "step", "time": s, "ego": {...}, "lead": ..., ...}, which
+{"acceleration": m/s2, "steering": rad} answers. The end of the input ends the case. One program serves one case.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import time as clock
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
+from sumo_eval.cosim.doors.controller import Briefing, ObservingController
+from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import ControllerError, ControllerTimeoutError
+
+PROTOCOL = 1
+START_TIMEOUT = 10.0  # s of wall time that a program has to start and to answer the reset
+_ANSWERS = ("acceleration", "steering")
+
+
+@dataclass(slots=True)
+class JsonLinesProgram(ObservingController):
+    """A program that is asked once a step."""
+
+    command: tuple[str, ...]
+    folder: Path | None
+    log: str = ""
+    senses: Senses = field(init=False, repr=False)
+    _program: ChildProgram | None = None
+    _unread: bytes = b""
+    _deadline: float = START_TIMEOUT
+
+    @classmethod
+    def from_command(cls, command: str, folder: Path | None) -> JsonLinesProgram:
+        """Refuses a command that cannot be run."""
+        return cls(split_command(command, folder, "exec"), folder)
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Start the program and brief it."""
+        self.log, self._unread = "", b""
+        self._program = ChildProgram(self.command, self.folder, talks=True)
+        road = scenario.road
+        briefing = {
+            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
+            "road": {"lanes": road.lanes, "lane_width": road.lane_width, "length": road.length},
+        }  # fmt: skip
+        if scenario.values is not None:
+            briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
+        self._ask(briefing, START_TIMEOUT)
+        self._deadline = scenario.step_timeout
+
+    def step(self, traci: Any, ego: str, time: float) -> Command:
+        """Send what is seen, read the command."""
+        answer = self._ask({"type": "step", **self.senses.observe().plain()}, self._deadline)
+        for name in answer:
+            if name not in _ANSWERS:
+                raise ControllerError(
+                    f"The ADS's answer has an unknown `{name}`, and not only {' and '.join(_ANSWERS)}"
+                )
+        if "acceleration" not in answer:
+            raise ControllerError(f"The ADS's answer must have an `acceleration`, got {json.dumps(answer)}")
+        return Command(answer["acceleration"], answer.get("steering", 0.0))
+
+    def close(self) -> None:
+        """End of input, then the end of the program."""
+        if self._program is not None:
+            self.log = self._program.stop()
+            self._program = None
+
+    def _ask(self, message: dict[str, Any], deadline: float) -> dict[str, Any]:
+        program = self._program
+        assert program is not None
+        assert program.process.stdin is not None
+        text = json.dumps(message, separators=(",", ":")).encode() + b"\n"
+        try:
+            os.write(program.process.stdin.fileno(), text)
+        except BrokenPipeError:
+            raise self._ended() from None
+        line = self._line(program, deadline)
+        try:
+            answer = json.loads(line)
+        except ValueError:
+            raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}") from None
+        if not isinstance(answer, dict):
+            raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}")
+        return answer
+
+    def _line(self, program: ChildProgram, deadline: float) -> str:
+        assert program.process.stdout is not None
+        handle, until = program.process.stdout.fileno(), clock.monotonic() + deadline
+        while b"\n" not in self._unread:
+            left = until - clock.monotonic()
+            if left <= 0.0 or not select.select([handle], [], [], None if left == float("inf") else left)[0]:
+                program.kill()
+                raise ControllerTimeoutError(f"The ADS's program must answer within {deadline:g} s, and was ended")
+            chunk = os.read(handle, 65536)
+            if not chunk:
+                raise self._ended()
+            self._unread += chunk
+        line, _, self._unread = self._unread.partition(b"\n")
+        if self._unread:
+            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
+        return line.decode("utf-8", errors="replace")
+
+    def _ended(self) -> ControllerError:
+        assert self._program is not None
+        return ControllerError(f"The ADS's program ended before its case did, {self._program.ended()}")

@@ -1,0 +1,205 @@
+"""The `traci` that an ADS sees: the running libsumo, with every call that belongs to somebody else guarded.
+
+`import traci` in an ADS's code gives this module while the code is loaded and while it drives (`seen_as_traci`).
+Reading is libsumo's own function, untouched. A call that writes goes through a thin wrapper: the ego may be written to;
+other vehicles, the road and SUMO's clock are the harness's. What happens then is `ConditionSettings.interference`: the
+call is refused and the case ends, or it is put on record (and stepping, starting and closing are left out). A number
+that nobody can mean (see `traci_numbers`) is refused in either case.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any, Literal, NoReturn
+
+from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, DURATIONS, breach, shown
+from sumo_eval.cosim.sumo.session import libsumo
+from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.errors import ControllerError
+
+_READS = (
+    "_", "get", "is", "subscribe", "unsubscribe", "addSubscriptionFilter", "could", "wants", "find", "convert", "has",
+    "DOMAIN", "domain", "this", "updateBestLanes", "highlight", "saveState", "writeMessage",
+)  # fmt: skip
+_HARMLESS = ("gui", "poi", "polygon", "route")  # domains in which writing changes nobody's driving
+_CLOCK = ("simulationStep", "step", "executeMove")
+_RUNNING = ("close", "start", "load", "loadState", "init", "switchConnection", "setOrder")
+
+
+class RefusedCallError(ControllerError):
+    """The ADS called what belongs to the harness, or with a number that nobody can mean."""
+
+
+class Guard:
+    """What the guarded module keeps during a case."""
+
+    def __init__(self) -> None:
+        self.begin((), 0.0, "refuse")
+
+    def begin(self, others: Iterable[str], step: float, interference: Literal["refuse", "record"]) -> None:
+        """A new case: no listeners, nothing touched. others: names of the other vehicles, which are their types'."""
+        self.others = frozenset(others)
+        self.step = step
+        self.interference = interference
+        self.listeners = libsumo.StepManager()
+        self.touched: dict[str, int] = {}
+        self.refusal: tuple[str, str] | None = None
+
+    def meddles(self, what: str, deed: str, why: str) -> None:
+        """An ADS does what is not its own. deed, why: the sentence's two halves, a time comes between them."""
+        if self.interference == "refuse":
+            self.refuse(deed, why)
+        self.touched[what] = self.touched.get(what, 0) + 1
+
+    def refuse(self, deed: str, why: str) -> NoReturn:
+        """End the case, whether the ADS lets the exception through or not."""
+        self.refusal = self.refusal or (deed, why)
+        raise RefusedCallError(f"{deed}; {why}")
+
+    def check(self, domain: str, call: str, name: object, args: Sequence[Any], kwargs: Mapping[str, Any]) -> None:
+        """No number that an ADS writes may be one that SUMO takes and nobody can mean."""
+        found = breach(domain, call, name, args, kwargs)
+        if found is not None:
+            self.refuse(
+                f"The ADS called traci.{domain}.{call} with `{found.argument}` = {shown(found.given)}",
+                f"it must be {found.must_be}",
+            )
+
+    def touches(self, domain: str, call: str, name: object) -> None:
+        """An ADS writes to something that is not the ego's."""
+        what = f"touched_{domain}"
+        self.meddles(
+            what, f"The ADS called traci.{domain}.{call} for `{name}`",
+            'only its own vehicle is its own (`interference = "record"` lets it, and counts)',
+        )  # fmt: skip
+
+    def heard(self) -> None:
+        """Call every step listener, as TraCI does after each step."""
+        if self.listeners._stepListeners:
+            self.listeners.manageStepListeners(0.0)
+
+    def end(self) -> None:
+        """Remove every listener; each may clean up."""
+        for number in list(self.listeners._stepListeners):
+            self.listeners.removeStepListener(number)
+
+
+def _vehicle_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    plain = ARGUMENTS["vehicle"].get(call, ())
+    one_number = len(plain) == 1 and plain[0] not in DURATIONS
+    direct = getattr(libsumo.libsumo._libsumo, f"vehicle_{call}", write)  # what `write` wraps, at half the cost
+
+    def guarded(vehID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        # of a name that nobody has, SUMO says so
+        if vehID != EGO and (vehID in guard.others or call.startswith("add")):
+            guard.touches("vehicle", call, vehID)
+        if one_number and len(args) == 1 and not kwargs:
+            number = args[0]
+            if type(number) is float and number - number == 0.0:  # as nearly always: a float, and finite
+                return direct(vehID, number)
+        guard.check("vehicle", call, vehID, args, kwargs)
+        return write(vehID, *args, **kwargs)
+
+    return guarded
+
+
+def _type_writer(guard: Guard, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(typeID: str, *args: Any, **kwargs: Any) -> Any:  # noqa: N803 - TraCI's name
+        if typeID in guard.others and call != "copy":
+            guard.touches("vehicletype", call, typeID)
+        guard.check("vehicletype", call, typeID, args, kwargs)
+        return write(typeID, *args, **kwargs)
+
+    return guarded
+
+
+def _world_writer(guard: Guard, domain: str, call: str, write: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(*args: Any, **kwargs: Any) -> Any:
+        guard.touches(domain, call, args[0] if args else "")
+        guard.check(domain, call, "", args, kwargs)
+        return write(*args, **kwargs)
+
+    return guarded
+
+
+def _clock_call(guard: Guard, call: str) -> Callable[..., Any]:
+    def guarded(*args: Any, **kwargs: Any) -> Any:
+        now = libsumo.simulation.getTime()
+        until = next((value for value in (*args, *kwargs.values()) if value), None)
+        ahead = guard.step if until is None else float(until) - now
+        guard.meddles(
+            "stepped_the_clock", f"The ADS moved SUMO's clock by {ahead:+.2f} s",
+            "stepping is the harness's (a program with a loop of its own runs as `traci:COMMAND`)",
+        )  # fmt: skip
+
+    return guarded
+
+
+def _running_call(guard: Guard, call: str) -> Callable[..., Any]:
+    doing = {"close": "closed", "start": "started", "load": "loaded", "loadState": "loaded"}.get(call, f"{call} for")
+
+    def guarded(*args: Any, **kwargs: Any) -> Any:
+        guard.meddles("started_or_closed", f"The ADS {doing} the simulation", "that is the harness's")
+
+    return guarded
+
+
+def _guarded_domain(guard: Guard, name: str, domain: type) -> type:
+    """The domain with its writing calls wrapped; reading ones are inherited as they are."""
+    wrapped: dict[str, Any] = {}
+    for call in dir(domain):
+        write = getattr(domain, call)
+        if call.startswith(_READS) or isinstance(write, type) or not callable(write):
+            continue
+        if name == "simulation" and call in _CLOCK:
+            guarded = _clock_call(guard, call)
+        elif name == "simulation" and call in _RUNNING:
+            guarded = _running_call(guard, call)
+        elif name == "vehicle":
+            guarded = _vehicle_writer(guard, call, write)
+        elif name == "vehicletype":
+            guarded = _type_writer(guard, call, write)
+        else:
+            guarded = _world_writer(guard, name, call, write)
+        wrapped[call] = staticmethod(guarded)
+    return type(domain.__name__, (domain,), wrapped)
+
+
+def _build() -> tuple[ModuleType, Guard]:
+    guard, real = Guard(), sys.modules["traci"]
+    module = ModuleType("traci", "The running simulation, as an ADS may use it.")
+    module.__dict__.update({name: value for name, value in vars(libsumo).items() if not name.startswith("__")})
+    module.__path__, module.__spec__ = list(real.__path__), real.__spec__
+    for domain in libsumo.DOMAINS:
+        name = domain.__name__
+        if name not in _HARMLESS:
+            setattr(module, name, _guarded_domain(guard, name, domain))
+    module.DOMAINS = [getattr(module, domain.__name__) for domain in libsumo.DOMAINS]  # type: ignore[attr-defined]
+    for call in ("simulationStep", "executeMove"):
+        setattr(module, call, _clock_call(guard, call))
+    for call in ("close", "start", "load", "init"):
+        setattr(module, call, _running_call(guard, call))
+    module.addStepListener = lambda listener: guard.listeners.addStepListener(listener)  # type: ignore[attr-defined]
+    module.removeStepListener = lambda number: guard.listeners.removeStepListener(number)  # type: ignore[attr-defined]
+    return module, guard
+
+
+TRACI, GUARD = _build()
+"""One for the process, as libsumo is: code that imported `traci` in one case finds the next one's under it."""
+
+
+@contextmanager
+def seen_as_traci() -> Iterator[None]:
+    """`import traci` gives the running simulation within this block; afterwards what was there before."""
+    before = sys.modules.get("traci")
+    sys.modules["traci"] = TRACI
+    try:
+        yield
+    finally:
+        if before is None:
+            del sys.modules["traci"]
+        else:
+            sys.modules["traci"] = before

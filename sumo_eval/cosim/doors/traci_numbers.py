@@ -1,0 +1,174 @@
+"""What an ADS may write through TraCI: numbers that are finite, lanes that are there, times that somebody can mean.
+
+SUMO takes `setMaxSpeed(nan)`, `changeLane(10**6)` and `slowDown(v, -3)` without a word, and what it makes of them is
+nobody's intention. `ARGUMENTS` names the arguments of every call that writes to a vehicle or a vehicle type; a test
+holds it against libsumo, so that a call that a newer libsumo has is noticed.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from sumo_eval.cosim.sumo.session import libsumo
+
+LONGEST = 2.0**31
+"""s, the longest duration that an ADS can mean: as far as a signed count of 32 bits goes, and TraCI's old default."""
+_UNSAID = -1073741824  # TraCI's INVALID_DOUBLE and INVALID_INT: an optional argument that was left out
+_SHOWN = 80  # characters of a value in a sentence
+_NO_NUMBER = re.compile(r"[+-]?(nan(\(\w*\))?|inf(inity)?)", re.IGNORECASE)  # as C++ reads them
+_WORDS = re.compile(r"[\s,;]+")
+
+_SHARED = {
+    "setAccel": "accel", "setActionStepLength": "actionStepLength resetActionOffset", "setApparentDecel": "decel",
+    "setBoardingDuration": "boardingDuration", "setColor": "color", "setDecel": "decel", "setEmergencyDecel": "decel",
+    "setEmissionClass": "clazz", "setHeight": "height", "setImpatience": "impatience",
+    "setImperfection": "imperfection", "setLateralAlignment": "latAlignment", "setLength": "length",
+    "setMass": "mass", "setMaxSpeed": "speed", "setMaxSpeedLat": "speed", "setMinGap": "minGap",
+    "setMinGapLat": "minGapLat", "setParameter": "key value", "setShapeClass": "shapeClass",
+    "setSpeedFactor": "factor", "setTau": "tau", "setVehicleClass": "clazz", "setWidth": "width",
+}  # fmt: skip
+_ADD = (
+    "routeID typeID depart departLane departPos departSpeed arrivalLane arrivalPos arrivalSpeed fromTaz toTaz line "
+    "personCapacity personNumber"
+)
+_STOP = "edgeID pos laneIndex duration flags startPos until"
+_STOP_AT = "stopID duration until flags"
+_VEHICLE = _SHARED | {
+    "add": _ADD, "addFull": _ADD, "addLegacy": "routeID depart pos speed lane typeID",
+    "changeLane": "laneIndex duration", "changeLaneRelative": "indexOffset duration", "changeSublane": "latDist",
+    "changeTarget": "edgeID", "deactivateGapControl": "", "dispatchTaxi": "reservations",
+    "insertStop": f"nextStopIndex {_STOP} teleport", "moveTo": "laneID pos reason",
+    "moveToXY": "edgeID laneIndex x y angle keepRoute matchThreshold",
+    "openGap": "newTimeHeadway newSpaceHeadway duration changeRate maxDecel referenceVehID", "remove": "reason",
+    "replaceStop": f"nextStopIndex {_STOP} teleport", "requestToC": "leadTime", "rerouteEffort": "",
+    "rerouteParkingArea": "parkingAreaID", "rerouteTraveltime": "currentTravelTimes", "resume": "",
+    "setAcceleration": "acceleration duration", "setAdaptedTraveltime": "edgeID time begTime endTime",
+    "setBusStop": _STOP_AT, "setChargingStationStop": _STOP_AT, "setContainerStop": _STOP_AT,
+    "setEffort": "edgeID effort begTime endTime", "setLaneChangeMode": "laneChangeMode",
+    "setLateralLanePosition": "posLat", "setLine": "line", "setParkingAreaStop": _STOP_AT,
+    "setPreviousSpeed": "speed acceleration", "setRoute": "edgeList", "setRouteID": "routeID",
+    "setRoutingMode": "routingMode", "setSignals": "signals", "setSpeed": "speed", "setSpeedMode": "speedMode",
+    "setStop": _STOP, "setStopParameter": "nextStopIndex param value customParam", "setType": "typeID",
+    "setVia": "edgeList", "slowDown": "speed duration",
+}  # fmt: skip
+_TYPE = _SHARED | {"copy": "newTypeID", "setScale": "value", "setSpeedDeviation": "deviation"}
+
+ARGUMENTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    domain: {call: tuple(names.split()) for call, names in calls.items()}
+    for domain, calls in (("vehicle", _VEHICLE), ("vehicletype", _TYPE))
+}
+"""By domain and call: the arguments after the name of whom it is written to, in their order."""
+
+DURATIONS = frozenset({"duration", "leadTime", "actionStepLength", "boardingDuration", "time", "begTime", "endTime"})
+"""Names of arguments that are durations or times, s."""
+_OPTIONAL = frozenset(
+    {"insertStop", "replaceStop", "setStop", *(call for call, names in _VEHICLE.items() if names is _STOP_AT)}
+    | {"setAdaptedTraveltime", "setEffort"}
+)  # calls that may leave their durations out
+_NUMBERS_IN_TEXT = frozenset({"value", "depart", "departPos", "departSpeed", "arrivalPos", "arrivalSpeed"})
+
+
+class Breach(NamedTuple):
+    """An argument of a call that cannot be meant: its name, what was given, what it must be."""
+
+    argument: str
+    given: object
+    must_be: str
+
+
+def breach(domain: str, call: str, name: object, args: Sequence[object], kwargs: Mapping[str, object]) -> Breach | None:
+    """What of a call that writes to `name` no ADS can mean; None: nothing."""
+    names = ARGUMENTS.get(domain, {}).get(call, ())
+    given = {names[place] if place < len(names) else f"argument {place + 2}": each for place, each in enumerate(args)}
+    given |= kwargs
+    for argument, value in given.items():
+        if not _is_finite(value, in_text=argument in _NUMBERS_IN_TEXT):
+            return Breach(argument, value, "a finite number")
+        if argument in DURATIONS and not _can_last(call, value):
+            return Breach(argument, value, f"within 0..{LONGEST:.0f} s")
+    return _no_such_lane(call, str(name), given) if domain == "vehicle" else None
+
+
+def _is_finite(value: object, *, in_text: bool) -> bool:
+    """Whether every number in a value is finite; what holds no number is."""
+    if isinstance(value, str):
+        return not in_text or not any(map(_reads_as_no_number, _WORDS.split(value)))
+    if isinstance(value, numbers.Real):
+        return finite_number(value, truth=True) is not None
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple | set | frozenset):
+        return all(_is_finite(each, in_text=in_text) for each in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _reads_as_no_number(word: str) -> bool:
+    if _NO_NUMBER.fullmatch(word):
+        return True
+    try:
+        return not math.isfinite(float(word))  # 1e999
+    except ValueError:
+        return False
+
+
+def _can_last(call: str, value: object) -> bool:
+    seconds = finite_number(value, truth=True)
+    if seconds is None:
+        return True  # no number, which libsumo says
+    return 0.0 <= seconds <= LONGEST or (call in _OPTIONAL and seconds == _UNSAID)
+
+
+def _no_such_lane(call: str, name: str, given: Mapping[str, object]) -> Breach | None:
+    """SUMO ignores a lane that is not there, and takes a vehicle away that is put beyond the end of one."""
+    try:
+        if call in ("changeLane", "moveToXY"):
+            return _no_such_index("laneIndex", given, -1 if call == "moveToXY" else 0, _lanes(name) - 1)
+        if call == "changeLaneRelative":
+            here = libsumo.vehicle.getLaneIndex(name)
+            return None if here < 0 else _no_such_index("indexOffset", given, -here, _lanes(name) - 1 - here)
+        if call == "moveTo" and isinstance(given.get("laneID"), str):
+            lane, place = str(given["laneID"]), finite_number(given.get("pos"), truth=True)
+            if lane not in libsumo.lane.getIDList():
+                return Breach("laneID", lane, "the id of a lane of the network")
+            length = libsumo.lane.getLength(lane)
+            if place is not None and not 0.0 <= place <= length:
+                return Breach("pos", place, f"within 0..{length:g} m, the length of lane `{lane}`")
+    except libsumo.TraCIException:  # of a name that nobody has: the call itself will say so
+        return None
+    return None
+
+
+def _no_such_index(argument: str, given: Mapping[str, object], low: int, high: int) -> Breach | None:
+    index = finite_number(given.get(argument), truth=True)
+    if index is None or low <= index <= high:
+        return None
+    return Breach(argument, given[argument], f"within {low}..{high}, the lanes of its road")
+
+
+def _lanes(name: str) -> int:
+    """Number of lanes of a vehicle's road; of a route of several edges, where it is widest."""
+    return max(int(libsumo.edge.getLaneNumber(edge)) for edge in libsumo.vehicle.getRoute(name))
+
+
+def finite_number(value: Any, *, truth: bool = False) -> float | None:
+    """A real number as a finite float; None where it is none, or a truth value, which only `truth` lets pass."""
+    if not isinstance(value, numbers.Real) or (isinstance(value, bool) and not truth):
+        return None
+    try:
+        number = float(value)
+    except Exception:  # noqa: BLE001 - 10**400, and whatever a type of the user's own may raise
+        return None
+    return number if math.isfinite(number) else None
+
+
+def shown(value: object) -> str:
+    """A value as a sentence shows it: cut, and by its type's name where it cannot be written out."""
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001 - 10**5000 has too many digits for Python, a user's own type may raise anything
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."

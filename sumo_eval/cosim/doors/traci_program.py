@@ -1,0 +1,221 @@
+"""`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process on a loopback port.
+
+The harness is the first client and the program, through a relay, the second; SUMO takes a step when both have asked
+for one. The program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says
+`traci.setOrder(2)` after `traci.init(port)`. Needs the sumo program: extra `gui`.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import socket
+import subprocess
+import tempfile
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
+from sumo_eval.cosim.doors.controller import Briefing
+from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
+from sumo_eval.cosim.sumo.session import check_start, command_line, libsumo, quoted
+from sumo_eval.cosim.sumo.sumo_files import EGO
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError, said
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings
+
+START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
+_BETWEEN_TRIES = 0.01  # s
+_PORT = "SUMO_EVAL_PORT"
+_SETTINGS = {
+    name: getattr(libsumo.constants, f"VAR_{variable}")
+    for name, variable in (
+        ("maxSpeed", "MAXSPEED"), ("accel", "ACCEL"), ("decel", "DECEL"), ("apparentDecel", "APPARENT_DECEL"),
+        ("emergencyDecel", "EMERGENCY_DECEL"), ("tau", "TAU"), ("minGap", "MINGAP"), ("speedFactor", "SPEED_FACTOR"),
+        ("sigma", "IMPERFECTION"), ("maxSpeedLat", "MAXSPEED_LAT"), ("minGapLat", "MINGAP_LAT"), ("length", "LENGTH"),
+        ("width", "WIDTH"),
+    )
+}  # fmt: skip
+"""Settings of the ego that SUMO takes in silence when they are no number, and shows: TraCI's numbers of them."""
+
+
+@dataclass(slots=True)
+class TraciProgram:
+    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for it."""
+
+    command: tuple[str, ...]
+    folder: Path | None
+    log: str = ""
+    took: float = 0.0  # s of wall time of its last turn, the step of SUMO included
+
+    is_adapter = True
+
+    @classmethod
+    def from_command(cls, command: str, folder: Path | None) -> TraciProgram:
+        """Refuses a command that cannot be run, and a machine without sumo."""
+        sumo_binary()
+        return cls(split_command(command, folder, "traci"), folder)
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """The program has begun with the simulation."""
+
+    def step(self, traci: Any, ego: str, time: float) -> None:
+        """The program acts by itself."""
+
+    def close(self) -> None:
+        """The program ends with the simulation."""
+
+
+def sumo_binary() -> str:
+    """Path of the sumo program. Raises InputError naming the extra to install."""
+    found = shutil.which("sumo")
+    if found is None:
+        try:
+            import sumo
+
+            found = shutil.which("sumo", path=str(Path(sumo.SUMO_HOME) / "bin"))
+        except (ImportError, AttributeError):
+            found = None
+    if found is None:
+        raise InputError("`traci:` needs the program sumo, which is not installed: pip install 'sumo_eval[gui]'.")
+    return found
+
+
+class ServedSimulation:
+    """The harness's connection, in the shape of the libsumo module."""
+
+    def __init__(self, connection: Any, program: ChildProgram, ads: TraciProgram, step_timeout: float) -> None:
+        from traci.connection import FatalTraCIError, TraCIException
+
+        self._connection = connection
+        self._program = program
+        self._ads = ads
+        self._step_timeout = step_timeout
+        self.vehicle = connection.vehicle
+        self.simulation = connection.simulation
+        self.TraCIException = TraCIException
+        self.FatalTraCIError = FatalTraCIError
+
+    def begin(self) -> None:
+        """Be the first of two clients and insert the vehicles, which moves nothing; SUMO waits until both are there."""
+        self._wait(lambda: self._connection.setOrder(1), START_TIMEOUT)
+        self._wait(self._connection.simulationStep, START_TIMEOUT)
+        self.vehicle.subscribe(EGO, list(_SETTINGS.values()))
+        self._ads.took = 0.0  # starting and connecting is no step
+
+    def simulationStep(self) -> None:  # noqa: N802 - TraCI's name
+        """Ask for a step, which SUMO takes when the program has asked for one too."""
+        self._wait(self._connection.simulationStep, self._step_timeout)
+        self._check_settings()
+
+    def _check_settings(self) -> None:
+        """What the program writes goes past the harness, which sees what has become of the ego's settings."""
+        shown = self.vehicle.getSubscriptionResults(EGO)  # has come with the answer to the step
+        for name, variable in _SETTINGS.items():
+            if not math.isfinite(shown.get(variable, 0.0)):
+                now = self.simulation.getTime() - self.simulation.getDeltaT()  # SUMO's clock is one step ahead
+                raise ControllerError(
+                    f"The ADS's program gave `{EGO}` the {name} {shown[variable]}, seen at {now:.2f} s; it must be a "
+                    "finite number."
+                )
+
+    def _wait(self, call: Callable[[], object], limit: float) -> None:
+        """The program's turn: SUMO answers when it is over. A connection that waited too long reports itself closed."""
+        self._connection._socket.settimeout(None if limit == float("inf") else limit)
+        asked = clock.perf_counter()
+        try:
+            call()
+        except (self.FatalTraCIError, OSError) as error:
+            self._check_program()
+            if clock.perf_counter() - asked >= limit:
+                raise ControllerTimeoutError(
+                    f"The ADS's program must connect to the port in {_PORT}, set its order to 2 and ask for its steps, "
+                    f"each within {limit:g} s; it was ended."
+                ) from None
+            raise ControllerError(f"SUMO ended while the ADS's program had its turn: {said(error)}.") from error
+        self._ads.took = clock.perf_counter() - asked
+        self._check_program()
+
+    def _check_program(self) -> None:
+        if self._program.process.poll() is not None:
+            raise ControllerError(f"The ADS's program ended before its case did, {self._program.ended()}.")
+
+
+@contextmanager
+def served(
+    concrete: ConcreteScenario, settings: SimulationSettings, ads: TraciProgram, step_timeout: float
+) -> Iterator[ServedSimulation]:
+    """A sumo process with every vehicle of the case at its start (time 0) and the user's program connected to it."""
+    settings = concrete.simulation(settings)
+    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
+        folder = Path(name)
+        log, console = folder / "sumo.log", folder / "console.txt"
+        port = _free_port()
+        command = command_line(concrete, settings, folder, log, None)
+        words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", str(CLIENTS)]
+        with console.open("wb") as output:
+            server = PrivateServer(words, port, output)
+        program: ChildProgram | None = None
+        relay: Relay | None = None
+        try:
+            connection = _connect(server, (log, console))
+            relay = Relay(server.sockets[1])
+            words = [word.replace("{port}", str(relay.port)) for word in ads.command]
+            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(relay.port)})
+            simulation = ServedSimulation(connection, program, ads, step_timeout)
+            threading.Thread(target=_hang_up, args=(program, connection), daemon=True).start()
+            simulation.begin()
+            check_start(simulation, concrete, settings)
+            yield simulation
+        finally:
+            if relay is not None:
+                relay.end()
+            server.end()
+            if program is not None:
+                ads.log = program.stop()
+
+
+def _hang_up(program: ChildProgram, connection: Any) -> None:
+    """When the program ends, SUMO would wait for it for ever, and the harness for SUMO."""
+    program.process.wait()
+    with suppress(OSError, AttributeError):  # the case was over first
+        connection._socket.shutdown(socket.SHUT_RDWR)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def _connect(server: PrivateServer, logs: tuple[Path, ...]) -> Any:
+    """The harness's connection, when the server has begun and both of its clients are connected."""
+    import traci.connection
+    import traci.main  # makes the domains that a connection has
+
+    sumo = server.process
+    until = clock.monotonic() + START_TIMEOUT
+    while True:
+        try:
+            server.connect()
+            return _over(server.sockets[0], traci.connection.Connection)
+        except OSError as error:
+            if sumo.poll() is not None or clock.monotonic() > until:
+                raise SimulationError(f"SUMO could not start the case: {quoted(error, *logs)}.") from error
+            with suppress(subprocess.TimeoutExpired):
+                sumo.wait(_BETWEEN_TRIES)
+
+
+def _over(connected: socket.socket, kind: Any) -> Any:
+    """A TraCI connection over a socket that is connected already; its class makes and connects one of its own."""
+    with socket.create_server((LOOPBACK, 0)) as nobody:
+        connection = kind(*nobody.getsockname(), None, None, False, None)
+    connection._socket.close()
+    connection._socket = connected
+    return connection

@@ -1,0 +1,116 @@
+"""A recorded case in sumo-gui: SUMO draws, the recording says where every vehicle is. No controller runs."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, view_xml
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.trajectory import Collision, Trajectory
+
+STEP = 0.05  # s; of the animation
+ZOOM = 4000.0  # of sumo-gui: some 150 m of road
+COLOURS = {EGO: "0,114,178", "": "178,106,0"}  # of the ego, of everybody else
+
+
+def sumo_gui() -> str:
+    """The path of sumo-gui. Raises InputError with one sentence where there is none."""
+    beside = Path(sys.executable).with_name("sumo-gui")
+    found = str(beside) if beside.is_file() else shutil.which("sumo-gui")
+    if found is None:
+        raise InputError("There is no sumo-gui on this machine; install it with: pip install 'sumo_eval[gui]'.")
+    return found
+
+
+def replay_in_gui(
+    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None, program: str | None = None
+) -> None:
+    """Play a recording in sumo-gui in real time, and leave its window open at the end until the person closes it.
+
+    vehicles: by name, the ego's under `ego`. program: sumo-gui, or another SUMO program that understands TraCI.
+    """
+    program = program or sumo_gui()
+    from traci import main as traci  # the package itself is libsumo here, which has no window
+
+    with tempfile.TemporaryDirectory(prefix="sumo_eval_") as name:
+        folder = Path(name)
+        (folder / "road.net.xml").write_text(network_xml(road), encoding="utf-8")
+        (folder / "road.view.xml").write_text(view_xml(road), encoding="utf-8")
+        (folder / "case.rou.xml").write_text(_types(vehicles), encoding="utf-8")
+        command = [
+            program, "-n", str(folder / "road.net.xml"), "-r", str(folder / "case.rou.xml"), "--step-length", str(STEP),
+            "--collision.action", "none", "--no-step-log", "true", "--no-warnings", "true",
+        ]  # fmt: skip
+        shows = Path(program).name.startswith("sumo-gui")
+        if shows:
+            command += ["-g", str(folder / "road.view.xml"), "--start", "true", "--window-size", "1400,600"]
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):  # it says there how often it tried to connect
+                traci.start(command)
+        except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:
+            raise InputError(f"{program} could not be started: {error}.") from error
+        try:
+            _play(traci, vehicles, collision, shows=shows)
+        except traci.FatalTraCIError:
+            return  # the person has closed the window
+        finally:
+            if traci.isLoaded():
+                traci.close(wait=False)
+
+
+def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision | None, *, shows: bool) -> None:
+    traci.route.add("road", ["road"])
+    start = min(float(trajectory.time[0]) for trajectory in vehicles.values())
+    end = float(vehicles[EGO].time[-1])
+    for name in vehicles:
+        traci.vehicle.add(name, "road", typeID=name, depart="now", departPos="0", departLane="0", departSpeed="0")
+        traci.vehicle.setSpeedMode(name, 0)
+        traci.vehicle.setLaneChangeMode(name, 0)
+    if shows:
+        traci.gui.trackVehicle(traci.gui.DEFAULT_VIEW, EGO)
+        traci.gui.setZoom(traci.gui.DEFAULT_VIEW, ZOOM)
+    clock = time.monotonic()
+    for moment in np.arange(start, end + STEP, STEP):
+        for name, trajectory in vehicles.items():
+            _place(traci, name, trajectory, min(float(moment), end))
+        if collision is not None and moment + STEP > collision.time:
+            traci.vehicle.setColor(EGO, (198, 40, 40, 255))
+        traci.simulationStep()
+        if shows:
+            time.sleep(max(0.0, float(moment) - start - (time.monotonic() - clock)))
+    while shows:  # the last frame stays until the window is closed, which ends the connection
+        traci.simulation.getTime()
+        time.sleep(4 * STEP)
+
+
+def _place(traci: Any, name: str, trajectory: Trajectory, moment: float) -> None:
+    """Put a vehicle where it was. SUMO's point is the middle of the front bumper, its angle clockwise from north."""
+    x, y, heading = (
+        float(np.interp(moment, trajectory.time, channel))
+        for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
+    )
+    front = x + math.cos(heading) * trajectory.length / 2.0, y + math.sin(heading) * trajectory.length / 2.0
+    traci.vehicle.moveToXY(name, "road", 0, *front, angle=90.0 - math.degrees(heading), keepRoute=2)
+
+
+def _types(vehicles: Mapping[str, Trajectory]) -> str:
+    routes = etree.Element("routes")
+    for name, trajectory in vehicles.items():
+        etree.SubElement(
+            routes, "vType", id=name, length=repr(trajectory.length), width=repr(trajectory.width),
+            color=COLOURS.get(name, COLOURS[""]), minGap="0",
+        )  # fmt: skip
+    return etree.tostring(routes, encoding="unicode")

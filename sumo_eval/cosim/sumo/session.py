@@ -1,0 +1,273 @@
+"""The libsumo session: one simulation in this process, started from a concrete scenario, with the traps closed.
+
+libsumo accepts a second `start` silently, delays insertions, and reports a bad file only as "Process Error": a session
+refuses to nest, checks that the initial state is the requested one, and quotes SUMO's own log.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
+
+import libsumo as libsumo  # for those who must not import it before the line above
+
+from sumo_eval.cosim.sumo.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.errors import SimulationError, said
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.settings import SimulationSettings
+
+POSITION_TOLERANCE = 1e-3  # m
+_XERCES_SET_UP = "_ZN11xercesc_3_216XMLPlatformUtils10InitializeEPKcS2_PNS_12PanicHandlerEPNS_13MemoryManagerE"
+"""Xerces 3.2: `XMLPlatformUtils::Initialize(locale, messages, panic_handler, memory_manager)`, as a linker knows it."""
+_COMMENT = re.compile(r"<!--.*?-->\s*", re.DOTALL)
+SPEED_TOLERANCE = 1e-3  # m/s
+NOWHERE = -1e6  # m; of a vehicle that has no place SUMO shows one far beyond
+
+
+def simulator_version() -> str:
+    """SUMO's version, as it reports itself."""
+    return str(libsumo.simulation.getVersion()[1]) if libsumo.simulation.isLoaded() else f"SUMO {libsumo.__version__}"
+
+
+@contextmanager
+def session(
+    concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None = None
+) -> Iterator[Any]:
+    """The running libsumo module with every vehicle of the case standing at its start (time 0), closed at the end."""
+    settings = concrete.simulation(settings)
+    texts = network_xml(concrete.road), _told_routes(concrete, settings, ego_type)
+    with running(*texts, settings, concrete.road) as traci:
+        check_start(traci, concrete, settings)
+        yield traci
+
+
+@contextmanager
+def running(
+    network: str, routes: str, settings: SimulationSettings, road: Road | None = None, *, collisions: str = "warn"
+) -> Iterator[Any]:
+    """The running libsumo module with the vehicles of these files standing at their starts, closed at the end.
+
+    network, routes: the files' texts. road: where there is only one. collisions: what SUMO does about its own, which
+    are nobody's business where roads lie on each other. Whether the vehicles stand where they should is the caller's to
+    check (`check_start`).
+    """
+    if libsumo.simulation.isLoaded():
+        raise SimulationError("A SUMO simulation is already running in this process; libsumo holds one at a time.")
+    with _files(network, routes) as files:
+        network_path, routes_path, log, console = files
+        _keep_xml_parser()
+        try:
+            with _stderr_into(console):
+                arguments = _arguments(network_path, routes_path, log, settings, road)
+                arguments[arguments.index("--collision.action") + 1] = collisions
+                libsumo.start(arguments)
+                libsumo.simulationStep()  # inserts the vehicles, moves nothing
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            _close()
+            sentence = _by_name(f"SUMO could not start the case: {quoted(error, log, console)}.", files)
+            raise SimulationError(sentence) from error
+        except BaseException:
+            _close()
+            raise
+        try:
+            yield libsumo
+        finally:
+            _close()
+
+
+def command_line(
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    folder: Path,
+    log: Path,
+    ego_type: Mapping[str, str] | None,
+) -> list[str]:
+    """SUMO's command line for a case, its files written into `folder`. They do not tell an ADS the future."""
+    network, routes = folder / "net.xml", folder / "rou.xml"
+    network.write_text(network_xml(concrete.road), encoding="utf-8")
+    routes.write_text(_told_routes(concrete, settings, ego_type), encoding="utf-8")
+    return _arguments(network, routes, log, settings, concrete.road)
+
+
+def _told_routes(concrete: ConcreteScenario, settings: SimulationSettings, ego_type: Mapping[str, str] | None) -> str:
+    """The vehicles of a case as a route file, without the comments that say which case it is, unless that is told."""
+    text = routes_xml(concrete, settings.vehicle, ego_type)
+    return text if settings.conditions.reveal_scenario else _COMMENT.sub("", text)
+
+
+class _Files(NamedTuple):
+    """What a simulation reads and writes."""
+
+    network: Path
+    routes: Path
+    log: Path
+    console: Path
+
+
+_NAMES = _Files(Path("net.xml"), Path("rou.xml"), Path("sumo.log"), Path("stderr.txt"))
+
+
+@contextmanager
+def _files(network: str, routes: str) -> Iterator[_Files]:
+    """Files with these texts, and two empty ones, for as long as it lasts.
+
+    In memory where the system has that: a folder costs ten times as much.
+    """
+    if not hasattr(os, "memfd_create"):
+        with tempfile.TemporaryDirectory(prefix="sumo_eval_") as folder:
+            files = _Files(*(Path(folder) / name for name in _NAMES))
+            files.network.write_text(network, encoding="utf-8")
+            files.routes.write_text(routes, encoding="utf-8")
+            yield files
+        return
+    with ExitStack() as stack:
+        numbers = []
+        for name, text in zip(_NAMES, (network, routes, "", ""), strict=True):
+            file = stack.enter_context(os.fdopen(os.memfd_create(str(name)), "w", encoding="utf-8"))
+            file.write(text)
+            file.flush()
+            numbers.append(file.fileno())
+        yield _Files(*(Path(f"/proc/self/fd/{number}") for number in numbers))
+
+
+def _by_name(sentence: str, files: _Files) -> str:
+    """The sentence with the files' names in place of their paths, which are gone when it is read."""
+    for path, name in zip(files, _NAMES, strict=True):
+        sentence = sentence.replace(f"'{path}'", f"'{name}'")
+    return sentence
+
+
+@functools.cache
+def _keep_xml_parser() -> bool:
+    """Set up Xerces, which SUMO reads its files with, once for the process; whether it was found.
+
+    SUMO sets it up in every start and takes it down in every close, and that is half of what both cost. Xerces counts:
+    who sets it up once more than he takes it down keeps its tables (character classes, codings), which nothing writes
+    to. Where the library has another name or place, SUMO goes on doing it by itself.
+    """
+    for library in (Path(libsumo.__file__).parent.parent / "libsumo.libs").glob("libxerces-c-3*.so*"):
+        set_up = getattr(ctypes.CDLL(str(library)), _XERCES_SET_UP, None)
+        if set_up is not None:
+            set_up(b"en_US", None, None, None)
+            return True
+    return False
+
+
+def _arguments(
+    network: Path, routes: Path, log: Path, settings: SimulationSettings, road: Road | None = None
+) -> list[str]:
+    options = {
+        "net-file": str(network),
+        "route-files": str(routes),
+        "begin": "0",
+        "step-length": f"{settings.step:g}",
+        "lanechange.duration": f"{settings.lane_change_duration:g}",
+        "error-log": str(log),
+        "xml-validation": "never",
+        "xml-validation.net": "never",
+        "xml-validation.routes": "never",
+        "no-step-log": "true",
+        "no-warnings": "true",
+        "duration-log.disable": "true",
+        "seed": "0",
+        **SIMULATION_OPTIONS,
+    }
+    if road is not None and road.network is None:  # a generator for each lane; SUMO's 64 take longer to seed
+        options["thread-rngs"] = str(road.lanes)
+    return ["sumo", *(part for name, value in options.items() for part in (f"--{name}", value))]
+
+
+_CALLS = (
+    "getAngle", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveToXY", "setLaneChangeMode",
+    "setSpeed", "setSpeedMode",
+)  # fmt: skip
+_DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
+
+
+def vehicles(traci: Any) -> Any:
+    """The calls of a simulation's vehicle domain that every step makes; of libsumo the functions themselves: the Python
+    ones that it wraps them in cost as much again.
+    """
+    return _DIRECT if traci is libsumo else traci.vehicle
+
+
+def check_start(
+    traci: Any, concrete: ConcreteScenario, settings: SimulationSettings, names: Sequence[str] | None = None
+) -> None:
+    """The initial state must be the requested one: SUMO moves or delays vehicles that it does not like.
+
+    names: the vehicles' in SUMO, the ego's first, where they are others.
+    """
+    starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    calls = vehicles(traci)
+    for number, (name, start, length) in enumerate(starts):
+        known = name if names is None else names[number]
+        try:
+            x, y = calls.getPosition(known)
+            speed = calls.getSpeed(known)
+        except traci.TraCIException as error:
+            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
+        if x < NOWHERE:
+            raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
+        ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
+        if not (ahead <= POSITION_TOLERANCE and left <= POSITION_TOLERANCE):  # which no nan is
+            raise SimulationError(
+                f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "
+                f"instead of ({start.x:.3f}, {start.y:.3f}) m."
+            )
+        if not abs(speed - start.speed) <= SPEED_TOLERANCE:
+            raise SimulationError(
+                f"SUMO gave vehicle `{name}` the speed {speed:.3f} m/s instead of {start.speed:.3f} m/s."
+            )
+
+
+def quoted(error: Exception, *logs: Path) -> str:
+    """What SUMO said of its error: its own exception holds no more than "Process Error"."""
+    for log in logs:
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+        text = "; ".join(line.strip().rstrip(".") for line in lines if line.strip())
+        if text:
+            return f"{said(error)} ({text})"
+    return said(error)
+
+
+@contextmanager
+def _stderr_into(path: Path) -> Iterator[None]:
+    """SUMO prints its errors to the process's stderr whatever its options say; here they become part of ours."""
+    try:
+        console = os.dup(2)
+    except OSError:  # a process without a console has nothing to keep clean
+        yield
+        return
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    try:
+        with path.open("wb") as file:
+            os.dup2(file.fileno(), 2)
+        yield
+        os.write(console, path.read_bytes())  # it started: what was said meanwhile is not ours to keep
+    finally:
+        os.dup2(console, 2)
+        os.close(console)
+
+
+def _close() -> None:
+    """End the simulation. A moveToXY that no step has carried out would outlive it and break the next one's start: SUMO
+    keeps a pointer to the vehicle. So whatever an ADS has left pending is carried out first.
+    """
+    if not libsumo.simulation.isLoaded():
+        return
+    with suppress(libsumo.TraCIException, libsumo.FatalTraCIError):  # the case is over, and has said why
+        libsumo._libsumo_step(0.0)  # not `simulationStep`, which calls listeners
+    libsumo.close()

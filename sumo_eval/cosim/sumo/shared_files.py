@@ -1,0 +1,79 @@
+"""SUMO files of cases that are driven together: every case on a road of its own, all roads in the same place, so that
+no digit of a position differs from the one that the case has alone. Vehicles of different roads do not see each other.
+
+SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here they are not even
+asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the speed that it was told. A case that
+is alone has the names that the user knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.settings import VehicleSettings
+
+_NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
+
+
+def edge_name(case: int, count: int) -> str:
+    """The road of case number `case` of `count`."""
+    return "road" if count == 1 else f"road{case}"
+
+
+def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
+    """The vehicles' names in SUMO: of each case the ego's, then those of the others in their order."""
+    if len(cases) == 1:
+        return [[EGO, *(actor.name for actor in cases[0].actors)]]
+    return [[f"{case}.{number}" for number in range(1 + len(it.actors))] for case, it in enumerate(cases)]
+
+
+def shared_network_xml(road: Road, count: int) -> str:
+    """`count` copies of a road in one network."""
+    if count == 1:
+        return network_xml(road)
+    head, _, rest = network_xml(road).partition("  <edge ")
+    body, _, tail = rest.rpartition("</net>")
+    edge, _, junctions = ("  <edge " + body).partition("  <junction ")
+    junctions = "  <junction " + junctions
+    edges = [
+        edge.replace('"road', f'"{edge_name(case, count)}')
+        .replace('"begin"', f'"begin{case}"')
+        .replace('"end"', f'"end{case}"')
+        for case in range(count)
+    ]
+    ends = [
+        junctions.replace('id="begin"', f'id="begin{case}"')
+        .replace('id="end"', f'id="end{case}"')
+        .replace("road_", f"{edge_name(case, count)}_")
+        for case in range(count)
+    ]
+    return "".join([head, *edges, *ends, "</net>", tail])
+
+
+def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings) -> str:
+    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes."""
+    types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
+    others: list[str] = []
+    names, count = vehicle_names(cases), len(cases)
+    for case, concrete in enumerate(cases):
+        others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case, count)}))
+        described = zip(vehicle_types(concrete, vehicle), departures(concrete, vehicle.length), strict=True)
+        for index, (kind, attributes) in enumerate(described):
+            name = kind.pop("id")
+            kind["actionStepLength"] = str(_NEVER)
+            known = types.setdefault((*kind, *kind.values()), f"type{len(types)}" if count > 1 else name)
+            own = {"id": names[case][index], "type": known, "route": f"along{case}"}
+            others.append(_element("vehicle", {**attributes, **own}))
+    kinds = [
+        _element("vType", {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))})
+        for text, name in types.items()
+    ]
+    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', "<routes>", *kinds, *others, "</routes>", ""])
+
+
+def _element(tag: str, attributes: Mapping[str, str]) -> str:
+    """One element; its values are numbers and the pack's own names, in which nothing needs escaping."""
+    written = " ".join([f'{name}="{value}"' for name, value in attributes.items()])
+    return f"<{tag} {written}/>"

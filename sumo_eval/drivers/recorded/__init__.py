@@ -1,0 +1,1 @@
+"""Recorded people: reading recordings, straightening them, finding events, matching them to concrete scenarios."""

@@ -1,0 +1,476 @@
+"""Events in recorded driving: approaches to a slower leader, cut-outs, cut-ins, braking leaders, lane changes.
+
+Rules (bumper-to-bumper gaps; lanes count once they are kept for 1 s; leader: the next vehicle ahead in the same lane):
+
+- approach: t = 0 at the first sample of a stretch behind one leader with a closing speed of at least 2 m/s, a gap of at
+  most max(3.5 s * speed, 30 m) and more than 2 m; kept where the least TTC of the stretch is at most 20 s.
+- cut_out: a leader changes lane, at most max(4 s * speed, 30 m) ahead; t = 0 when its lane number changes. `revealed`
+  is the next vehicle ahead within 300 m.
+- cut_in: a vehicle changes into the lane of another, at most max(3 s * speed, 25 m) ahead of it.
+- lead_braking: a leader brakes with at least 1 m/s2 and loses at least 2 m/s.
+
+Dropped as ghosts of the tracker: a least TTC under 1 s, a gap under 1 m, accelerations beyond 6 m/s2, cut-ins with a
+lateral speed over 2 m/s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings, smooth
+from sumo_eval.errors import InputError
+from sumo_eval.text import cells
+
+KINDS: Final = ("approach", "cut_out", "cut_in", "lead_braking")
+
+
+@dataclass(frozen=True, slots=True)
+class EventRules:
+    """The constants of the rules above, SI units."""
+
+    closing_speed: float = 2.0
+    approach_headway: float = 3.5
+    approach_gap: float = 30.0
+    least_gap: float = 2.0
+    largest_ttc: float = 20.0
+    follows_below: float = 0.5  # closing speed under which an approach has turned into following
+    cut_out_headway: float = 4.0
+    cut_out_gap: float = 30.0
+    revealed_within: float = 300.0
+    cut_in_headway: float = 3.0
+    cut_in_gap: float = 25.0
+    lead_deceleration: float = 1.0
+    lead_speed_drop: float = 2.0
+    braking_below: float = 0.3  # deceleration that begins and ends a leader's braking
+    lane_kept: float = 1.0  # s on both sides of a lane change
+    lateral_speed: float = 0.12  # m/s, above which a vehicle is changing lane
+    ghost_ttc: float = 1.0
+    ghost_gap: float = 1.0
+    ghost_acceleration: float = 6.0
+    ghost_lateral_speed: float = 2.0
+
+
+RULES: Final = EventRules()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events:
+    """Events by kind, one row each; how many vehicles were looked at and are in an event; how many were ghosts."""
+
+    tables: dict[str, pd.DataFrame]
+    lane_changes: pd.DataFrame
+    vehicles: int
+    vehicles_in_events: int
+    ghosts: dict[str, int] = field(default_factory=dict)
+
+    def sentences(self) -> list[str]:
+        """What was found, in words."""
+        counts = ", ".join(
+            f"{len(self.tables[kind])} {kind} ({self.ghosts.get(kind, 0)} ghosts dropped)" for kind in KINDS
+        )
+        return [
+            f"{self.vehicles_in_events} of {self.vehicles} motor vehicles are in an event: {counts}.",
+            f"{len(self.lane_changes)} lane changes.",
+        ]
+
+
+class Traffic:
+    """A recording indexed for questions: each vehicle's arrays, and who leads and follows whom at each instant."""
+
+    def __init__(self, table: pd.DataFrame, rules: EventRules = RULES) -> None:
+        rows = table[table["class"].isin(MOTOR_CLASSES)].sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
+        rows["frame"] = np.round(rows["t"] / INTERVAL).astype(np.int64)
+        settled, across = [], []
+        self.slices: dict[str, slice] = {}
+        for name, index in rows.groupby("vehicle", sort=False).indices.items():
+            self.slices[str(name)] = slice(int(index[0]), int(index[-1]) + 1)
+            settled.append(_settled(rows["lane"].to_numpy()[index], round(rules.lane_kept / INTERVAL)))
+            across.append(np.gradient(smooth(rows["y"].to_numpy()[index], 11), INTERVAL))
+        rows["lane"] = np.concatenate(settled) if settled else rows["lane"]
+        rows["across"] = np.concatenate(across) if across else 0.0
+        self.rows = rows
+        self.frame = rows["frame"].to_numpy()
+        order = rows.sort_values(["frame", "lane", "x"], kind="stable")
+        ahead = order.index.to_series().shift(-1)
+        same = (order["frame"] == order["frame"].shift(-1)) & (order["lane"] == order["lane"].shift(-1))
+        leader = pd.Series(-1, index=order.index)
+        leader[same] = ahead[same].astype(np.int64)
+        self.leader = leader.reindex(rows.index).to_numpy()
+        x, length, speed = (rows[name].to_numpy() for name in ("x", "length", "speed"))
+        has = self.leader >= 0
+        lead = np.where(has, self.leader, 0)
+        self.gap = np.where(has, x[lead] - x - (length[lead] + length) / 2, np.inf)
+        self.closing = np.where(has, speed - speed[lead], 0.0)
+        self.follower = np.full(len(rows), -1)
+        self.follower[self.leader[has]] = np.flatnonzero(has)
+
+    def row_of(self, vehicle: str, frame: int) -> int | None:
+        """The row of a vehicle at a frame; None where it is not recorded."""
+        part = self.slices[vehicle]
+        row = part.start + frame - int(self.frame[part.start])
+        return row if part.start <= row < part.stop else None
+
+
+def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
+    """Every event of the recordings. The columns of an event table begin with event, recording, ego, t (s, its t =
+    0).
+    """
+    tables: dict[str, list[pd.DataFrame]] = {kind: [] for kind in KINDS}
+    changes: list[pd.DataFrame] = []
+    vehicles, involved = 0, set()
+    for recording, table in recordings.table.groupby("recording", sort=False):
+        traffic = Traffic(table, rules)
+        vehicles += len(traffic.slices)
+        lane_changes = find_lane_changes(traffic, rules)
+        found = {
+            "approach": _approaches(traffic, rules, lane_changes),
+            "cut_out": _cut_outs(traffic, rules, lane_changes),
+            "cut_in": _cut_ins(traffic, rules, lane_changes),
+            "lead_braking": _braking_leaders(traffic, rules),
+        }
+        changes.append(
+            pd.DataFrame([asdict(change) for change in lane_changes], columns=_CHANGE_COLUMNS).assign(
+                recording=recording
+            )
+        )
+        for kind, rows in found.items():
+            if rows:
+                events = pd.DataFrame(rows)
+                involved |= {(recording, ego) for ego in events.loc[~events["ghost"], "ego"]}
+                events.insert(0, "recording", recording)
+                tables[kind].append(events)
+    ghosts: dict[str, int] = {}
+    kept: dict[str, pd.DataFrame] = {}
+    for kind, parts in tables.items():
+        events = (
+            pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["recording", "ego", "t", "ghost"])
+        )
+        suspect = events["ghost"].astype(bool)
+        ghosts[kind] = int(suspect.sum())
+        events = events[~suspect].drop(columns="ghost").reset_index(drop=True)
+        events.insert(0, "event", [f"{kind}-{number:05d}" for number in range(len(events))])
+        kept[kind] = events
+    all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame(columns=_CHANGE_COLUMNS)
+    return Events(kept, all_changes, vehicles, len(involved), ghosts)
+
+
+def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:
+    """Lane numbers without visits shorter than `shortest` samples: these stay with the lane before (at first,
+    after).
+    """
+    settled = lane.copy()
+    starts = np.flatnonzero(np.append(True, np.diff(settled) != 0))
+    ends = np.append(starts[1:], len(settled))
+    previous: int | None = None
+    for start, end in zip(starts, ends, strict=True):
+        if end - start >= shortest:
+            if previous is None:
+                settled[:start] = settled[start]
+            previous = int(settled[start])
+        elif previous is not None:
+            settled[start:end] = previous
+    return settled
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedLaneChange:
+    """A lane change that is kept. t: crossing; onset, end: of the lateral motion; duration: between them; middle: from
+    10 to 90 % of the offset, all s. lateral_speed: the largest, m/s. row: of the crossing in `Traffic.rows`. complete:
+    whether beginning and end were both recorded.
+    """
+
+    vehicle: str
+    t: float
+    row: int
+    origin: int
+    to: int
+    onset: float
+    end: float
+    duration: float
+    middle: float | None
+    lateral_speed: float
+    complete: bool
+
+
+_CHANGE_COLUMNS: Final = [item.name for item in fields(RecordedLaneChange)]
+
+
+def find_lane_changes(traffic: Traffic, rules: EventRules = RULES) -> list[RecordedLaneChange]:
+    """Every lane change of a recording that is kept, by vehicle."""
+    rows = traffic.rows
+    found: list[RecordedLaneChange] = []
+    lane, across, y, time = (rows[name].to_numpy() for name in ("lane", "across", "y", "t"))
+    for vehicle, part in traffic.slices.items():
+        for crossing in part.start + 1 + np.flatnonzero(np.diff(lane[part])):
+            side = float(np.sign(lane[crossing] - lane[crossing - 1]))
+            moving = side * across > rules.lateral_speed
+            first = int(crossing)
+            while first > part.start and moving[first - 1]:
+                first -= 1
+            last = int(crossing)
+            while last < part.stop - 1 and moving[last]:
+                last += 1
+            moved = side * (y[first : last + 1] - y[first])
+            share = moved / moved[-1] if moved[-1] > 0.5 else None
+            found.append(
+                RecordedLaneChange(
+                    vehicle=vehicle,
+                    t=float(time[crossing]),
+                    row=int(crossing),
+                    origin=int(lane[crossing - 1]),
+                    to=int(lane[crossing]),
+                    onset=float(time[first]),
+                    end=float(time[last]),
+                    duration=float(time[last] - time[first]),
+                    middle=None
+                    if share is None
+                    else float(np.argmax(share >= 0.9) - np.argmax(share >= 0.1)) * INTERVAL,
+                    lateral_speed=float(np.max(side * across[first : last + 1])),
+                    complete=bool(first > part.start and last < part.stop - 1),
+                )
+            )
+    return found
+
+
+def _stretches(traffic: Traffic) -> list[tuple[int, int]]:
+    """First and last-plus-one row of every stretch in which a vehicle stays behind one leader in one lane."""
+    rows = traffic.rows
+    names = rows["vehicle"].to_numpy()
+    has = traffic.leader >= 0
+    lead = np.where(has, names[np.where(has, traffic.leader, 0)], "")
+    lane = rows["lane"].to_numpy()
+    new = np.append(True, (names[1:] != names[:-1]) | (lead[1:] != lead[:-1]) | (lane[1:] != lane[:-1]))
+    starts = np.flatnonzero(new)
+    ends = np.append(starts[1:], len(rows))
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if has[a]]
+
+
+def _approaches(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+    rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
+    speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
+    names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
+    ttc = np.where(closing > 0, gap / np.maximum(closing, 1e-9), np.inf)
+    begun = (
+        (closing >= rules.closing_speed)
+        & (gap <= np.maximum(rules.approach_headway * speed, rules.approach_gap))
+        & (gap > rules.least_gap)
+    )
+    onsets = {(change.vehicle, change.row): change for change in changes}
+    found = []
+    for start, end in _stretches(traffic):
+        hits = np.flatnonzero(begun[start:end])
+        if hits.size == 0 or ttc[start:end].min() > rules.largest_ttc:
+            continue
+        row = start + int(hits[0])
+        ego, lead = str(names[row]), str(names[traffic.leader[row]])
+        part, ahead = traffic.slices[ego], traffic.slices[lead]
+        first_of_either = start == part.start or traffic.leader[start] == ahead.start
+        followed = np.flatnonzero(closing[row:end] < rules.follows_below)
+        leaves = end < part.stop and lane[end] != lane[end - 1]
+        change = onsets.get((ego, end)) if leaves else None
+        if followed.size:
+            outcome, until = "follow", float(time[row + followed[0]] - time[row])
+        elif leaves:
+            outcome, until = "lane_change", float(time[end] - time[row])
+        elif end < part.stop and (after := traffic.row_of(lead, int(frames[end]))) is not None:
+            outcome = "leader_left" if lane[after] != lane[end] else "cut_in"
+            until = float(time[end] - time[row])
+        else:
+            outcome, until = "censored", float(time[end - 1] - time[row])
+        if (
+            row > start
+            and gap[row - 1] > rules.approach_headway * speed[row - 1]
+            and closing[row - 1] >= rules.closing_speed
+        ):
+            kind = "range_crossing"
+        elif row == start:
+            kind = "dataset_edge" if first_of_either else "lane_entry_or_cut_in"
+        else:
+            kind = "closing_builds_up"
+        at = None if change is None else max(round((change.onset - time[row]) / INTERVAL) + row, start)
+        hardest = float(acceleration[row:end].min())
+        found.append(
+            {
+                "ego": ego,
+                "t": float(time[row]),
+                "lead": lead,
+                "start_kind": kind,
+                "lane": int(lane[row]),
+                "ego_speed": float(speed[row]),
+                "lead_speed": float(speed[traffic.leader[row]]),
+                "gap": float(gap[row]),
+                "outcome": outcome,
+                "t_outcome": until,
+                "min_ttc": float(ttc[start:end].min()),
+                "min_gap": float(gap[start:end].min()),
+                "min_acceleration": hardest,
+                "to_left": None if change is None else bool(change.to > change.origin),
+                "change_onset": None if change is None else float(change.onset - time[row]),
+                "headway_at_onset": None if at is None else float(gap[at] / max(speed[at], 0.1)),
+                "ttc_at_onset": None if at is None or closing[at] <= 0 else float(ttc[at]),
+                "ghost": bool(
+                    ttc[start:end].min() < rules.ghost_ttc
+                    or gap[start:end].min() < rules.ghost_gap
+                    or np.abs(acceleration[row:end]).max() > rules.ghost_acceleration
+                ),
+            }
+        )
+    return found
+
+
+def _cut_outs(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+    rows, gap = traffic.rows, traffic.gap
+    speed, acceleration, time, x, length = (
+        rows[name].to_numpy() for name in ("speed", "acceleration", "t", "x", "length")
+    )
+    names, frames = rows["vehicle"].to_numpy(), rows["frame"].to_numpy()
+    found = []
+    for change in changes:
+        before = int(change.row) - 1
+        behind = int(traffic.follower[before])
+        if behind < 0:
+            continue
+        ego = str(names[behind])
+        now = traffic.row_of(ego, int(frames[change.row]))
+        if now is None or gap[behind] > max(rules.cut_out_headway * speed[behind], rules.cut_out_gap):
+            continue
+        revealed = int(traffic.leader[now])
+        if revealed < 0 or gap[now] > rules.revealed_within or names[revealed] == change.vehicle:
+            revealed = -1
+        begin = traffic.row_of(ego, round(change.onset / INTERVAL))
+        begin = now if begin is None else begin
+        start = {"start": float(time[begin]), "obstacle_speed": np.nan, "gap": np.nan}
+        if revealed >= 0:
+            ahead = traffic.row_of(str(names[revealed]), int(frames[begin]))
+            if ahead is not None:
+                body = (length[begin] + length[ahead]) / 2
+                start["obstacle_speed"] = float(speed[ahead])
+                start["gap"] = float(x[ahead] - x[begin] - body)
+        window = slice(now, min(now + 100, traffic.slices[ego].stop))
+        found.append(
+            {
+                "ego": ego,
+                "t": float(time[now]),
+                "cut_out": change.vehicle,
+                "revealed": str(names[revealed]) if revealed >= 0 else "",
+                "to_left": change.to > change.origin,
+                "speed_at_crossing": float(speed[now]),
+                "cut_out_speed": float(speed[change.row]),
+                "gap_to_cut_out": float(gap[behind]),
+                "revealed_speed": float(speed[revealed]) if revealed >= 0 else np.nan,
+                "gap_to_revealed": float(gap[now]) if revealed >= 0 else np.nan,
+                "ego_speed": float(speed[begin]),
+                **start,
+                "min_acceleration": float(acceleration[window].min()),
+                "ghost": bool(
+                    gap[behind] < rules.ghost_gap or np.abs(acceleration[window]).max() > rules.ghost_acceleration
+                ),
+            }
+        )
+    return found
+
+
+def _cut_ins(traffic: Traffic, rules: EventRules, changes: Sequence[RecordedLaneChange]) -> list[dict[str, Any]]:
+    rows, gap = traffic.rows, traffic.gap
+    speed, acceleration, time, lane = (rows[name].to_numpy() for name in ("speed", "acceleration", "t", "lane"))
+    names = rows["vehicle"].to_numpy()
+    found = []
+    for change in changes:
+        ego_row = int(traffic.follower[int(change.row)])
+        if ego_row < 0 or gap[ego_row] > max(rules.cut_in_headway * speed[ego_row], rules.cut_in_gap):
+            continue
+        ego = str(names[ego_row])
+        part = traffic.slices[ego]
+        before = ego_row - 1
+        if before < part.start or lane[before] != lane[ego_row]:
+            continue
+        window = slice(ego_row, min(ego_row + 100, part.stop))
+        found.append(
+            {
+                "ego": ego,
+                "t": float(time[ego_row]),
+                "start": float(time[ego_row]),
+                "cut_in": change.vehicle,
+                "to_left": change.to > change.origin,
+                "ego_speed": float(speed[ego_row]),
+                "cut_in_speed": float(speed[change.row]),
+                "gap": float(gap[ego_row]),
+                "lateral_speed": change.lateral_speed,
+                "min_acceleration": float(acceleration[window].min()),
+                "ghost": bool(
+                    gap[ego_row] < rules.ghost_gap
+                    or change.lateral_speed > rules.ghost_lateral_speed
+                    or np.abs(acceleration[window]).max() > rules.ghost_acceleration
+                ),
+            }
+        )
+    return found
+
+
+def _braking_leaders(traffic: Traffic, rules: EventRules) -> list[dict[str, Any]]:
+    rows, gap, closing = traffic.rows, traffic.gap, traffic.closing
+    speed, acceleration, time = (rows[name].to_numpy() for name in ("speed", "acceleration", "t"))
+    names = rows["vehicle"].to_numpy()
+    found = []
+    for start, end in _stretches(traffic):
+        lead = traffic.leader[start:end]
+        braking = acceleration[lead] <= -rules.braking_below
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], braking, [False])).astype(int)))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            part = slice(start + int(first), start + int(last))
+            strongest = float(acceleration[lead[first:last]].min())
+            drop = float(speed[lead[first]] - speed[lead[last - 1]])
+            if strongest > -rules.lead_deceleration or drop < rules.lead_speed_drop:
+                continue
+            row = part.start
+            least = gap[part].min()
+            ttc = np.where(closing[part] > 0, gap[part] / np.maximum(closing[part], 1e-9), np.inf).min()
+            found.append(
+                {
+                    "ego": str(names[row]),
+                    "t": float(time[row]),
+                    "start": float(time[row]),
+                    "lead": str(names[lead[first]]),
+                    "ego_speed": float(speed[row]),
+                    "lead_speed": float(speed[lead[first]]),
+                    "gap": float(gap[row]),
+                    "headway": float(gap[row] / max(speed[row], 0.1)),
+                    "lead_deceleration": -strongest,
+                    "lead_speed_drop": drop,
+                    "min_acceleration": float(acceleration[part].min()),
+                    "ghost": bool(
+                        least < rules.ghost_gap
+                        or ttc < rules.ghost_ttc
+                        or strongest < -rules.ghost_acceleration
+                        or np.abs(acceleration[part]).max() > rules.ghost_acceleration
+                    ),
+                }
+            )
+    return found
+
+
+def write_events(events: Events, folder: Path) -> None:
+    """One CSV a kind, and the lane changes."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for kind, table in events.tables.items():
+            cells(table.round(4)).to_csv(folder / f"{kind}.csv", index=False)
+        changes = events.lane_changes.drop(columns="row", errors="ignore").round(4)
+        cells(changes).to_csv(folder / "lane_change.csv", index=False)
+    except OSError as error:
+        raise InputError(f"The events cannot be written to {folder}: {error}.") from error
+
+
+def lane_centres(table: pd.DataFrame) -> dict[tuple[str, int], float]:
+    """Median y of the vehicles in each lane of each recording, m."""
+    centres = {}
+    for recording, rows in table.groupby("recording", sort=False):
+        for lane, middle in rows.groupby("lane")["y"].median().items():
+            centres[str(recording), int(str(lane))] = float(middle)
+    return centres

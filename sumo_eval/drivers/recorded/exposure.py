@@ -1,0 +1,208 @@
+"""Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as declared.
+
+scipy.stats and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
+from sumo_eval.settings import DeclaredDistribution, DriverSettings, ExposureSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+FOLDS = 5
+FACTORS = np.geomspace(0.1, 1.5, 15)  # bandwidths that cross-validation chooses from, over the data's own deviation
+SUPPORT = 3.0  # kernel deviations; a point further from every event is outside the data's support
+SPACE_POINTS = 4096  # on which the share of the space without support is measured
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedExposure:
+    """A Gaussian KDE over the parameters of recorded events.
+
+    names: parameters, in the order of the columns of points (n, k). factor: bandwidth over the data's deviation.
+    held_out: mean log density of events that were not fitted (5 folds), nats, for this KDE and what it is compared
+    with.
+    """
+
+    names: tuple[str, ...]
+    points: FloatArray
+    factor: float
+    held_out: Mapping[str, float]
+
+    def density(self, values: Values) -> FloatArray:
+        """p at values by name (arrays that broadcast)."""
+        places = _columns(values, self.names)
+        found: FloatArray = _stats().gaussian_kde(self.points.T, bw_method=self.factor)(places.reshape(len(places), -1))
+        return found.reshape(places.shape[1:])
+
+    def supported(self, points: FloatArray) -> BoolArray:
+        """Which points (m, k) lie within `SUPPORT` kernel deviations of at least one event."""
+        kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
+        whiten = np.linalg.inv(np.linalg.cholesky(kernel))
+        distance, _ = cKDTree(self.points @ whiten.T).query(np.asarray(points) @ whiten.T)
+        return np.asarray(distance <= SUPPORT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """How a scenario's concrete scenarios are weighted.
+
+    density: p at values by name. about: one sentence. recorded: the KDE, where recordings are the source.
+    unsupported_share: of the possible space, outside the data's support; None without data.
+    """
+
+    density: Any
+    about: str
+    recorded: RecordedExposure | None = None
+    unsupported_share: float | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether somebody declared or measured it; else every concrete scenario counts the same."""
+        return self.density is not uniform_exposure
+
+    def plain(self, points: FloatArray) -> dict[str, Any]:
+        """What a run keeps of it, for JSON. points: (n, k), the concrete scenarios of the run."""
+        found: dict[str, Any] = {"about": self.about, "known": self.known}
+        if self.recorded is not None:
+            found |= {
+                "events": len(self.recorded.points),
+                "bandwidth_factor": self.recorded.factor,
+                "held_out_log_likelihood": dict(self.recorded.held_out),
+                "unsupported_share": self.unsupported_share,
+                "outside_support": np.flatnonzero(~self.recorded.supported(points)).tolist(),
+            }
+        return found
+
+
+def exposure_of(
+    logical: LogicalScenario, settings: ExposureSettings, drivers: DriverSettings, source: Path
+) -> Exposure:
+    """The exposure that the settings ask for. `source`: where relative paths start."""
+    if settings.kind == "scenario":
+        return Exposure(logical.exposure, logical.exposure_about)
+    if settings.kind == "uniform":
+        return Exposure(uniform_exposure, "uniform: every concrete scenario counts the same")
+    if settings.kind == "declared":
+        return _declared(logical, settings.declared or {})
+    recordings = settings.recordings or drivers.recordings
+    if not recordings:
+        raise InputError(
+            f"The exposure of scenario `{logical.name}` must name recordings, in `scenario.exposure.recordings` or "
+            "`drivers.recordings`, got none."
+        )
+    from sumo_eval.drivers.recorded.matching import match_of, matching_events
+    from sumo_eval.drivers.recorded.reference import open_people
+
+    match_of(logical.name)
+    people = open_people(DriverSettings(recordings=tuple(recordings)), source)
+    assert people.events is not None
+    events = matching_events(people.events, logical.name)
+    model = fit_exposure(events[list(logical.names)].to_numpy(), logical.names, bandwidth=settings.bandwidth)
+    share = unsupported_share(model, logical)
+    words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())
+    return Exposure(
+        model.density,
+        f"a Gaussian KDE over {len(model.points)} recorded events (bandwidth {model.factor:.3f} of the data's "
+        f"deviation); held-out log-likelihood in nats an event: {words}; {100 * share:.0f} % of the space lies outside "
+        "its support",
+        model,
+        share,
+    )
+
+
+def fit_exposure(points: FloatArray, names: Sequence[str], *, bandwidth: str = "scott") -> RecordedExposure:
+    """A KDE over events (n, k). bandwidth: `scott`, or `cross_validated` for the best of `FACTORS` on held-out events.
+
+    Raises InputError for fewer than 5 events a parameter, which show no distribution, and for events on a line.
+    """
+    events = np.asarray(points, dtype=np.float64)
+    n, k = events.shape
+    if n < 5 * k:
+        raise must_be("The number of recorded events", "an exposure", f"at least {5 * k}", n)
+    if np.linalg.matrix_rank(events - events.mean(axis=0), tol=1e-6) < k:
+        raise InputError(
+            f"The recorded events of an exposure must vary in each of {', '.join(names)} on its own; they do not."
+        )
+    scott = float(n ** (-1.0 / (k + 4)))
+    best = max(FACTORS, key=lambda factor: _held_out(events, lambda train: _kde(train, float(factor))))
+    factor = scott if bandwidth == "scott" else float(best)
+    low, high = events.min(axis=0), events.max(axis=0)
+    held_out = {
+        "scott": _held_out(events, lambda train: _kde(train, scott)),
+        "cross_validated": _held_out(events, lambda train: _kde(train, float(best))),
+        "single_gaussian": _held_out(events, _gaussian),
+        "uniform": -float(np.log(high - low).sum()),
+    }
+    return RecordedExposure(tuple(names), events, factor, held_out)
+
+
+def unsupported_share(model: RecordedExposure, logical: LogicalScenario) -> float:
+    """Share of the possible points of a space that lie outside the data's support."""
+    unit = _stats().qmc.Sobol(len(logical.parameters), seed=0).random(SPACE_POINTS)
+    points = logical.from_unit(unit)
+    return float(np.mean(~model.supported(points[logical.feasible(points)])))
+
+
+def _held_out(events: FloatArray, fit: Any) -> float:
+    """Mean log density of each event under a fit without its fold; every fifth event is a fold."""
+    fold = np.arange(len(events)) % FOLDS
+    logs = [fit(events[fold != number])(events[fold == number]) for number in range(FOLDS)]
+    return float(np.concatenate(logs).mean())
+
+
+def _kde(train: FloatArray, factor: float) -> Any:
+    kernel = _stats().gaussian_kde(train.T, bw_method=factor)
+    return lambda points: kernel.logpdf(points.T)
+
+
+def _gaussian(train: FloatArray) -> Any:
+    normal = _stats().multivariate_normal(train.mean(axis=0), np.cov(train.T))
+    return lambda points: np.atleast_1d(normal.logpdf(points))
+
+
+def _columns(values: Values, names: Sequence[str]) -> FloatArray:
+    return np.stack(np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in names)))
+
+
+def _declared(logical: LogicalScenario, declared: Mapping[str, DeclaredDistribution]) -> Exposure:
+    if not declared:
+        raise InputError(f"The declared exposure of scenario `{logical.name}` must name at least one parameter.")
+    for name in declared:
+        if name not in logical.names:
+            raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
+
+    def density(values: Values) -> FloatArray:
+        product = uniform_exposure(values)
+        for name, distribution in declared.items():
+            product = product * _frozen(distribution).pdf(values[name])
+        return np.asarray(product)
+
+    words = ", ".join(
+        f"{name} {item.distribution} ({item.first:g}, {item.second:g})" for name, item in declared.items()
+    )
+    return Exposure(density, f"declared: {words}; other parameters uniform")
+
+
+def _frozen(item: DeclaredDistribution) -> Any:
+    stats = _stats()
+    if item.distribution == "normal":
+        return stats.norm(item.first, item.second)
+    if item.distribution == "lognormal":
+        return stats.lognorm(item.second, scale=np.exp(item.first))
+    return stats.uniform(item.first, item.second - item.first)
+
+
+def _stats() -> Any:
+    from scipy import stats
+
+    return stats

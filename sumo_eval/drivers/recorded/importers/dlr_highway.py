@@ -1,0 +1,58 @@
+"""DLR Highway Traffic dataset (v1.1, `trajectories_*.csv`, 20 Hz): centres in UTM, yaw in degrees counter-clockwise.
+
+The class is the most probable of six. The motorway is curved, so the samples are straightened.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.errors import InputError
+
+_CLASSES = ("pedestrian", "bicycle", "motorbike", "car", "van", "truck")
+_NUMBERS = (
+    "id", "center_easting", "center_northing", "velocity_easting", "velocity_northing", "acceleration_easting",
+    "acceleration_northing", "yaw", "dimension_length", "dimension_width", *(f"classifications_{c}" for c in _CLASSES),
+)  # fmt: skip
+
+
+def read(path: Path) -> list[Found]:
+    """The recording of a file, or of every trajectories_*.csv of a folder."""
+    return [_read_one(file) for file in files_in(path, "trajectories_*.csv")]
+
+
+def _read_one(path: Path) -> Found:
+    rows = read_table(path, ("timestamp", *_NUMBERS), usecols=lambda name: name == "timestamp" or name in _NUMBERS)
+    checked_numbers(rows, _NUMBERS, path)
+    time = pd.to_datetime(rows["timestamp"], utc=True, errors="coerce", format="ISO8601")
+    if time.isna().any():
+        bad = int(np.flatnonzero(time.isna())[0])
+        raise InputError(f"`timestamp` in row {bad + 2} of {path} must be a time, got {rows['timestamp'].iloc[bad]!r}.")
+    likely = np.argmax(rows[[f"classifications_{name}" for name in _CLASSES]].to_numpy(), axis=1)
+    kinds = np.array(_CLASSES)[[np.bincount(likely[index]).argmax() for index in rows.groupby("id").indices.values()]]
+    kind = dict(zip(rows.groupby("id").indices, kinds, strict=True))
+    vx, vy = rows["velocity_easting"], rows["velocity_northing"]
+    ax, ay = rows["acceleration_easting"], rows["acceleration_northing"]
+    speed = np.hypot(vx, vy)
+    table = pd.DataFrame(
+        {
+            "recording": path.stem,
+            "vehicle": rows["id"].astype(np.int64).astype(str),
+            "t": (time - time.min()).dt.total_seconds(),
+            "x": rows["center_easting"] - rows["center_easting"].iloc[0],
+            "y": rows["center_northing"] - rows["center_northing"].iloc[0],
+            "heading": np.radians(rows["yaw"]),
+            "speed": speed,
+            "acceleration": (vx * ax + vy * ay) / np.maximum(speed, 0.1),
+            "length": rows["dimension_length"],
+            "width": rows["dimension_width"],
+            "class": rows["id"].map(kind).replace("motorbike", "motorcycle"),
+        }
+    )
+    sizes = table.groupby("vehicle")[["length", "width"]].transform("median")
+    return Found(table.assign(length=sizes["length"], width=sizes["width"]), planar=True)

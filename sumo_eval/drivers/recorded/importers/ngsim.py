@@ -1,0 +1,93 @@
+"""NGSIM trajectories in feet: the original 18 columns without a heading, and the 25 columns of data.transportation.gov.
+
+Traps: x, y is the centre of the FRONT; Local_X grows to the right from the left road edge, Local_Y along the road;
+lane 1 is the leftmost, 6 an auxiliary lane, 7 and 8 ramps; vehicle ids are used again, in other recordings of the
+same file and within one; speeds and accelerations are rough differences, so accelerations are derived anew from
+smoothed positions.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require_columns
+
+FOOT = 0.3048  # m
+MAIN_LANES = 5  # of US-101 and I-80
+_ORIGINAL = (
+    "Vehicle_ID", "Frame_ID", "Total_Frames", "Global_Time", "Local_X", "Local_Y", "Global_X", "Global_Y", "v_length",
+    "v_Width", "v_Class", "v_Vel", "v_Acc", "Lane_ID", "Preceding", "Following", "Space_Headway", "Time_Headway",
+)  # fmt: skip
+_NEEDED = (
+    "Vehicle_ID",
+    "Frame_ID",
+    "Global_Time",
+    "Local_X",
+    "Local_Y",
+    "v_length",
+    "v_Width",
+    "v_Class",
+    "v_Vel",
+    "Lane_ID",
+)
+_CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
+
+
+def read(path: Path) -> list[Found]:
+    """The recordings of a file of either layout, or of every .csv and .txt file of a folder."""
+    return [_read_one(file) for file in files_in(path, "*.[ct][sx][vt]")]
+
+
+def _read_one(path: Path) -> Found:
+    has_heading = _begins_with_letters(path)
+    if has_heading:
+        rows = read_table(path, ())
+        rows = rows.rename(
+            columns={name: known for name in rows for known in _NEEDED if str(name).lower() == known.lower()}
+        )
+        require_columns(rows, _NEEDED, path)
+    else:
+        rows = read_table(path, (), sep=r"\s+", header=None, names=list(_ORIGINAL))
+    checked_numbers(rows, _NEEDED, path, first_row=2 if has_heading else 1)
+    place = rows["Location"].astype(str) if "Location" in rows else pd.Series(path.stem, index=rows.index)
+    rows = rows.assign(place=place).sort_values(["place", "Vehicle_ID", "Global_Time"], kind="stable")
+    # Another vehicle under the same id: its clock jumps, or its body is another one.
+    same = (rows["Vehicle_ID"].diff() == 0) & (rows["place"] == rows["place"].shift())
+    again = same & ((rows["Global_Time"].diff() > 1000.0) | (rows["v_length"].diff().abs() > 0.05))
+    use = again.groupby([rows["place"], rows["Vehicle_ID"]]).cumsum().astype(int)
+    start = rows.groupby("place")["Global_Time"].transform("min")
+    number = rows["Vehicle_ID"].astype(np.int64).astype(str)
+    table = pd.DataFrame(
+        {
+            "recording": rows["place"],
+            "vehicle": number.where(use == 0, number + "/" + (use + 1).astype(str)),
+            "t": (rows["Global_Time"] - start) / 1000.0,
+            "x": FOOT * (rows["Local_Y"] - rows["v_length"] / 2),
+            "y": -FOOT * rows["Local_X"],
+            "heading": 0.0,
+            "speed": FOOT * rows["v_Vel"],
+            "length": FOOT * rows["v_length"],
+            "width": FOOT * rows["v_Width"],
+            "class": rows["v_Class"].map(_CLASSES).fillna("car"),
+            "lane": MAIN_LANES - rows["Lane_ID"].astype(np.int64),
+        }
+    )
+    right = table.loc[table["lane"] == table["lane"].clip(lower=0).min(), "y"]
+    table["y"] -= right.median()
+    reused = int(again.sum())
+    notes = [
+        f"Lane {MAIN_LANES} of {path.name} is the right lane (lane 0); lanes beyond it are auxiliary lanes and ramps."
+    ]
+    if reused:
+        notes.append(f"{reused} times {path.name} uses a vehicle id again; each use is a vehicle of its own.")
+    return Found(table, notes=tuple(notes))
+
+
+def _begins_with_letters(path: Path) -> bool:
+    with path.open("rb") as file:
+        first = file.readline().lstrip()
+    return first[:1].isalpha() or first[:1] in (b'"', b"\xef")

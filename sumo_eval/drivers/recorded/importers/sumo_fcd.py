@@ -1,0 +1,99 @@
+"""SUMO's floating car data (--fcd-output), XML and CSV.
+
+Traps: x, y is the centre of the FRONT bumper; angles are degrees clockwise from north. The output knows no bodies: they
+are SUMO's default passenger car's unless the caller says otherwise.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from lxml import etree
+
+from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.errors import InputError
+
+LENGTH, WIDTH = 5.0, 1.8  # m, SUMO's default passenger car
+BODIES = {"truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "motorcycle": (2.2, 0.9)}  # SUMO's defaults
+_NEEDED = ("x", "y", "angle", "speed")
+
+
+def read(path: Path) -> list[Found]:
+    """The recording of an .xml or .csv file, or of every one in a folder."""
+    return [_read_one(file) for file in files_in(path, "*.[xc][ms][lv]")]
+
+
+def _read_one(path: Path) -> Found:
+    rows = _from_xml(path) if path.suffix == ".xml" else _from_csv(path)
+    known = rows["type"].astype(str).str.lower() if "type" in rows else pd.Series("car", index=rows.index)
+    bodies = np.array([BODIES.get(kind, (LENGTH, WIDTH)) for kind in known])
+    heading = np.radians(90.0 - rows["angle"])
+    table = pd.DataFrame(
+        {
+            "recording": path.stem,
+            "vehicle": rows["id"].astype(str),
+            "t": rows["time"],
+            "x": rows["x"] - bodies[:, 0] / 2 * np.cos(heading),
+            "y": rows["y"] - bodies[:, 0] / 2 * np.sin(heading),
+            "heading": heading,
+            "speed": rows["speed"],
+            "length": bodies[:, 0],
+            "width": bodies[:, 1],
+            "class": known.where(known.isin([*BODIES, "car", "van"]), "car"),
+        }
+    )
+    if "acceleration" in rows:
+        table["acceleration"] = rows["acceleration"]
+    if "posLat" in rows:
+        table["offset"] = pd.to_numeric(rows["posLat"], errors="coerce").fillna(0.0)
+    note = (
+        f"{path.name} has no vehicle bodies: SUMO's default sizes are assumed ({LENGTH:g} m x {WIDTH:g} m for a car)."
+    )
+    return Found(table, planar=True, notes=(note,))
+
+
+def _from_csv(path: Path) -> pd.DataFrame:
+    rows = read_table(path, ("timestep_time", "vehicle_id", *(f"vehicle_{name}" for name in _NEEDED)), sep=";")
+    rows = rows[rows["vehicle_id"].notna()]  # a step without vehicles is a row without one
+    rows = rows.rename(columns={"timestep_time": "time"}).rename(columns=lambda name: name.removeprefix("vehicle_"))
+    checked_numbers(rows, [name for name in ("time", *_NEEDED, "acceleration") if name in rows], path)
+    return rows
+
+
+def _from_xml(path: Path) -> pd.DataFrame:
+    rows: list[dict[str, Any]] = []
+    try:
+        for _, step in etree.iterparse(
+            str(path), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True
+        ):
+            if step.tag == "timestep":
+                for vehicle in step.iterchildren("vehicle"):
+                    rows.append({**vehicle.attrib, "time": step.get("time"), "row": vehicle.sourceline})
+                step.clear()
+            elif not rows:
+                break
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"{path} is not well-formed XML: {str(error.msg).rstrip('.')}.") from error
+    if not rows:
+        raise InputError(f"{path} must be SUMO's FCD output with at least one vehicle (<fcd-export>), got none.")
+    table = pd.DataFrame(rows)
+    for name in ("id", "time", *_NEEDED):
+        missing = table.index[table[name].isna()] if name in table else table.index
+        if len(missing):
+            raise InputError(
+                f"The vehicle in row {table['row'].iloc[missing[0]]} of {path} must have `{name}`, got none."
+            )
+    for name in [name for name in ("time", *_NEEDED, "acceleration") if name in table]:
+        numbers = pd.to_numeric(table[name], errors="coerce")
+        if numbers.isna().any():
+            worst = int(np.flatnonzero(numbers.isna())[0])
+            row, got = table["row"].iloc[worst], table[name].iloc[worst]
+            raise InputError(f"`{name}` in row {row} of {path} must be a number, got {got!r}.")
+        table[name] = numbers.to_numpy(dtype=np.float64)
+    return table

@@ -1,0 +1,191 @@
+"""The canonical table of recorded driving: one row a vehicle and instant, SI units, vehicle centres, road coordinates.
+
+| column | meaning |
+|---|---|
+| recording | a stretch of road with one direction of travel and one clock |
+| vehicle | one vehicle's uninterrupted track in it |
+| driver | who drove, where that is known; empty: every vehicle is a driver of its own |
+| t | s, every 0.1 s |
+| x, y | m, the centre of the vehicle; x along the road, y to the left, y = 0 on the right lane's centre line |
+| heading | rad, 0 along the road, counter-clockwise positive |
+| speed, acceleration | m/s; m/s2 along the heading |
+| length, width | m, the body |
+| class | car, van, truck, bus, motorcycle, bicycle, pedestrian or what the source says |
+| lane | 0 is the right lane, 1 the next to the left; negative: ramps and auxiliary lanes to the right |
+| steering | steering wheel angle, rad; empty: not known |
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.errors import InputError
+from sumo_eval.text import cells, from_cell
+from sumo_eval.trajectory import FloatArray, Trajectory
+
+COLUMNS = (
+    "recording", "vehicle", "driver", "t", "x", "y", "heading", "speed", "acceleration", "length", "width", "class",
+    "lane", "steering",
+)  # fmt: skip
+NUMBERS = ("t", "x", "y", "heading", "speed", "acceleration", "length", "width", "lane")
+INTERVAL = 0.1  # s between samples
+LONGEST_HOLE = 0.5  # s; a track with a longer hole is two tracks
+MOTOR_CLASSES = frozenset({"car", "van", "truck", "bus", "motorcycle", "truck_bus", "trailer"})
+
+_DECIMALS = {
+    "t": 3,
+    "x": 3,
+    "y": 3,
+    "heading": 5,
+    "speed": 3,
+    "acceleration": 3,
+    "length": 3,
+    "width": 3,
+    "steering": 5,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recordings:
+    """A canonical table, sorted by recording, vehicle and t, and whole sentences on what was left out or assumed."""
+
+    table: pd.DataFrame
+    notes: tuple[str, ...] = ()
+
+    @property
+    def vehicles(self) -> int:
+        """Number of tracks."""
+        return int(self.table[["recording", "vehicle"]].drop_duplicates().shape[0])
+
+
+def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
+    """A table of samples at any rate as a canonical one: one clock of 0.1 s, holes split, columns complete, sorted.
+
+    table: `recording`, `vehicle`, `t`, `x`, `y`, `heading`, `speed`, `length`, `width`, `class`, `lane`;
+    `acceleration`, `driver` and `steering` may be missing.
+    """
+    rows = table.copy()
+    for name, value in (("driver", ""), ("steering", np.nan), ("acceleration", np.nan)):
+        if name not in rows:
+            rows[name] = value
+    rows["recording"], rows["vehicle"] = rows["recording"].astype(str), rows["vehicle"].astype(str)
+    rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
+    double = rows.duplicated(["recording", "vehicle", "t"])
+    parts, holes = [], 0
+    for (_, _), track in rows[~double].groupby(["recording", "vehicle"], sort=False):
+        pieces = np.split(np.arange(len(track)), np.flatnonzero(np.diff(track["t"].to_numpy()) > LONGEST_HOLE) + 1)
+        holes += len(pieces) - 1
+        for number, piece in enumerate(pieces):
+            even = _on_the_clock(track.iloc[piece])
+            if number and even is not None:
+                even["vehicle"] = even["vehicle"] + f"#{number + 1}"
+            if even is not None:
+                parts.append(even)
+    said = list(notes)
+    if holes:
+        said.append(
+            f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its own."
+        )
+    if double.any():
+        said.append(f"{int(double.sum())} samples with a time that their vehicle already had were left out.")
+    if not parts:
+        raise InputError("The recording must hold at least one vehicle with two samples, got none.")
+    return Recordings(pd.concat(parts, ignore_index=True)[list(COLUMNS)], tuple(said))
+
+
+def _on_the_clock(track: pd.DataFrame) -> pd.DataFrame | None:
+    """A hole-free track at whole tenths of a second; None for one that spans fewer than two of them."""
+    time = track["t"].to_numpy(dtype=np.float64)
+    first, last = np.ceil(time[0] / INTERVAL - 1e-6), np.floor(time[-1] / INTERVAL + 1e-6)
+    if last - first < 1:
+        return None
+    clock = np.round(np.arange(first, last + 1) * INTERVAL, 3)
+    even = pd.DataFrame({"t": clock})
+    for name in ("x", "y", "speed"):
+        even[name] = np.interp(clock, time, track[name].to_numpy(dtype=np.float64))
+    even["heading"] = np.interp(clock, time, np.unwrap(track["heading"].to_numpy(dtype=np.float64)))
+    nearest = np.clip(np.searchsorted(time, clock - INTERVAL / 2), 0, len(time) - 1)
+    even["lane"] = track["lane"].to_numpy()[nearest].astype(np.int64)
+    given = track["acceleration"].to_numpy(dtype=np.float64)
+    if np.isfinite(given).all():
+        even["acceleration"] = np.interp(clock, time, given)
+    else:
+        even["acceleration"] = np.gradient(smooth(even["speed"].to_numpy(), 11), INTERVAL)
+    steering = track["steering"].to_numpy(dtype=np.float64)
+    even["steering"] = np.interp(clock, time, steering) if np.isfinite(steering).all() else np.nan
+    for name in ("recording", "vehicle", "driver", "class"):
+        even[name] = track[name].iloc[0]
+    for name in ("length", "width"):
+        even[name] = float(np.median(track[name]))
+    return even
+
+
+def smooth(values: FloatArray, window: int) -> FloatArray:
+    """Values (n,) with second-order polynomials fitted over `window` samples; shorter ones are left as they are."""
+    from scipy.signal import savgol_filter
+
+    if values.size <= window:
+        return values
+    smoothed: FloatArray = savgol_filter(values, window, 2)
+    return smoothed
+
+
+def write_csv(recordings: Recordings, path: Path) -> None:
+    """Write a canonical table as CSV (or .csv.gz); the file appears whole or not at all."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, partial = tempfile.mkstemp(suffix="".join(path.suffixes), dir=path.parent)
+        os.close(handle)
+        try:
+            cells(recordings.table.round(_DECIMALS)).to_csv(partial, index=False)
+            os.replace(partial, path)
+        finally:
+            Path(partial).unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"The recordings cannot be written to {path}: {error}.") from error
+
+
+def read_csv(path: Path) -> Recordings:
+    """A canonical table from CSV (or .csv.gz). `driver`, `heading`, `acceleration`, `class`, `lane` and `steering` may
+    be missing: no driver is named, headings and accelerations follow from the motion, all are cars, lanes follow from
+    y.
+    """
+    table = read_table(path, ("recording", "vehicle", "t", "x", "y", "length", "width"))
+    checked_numbers(table, [name for name in NUMBERS if name in table], path)
+    table = table.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
+    for name, value in (("class", "car"), ("driver", "")):
+        table[name] = table[name].astype(object).where(table[name].notna(), value) if name in table else value
+    if "steering" not in table:
+        table["steering"] = np.nan
+    missing = [name for name in ("heading", "speed", "acceleration") if name not in table]
+    if missing:
+        for _, track in table.groupby(["recording", "vehicle"], sort=False):
+            motion = Trajectory(track["t"], track["x"], track["y"])
+            for name in missing:
+                table.loc[track.index, name] = getattr(motion, name)
+    if "lane" not in table:
+        table["lane"] = np.round(table["y"] / STANDARD_LANE).astype(np.int64)
+    for name in ("recording", "vehicle", "driver", "class"):
+        table[name] = table[name].astype(str).map(from_cell)
+    table["lane"] = table["lane"].round().astype(np.int64)
+    return Recordings(table[list(COLUMNS)]) if _is_canonical(table) else canonical(table)
+
+
+def _is_canonical(table: pd.DataFrame) -> bool:
+    """Whether every track already runs on the clock, without holes."""
+    time = table["t"].to_numpy()
+    frame = np.round(time / INTERVAL)
+    same = (table["vehicle"] == table["vehicle"].shift()) & (table["recording"] == table["recording"].shift())
+    steady = np.diff(frame, prepend=frame[0]) == 1
+    return bool(np.all(np.abs(time - frame * INTERVAL) < 1e-6) and np.all(steady[same.to_numpy()]))
+
+
+STANDARD_LANE = 3.5  # m, where a table says nothing of lanes

@@ -1,0 +1,195 @@
+"""The human reference from recordings: what people did in events like a concrete scenario, aligned to its start."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.drivers.recorded.matching import MATCHES, match_of, matching_events
+from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import DriverSettings
+from sumo_eval.trajectory import Trajectory
+
+NAMED_CASES = "cases.csv"  # in a folder of the user's own drives: which file was driven in which concrete scenario
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class People:
+    """Recorded driving, its events, and drives that the user recorded in named cases: what a reference is made from."""
+
+    recordings: Recordings | None
+    events: Events | None
+    named: pd.DataFrame | None = None
+    folder: Path = field(default_factory=Path)
+    tracks: Mapping[tuple[str, str], pd.DataFrame] = field(default_factory=dict)
+    centres: Mapping[tuple[str, int], float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """Drives in one concrete scenario. names: who, one a drive. near: events within the tolerance; short: of these, the
+    ones whose recording ends too early to be compared with; again: further events of drivers who are in it already.
+    """
+
+    drives: tuple[Trajectory, ...]
+    names: tuple[str, ...]
+    near: int = 0
+    short: int = 0
+    again: int = 0
+
+
+def open_people(settings: DriverSettings, source: Path) -> People:
+    """The recorded people that the settings name, paths relative to `source`. Raises InputError where there are
+    none.
+    """
+    if not settings.recordings and not settings.cases:
+        raise InputError("`drivers.recordings` or `drivers.cases` must name what was recorded, got neither.")
+    paths = tuple((source / name).resolve() for name in settings.recordings)
+    people = _recorded(paths) if paths else People(None, None)
+    if not settings.cases:
+        return people
+    folder = (source / settings.cases).resolve()
+    named = read_table(folder / NAMED_CASES, ("scenario", "file"))
+    return People(people.recordings, people.events, named, folder, people.tracks, people.centres)
+
+
+@functools.lru_cache(maxsize=4)
+def _recorded(paths: tuple[Path, ...]) -> People:
+    """Recordings, their events and tracks; asked for by the reference and by the exposure, read once."""
+    parts = [read_csv(path) for path in paths]
+    table = pd.concat([part.table for part in parts], ignore_index=True)
+    recordings = Recordings(table, tuple(note for part in parts for note in part.notes))
+    tracks = {(str(a), str(b)): track for (a, b), track in table.groupby(["recording", "vehicle"], sort=False)}
+    return People(recordings, extract_events(recordings), tracks=tracks, centres=lane_centres(table))
+
+
+def reference(concrete: ConcreteScenario, people: People, settings: DriverSettings) -> Reference:
+    """Everybody who was recorded in a concrete scenario: named drives as they are, else events like it, nearest first.
+
+    An event counts when each parameter is within its tolerance, and when its recording covers `settings.coverage` of
+    the road or ends in standstill. A driver counts once. Positions begin at the ego's start; lateral ones are
+    stretched from the recorded lanes' width to the scenario's.
+    """
+    named = _named_drives(concrete, people)
+    if named is not None:
+        return named
+    if people.events is None or concrete.scenario not in MATCHES:
+        return Reference((), ())
+    events = matching_events(people.events, concrete.scenario)
+    tolerance = dict(match_of(concrete.scenario).tolerance)
+    for name, value in (settings.tolerance or {}).items():
+        if name in tolerance:
+            tolerance[name] = value
+    off = np.column_stack([(events[name] - concrete.values[name]).abs() / within for name, within in tolerance.items()])
+    near = np.flatnonzero(np.all(off <= 1.0, axis=1))
+    near = near[np.argsort(np.linalg.norm(off[near], axis=1), kind="stable")]
+    drives: dict[str, Trajectory] = {}
+    short = again = 0
+    for event in events.iloc[near].itertuples():
+        track = people.tracks[(str(event.recording), str(event.ego))]
+        who = str(track["driver"].iloc[0] or "") or f"{event.recording}/{event.ego}"
+        drive = _aligned(track, float(event.start), concrete, people)  # type: ignore[arg-type]
+        if who in drives:
+            again += 1
+        elif _covers(drive, concrete, settings.coverage):
+            drives[who] = drive
+        else:
+            short += 1
+    return Reference(tuple(drives.values()), tuple(drives), len(near), short, again)
+
+
+def _aligned(track: pd.DataFrame, start: float, concrete: ConcreteScenario, people: People) -> Trajectory:
+    """A track from `start` s on, moved to where the ego starts, up to its first sample past the road's end."""
+    rows = track[track["t"] >= start - 1e-6]
+    x = rows["x"].to_numpy() - rows["x"].iloc[0] + concrete.ego.x
+    last = np.flatnonzero(x >= concrete.road.length)
+    keep = slice(0, int(last[0]) + 1 if last.size else len(x))
+    recording, lane = str(rows["recording"].iloc[0]), int(rows["lane"].iloc[0])
+    centre = people.centres.get((recording, lane), 0.0)
+    stretch = concrete.road.lane_width / _lane_width(people.centres, recording, concrete.road.lane_width)
+    y = concrete.ego.y + stretch * (rows["y"].to_numpy() - centre)
+    steering = rows["steering"].to_numpy(dtype=np.float64)
+    return Trajectory(
+        (rows["t"].to_numpy() - rows["t"].iloc[0])[keep],
+        x[keep],
+        y[keep],
+        heading=rows["heading"].to_numpy()[keep],
+        speed=rows["speed"].to_numpy()[keep],
+        acceleration=rows["acceleration"].to_numpy()[keep],
+        steering_wheel_angle=steering[keep],
+        length=float(rows["length"].iloc[0]),
+        width=float(rows["width"].iloc[0]),
+    )
+
+
+def _lane_width(centres: Mapping[tuple[str, int], float], recording: str, default: float) -> float:
+    """Distance between the right lane and its neighbour in a recording, m."""
+    right, left = centres.get((recording, 0)), centres.get((recording, 1))
+    return default if right is None or left is None or left - right < 1.0 else left - right
+
+
+def _covers(drive: Trajectory, concrete: ConcreteScenario, coverage: float) -> bool:
+    road = concrete.road.length - concrete.ego.x
+    return len(drive) > 1 and bool(drive.speed[-1] < 0.1 or drive.x.max() - concrete.ego.x >= coverage * road)
+
+
+def _named_drives(concrete: ConcreteScenario, people: People) -> Reference | None:
+    """The drives that were recorded in just this concrete scenario; None where the user names none."""
+    if people.named is None:
+        return None
+    rows = people.named[people.named["scenario"] == concrete.scenario]
+    for name in concrete.values:
+        if not rows.empty and name not in rows:
+            raise unknown(f"parameter column of {people.folder / NAMED_CASES}", name, [str(c) for c in rows.columns])
+    here = [
+        str(row["file"])
+        for _, row in rows.iterrows()
+        if all(abs(float(row[name]) - value) < 1e-6 for name, value in concrete.values.items())
+    ]
+    if not here:
+        return None
+    drives: list[Trajectory] = []
+    names: list[str] = []
+    for file in here:
+        for who, drive in _drives_in(people.folder / file):
+            drives.append(drive)
+            names.append(who)
+    return Reference(tuple(drives), tuple(names), len(drives))
+
+
+def _drives_in(path: Path) -> Sequence[tuple[str, Trajectory]]:
+    """The drives of a file with columns t, x, y (road coordinates of the scenario) and what else is known, by
+    driver.
+    """
+    table = read_table(path, ("t", "x", "y"))
+    channels = [name for name in ("heading", "speed", "acceleration") if name in table]
+    checked_numbers(table, ["t", "x", "y", *channels], path)
+    if "driver" not in table:
+        table["driver"] = path.stem
+    drives = []
+    for who, rows in table.groupby("driver", sort=False):
+        wheel = pd.to_numeric(rows["steering"], errors="coerce") if "steering" in rows else None
+        known = {name: rows[name] for name in channels}
+        try:
+            drive = Trajectory(
+                rows["t"],
+                rows["x"],
+                rows["y"],
+                heading=known.get("heading"),
+                speed=known.get("speed"),
+                acceleration=known.get("acceleration"),
+                steering_wheel_angle=wheel,
+            )
+        except InputError as error:
+            raise InputError(f"Driver `{who}` in {path}: {error}") from error
+        drives.append((str(who), drive))
+    return drives

@@ -1,0 +1,1 @@
+"""Skilled synthetic drivers: a population, and each of them at the wheel."""

@@ -1,0 +1,177 @@
+"""A population of skilled drivers, drawn from distributions fitted to recorded motorway driving.
+
+Numbers: `population_summary.json` of the project's fits (2026), from the DLR Highway Traffic dataset v1.1.0 (motorway
+near Braunschweig, 2024-10-07, 445 vehicles, 11.4 vehicle hours); the reaction time is the literature value given below.
+The IDM parameters come from the same recording (233 followers), because it is the only free-flowing motorway among the
+five sources: NGSIM I-80 is stop-and-go at 6 m/s, and OpenACC is a test track behind a leader with ACC.
+
+Every distribution is cut off at bounds, so that ten skilled drivers hold no freak; a value outside is drawn again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sumo_eval.ads.car_following import IdmParameters
+from sumo_eval.ads.lane_change import share_of_duration
+from sumo_eval.errors import must_be
+from sumo_eval.settings import PopulationSettings
+from sumo_eval.settings.random_streams import random_stream
+
+
+class LogNormal(NamedTuple):
+    """ln(value) ~ N(mu, sigma), kept within low..high."""
+
+    mu: float
+    sigma: float
+    low: float
+    high: float
+
+
+IDM_FIT = {
+    "headway": LogNormal(-0.139, 0.54, 0.4, 2.5),  # T, s
+    "standstill_gap": LogNormal(0.64, 0.112, 1.4, 2.7),  # s0, m
+    "acceleration": LogNormal(0.173, 0.435, 0.5, 3.0),  # a, m/s2
+    "deceleration": LogNormal(0.809, 0.511, 0.8, 5.0),  # b, m/s2
+}
+IDM_CORRELATION = (
+    (1.0, 0.81, -0.15, -0.28),
+    (0.81, 1.0, -0.08, -0.1),
+    (-0.15, -0.08, 1.0, 0.07),
+    (-0.28, -0.1, 0.07, 1.0),
+)  # of the logarithms, in the order of IDM_FIT
+
+FREE_SPEED_MEAN = 33.79  # m/s, 190 cars
+FREE_SPEED_DEVIATION = 6.5  # m/s
+FREE_SPEED_BOUNDS = 20.8, 46.8  # m/s, two deviations
+
+SPEED_SPREAD = 0.087
+"""Deviation between drivers of (speed at the end / speed at the start) of an approach that ends in overtaking; its mean
+is 0.994 (77 cars and vans that came up to a slower leader in the right lane, DLR Highway Traffic)."""
+
+REACTION = LogNormal(math.log(1.2), 0.35, 0.6, 1.8)
+"""Perception-reaction time in unexpected hazards, s. The upper bound (88 % of the distribution) stands for skill."""
+
+ALERTED_SHARE = 0.56
+"""Reaction time of a driver who is alerted over that of one who is not: 0.7 s over 1.25 s (Green 2000)."""
+
+LANE_OFFSET_DEVIATION = 0.19  # m, between drivers, of the mean position in the lane
+LANE_OFFSET_BOUND = 0.45  # m
+
+AS_RECORDED = PopulationSettings()
+"""As the recorded drivers: 77.1 % of those who come up to a slower leader in the right lane overtake it."""
+
+ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which the lane change begins
+ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which it begins
+LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """One driver's own parameters.
+
+    idm: his car following. free_speed: m/s, alone on the motorway. reaction_time: s, when nothing has warned him.
+    lane_offset: m to the left of the lane's centre on average. overtakes: whether he passes a slower leader or follows
+    it. onset_headway, onset_ttc: s, at which he begins to pass. lane_change_10_90: s, from 10 % to 90 % of a lane
+    change without hurry.
+    """
+
+    index: int
+    idm: IdmParameters
+    free_speed: float
+    reaction_time: float
+    lane_offset: float
+    overtakes: bool
+    onset_headway: float
+    onset_ttc: float
+    lane_change_10_90: float
+
+    @property
+    def lane_change_duration(self) -> float:
+        """Whole duration of his smooth step, s: its 10-90 % part is 0.506 of it."""
+        return self.lane_change_10_90 / (1.0 - 2.0 * share_of_duration(0.1))
+
+    @property
+    def alerted_reaction_time(self) -> float:
+        """Reaction time once something ahead has called for attention, s."""
+        return ALERTED_SHARE * self.reaction_time
+
+    @property
+    def gain(self) -> float:
+        """The speed at which he settles over the one at which a case begins: faster drivers gain, slower ones lose."""
+        return 1.0 + SPEED_SPREAD * (self.free_speed - FREE_SPEED_MEAN) / FREE_SPEED_DEVIATION
+
+    def desired_speed(self, speed: float) -> float:
+        """The speed at which he settles when a case begins at `speed`, m/s."""
+        return speed * self.gain
+
+
+def draw_population(count: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> tuple[Driver, ...]:
+    """The first `count` drivers of the population `seed`: a larger population begins with the same drivers."""
+    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        raise must_be("`count`", "a population of drivers", "a whole number of at least 1", count)
+    return tuple(draw_driver(index, seed, settings) for index in range(count))
+
+
+def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDED) -> Driver:
+    """Driver number `index` (from 0) of the population `seed`. A setting changes what it names and nothing else."""
+    if isinstance(index, bool) or not isinstance(index, int) or index < 0:
+        raise must_be("`index`", "a driver", "a whole number of at least 0", index)
+    stream = random_stream(seed, "population", index)
+    return Driver(
+        index=index,
+        idm=_with_headway(_draw_idm(stream), settings.headway_scale),
+        free_speed=_draw_normal(stream, FREE_SPEED_MEAN, FREE_SPEED_DEVIATION, *FREE_SPEED_BOUNDS),
+        reaction_time=settings.reaction_scale * _draw(stream, REACTION),
+        lane_offset=_draw_normal(stream, 0.0, LANE_OFFSET_DEVIATION, -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND),
+        overtakes=_overtakes(index, seed, settings.overtake_share),
+        onset_headway=_draw(stream, ONSET_HEADWAY),
+        onset_ttc=_draw(stream, ONSET_TTC),
+        lane_change_10_90=settings.lane_change_scale * _draw(stream, LANE_CHANGE_10_90),
+    )
+
+
+def _overtakes(index: int, seed: int, share: float) -> bool:
+    """Whether a driver is one of those who overtake, drawn by systematic sampling.
+
+    Over the seeds every driver is with the recorded share; within a population any n drivers in a row hold that share
+    rounded down or up: ten have two followers or three. Drawn one by one, every third population of ten would have
+    none, one, five or more, and what counts as human would turn over: a single follower among ten drivers lies 2.8
+    deviations from their mean line, beyond what D tolerates (2), and each of two followers 1.9.
+    """
+    phase = random_stream(seed, "inclination").uniform()
+    return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
+
+
+def _with_headway(idm: IdmParameters, scale: float) -> IdmParameters:
+    return replace(idm, headway=scale * idm.headway)
+
+
+def _draw_idm(stream: np.random.Generator) -> IdmParameters:
+    factor = np.linalg.cholesky(np.array(IDM_CORRELATION))
+    while True:
+        deviates = (factor @ stream.standard_normal(len(IDM_FIT))).tolist()
+        values = {
+            name: math.exp(fit.mu + fit.sigma * deviate)
+            for (name, fit), deviate in zip(IDM_FIT.items(), deviates, strict=True)
+        }
+        if all(fit.low <= values[name] <= fit.high for name, fit in IDM_FIT.items()):
+            return IdmParameters(**values)
+
+
+def _draw(stream: np.random.Generator, fit: LogNormal) -> float:
+    while True:
+        value = math.exp(float(stream.normal(fit.mu, fit.sigma)))
+        if fit.low <= value <= fit.high:
+            return value
+
+
+def _draw_normal(stream: np.random.Generator, mean: float, deviation: float, low: float, high: float) -> float:
+    while True:
+        value = float(stream.normal(mean, deviation))
+        if low <= value <= high:
+            return value

@@ -1,0 +1,265 @@
+"""One night: evaluate, compare with the last good night, write what people and machines read, add a line of history.
+
+DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has its line, which is
+written last and in one transaction, so nothing half done is ever compared. The history also notes which nights began:
+the folder of one that began and has no line is what a killed night left, and the next start removes it and says so.
+Only what the history knows to be a night of its own is ever removed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from sumo_eval.errors import InputError, said
+from sumo_eval.evaluation import evaluate, score
+from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
+from sumo_eval.nightly.trend import write_trend
+from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.report.assessed import write_assessed_report
+from sumo_eval.report.comparability import differences
+from sumo_eval.report.comparison import Comparison, compare
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gates import GateResult, failed, judge
+from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, write_junit
+from sumo_eval.report.sections import Beside
+from sumo_eval.report.tables import write_tables
+from sumo_eval.report.terminal import verdict_of
+from sumo_eval.results import Evaluation
+from sumo_eval.settings.config import read_evaluation
+
+NIGHTS = "nights"
+IMPORTED = -1  # exit status of a night that no gate judged
+LOCK = "lock"
+SPARE = 1.5  # a night may need so much more room than the last one did
+FIRST_NIGHT_ROOM = 200_000_000  # bytes; what a first night may need is not known
+
+
+@dataclass(frozen=True, slots=True)
+class NightResult:
+    """What became of a night. notes: sentences on what was cleared away, not compared, or left out."""
+
+    night: Night
+    evaluation: Evaluation
+    comparison: Comparison | None
+    gates: tuple[GateResult, ...]
+    notes: tuple[str, ...]
+    report: Path
+    trend: Path
+
+
+def run_night(
+    evaluation: Path,
+    history: Path,
+    gate: GateSettings,
+    *,
+    keep: int = 14,
+    workers: int | None = None,
+    exit_statuses: tuple[int, int, int] = (0, 1, 3),
+    progress: Progress = quiet,
+) -> NightResult:
+    """Run a night. keep: newest nights whose folders stay. exit_statuses: good, a gate failed, cases not evaluated."""
+    read_evaluation(evaluation)  # a mistake in the file is said before anything is locked, removed or simulated
+    _refuse_without_history(history)
+    with _only_one(history), open_history(history, create=True) as lines:
+        taken = {night.night for night in lines.nights()} | {path.name for path in (history / NIGHTS).glob("*")}
+        taken |= lines.stopped()
+        notes = _clear_away(history, lines)
+        _room(history, lines)
+        began, clock = datetime.now(UTC), time.monotonic()
+        name = next(name for name in _names(began) if name not in taken)
+        folder = history / NIGHTS / name
+        lines.begin(name)
+        try:
+            done = evaluate(evaluation, folder, workers=workers, progress=progress)
+            base, why = _last_good(history, lines, done)
+            notes += why
+            comparison = None if base is None else compare(base[1], done, gate)
+            gates = judge(done, comparison, gate)
+            write_tables(done)
+            write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
+            report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
+        except (OSError, sqlite3.Error) as error:
+            shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
+            raise InputError(
+                f"The night could not be finished: {said(error)}. Earlier nights are as they were."
+            ) from error
+        good, gate_failed, not_evaluated = exit_statuses
+        strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
+        line = Night(
+            night=name,
+            evaluation=done.name,
+            folder=f"{NIGHTS}/{name}",
+            wall_time=time.monotonic() - clock,
+            exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
+            base=None if base is None else base[0].night,
+            verdict=verdict_of(comparison, gates),
+            sumo_eval=_version(done, "sumo_eval"),
+            libsumo=_version(done, "libsumo"),
+            imported=False,
+        )
+        lines.add(line, done, gates)
+        notes += _prune(history, lines, keep)
+        return NightResult(line, done, comparison, gates, tuple(notes), report, write_trend(history, lines))
+
+
+def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
+    """Add finished runs to a history as nights of the time they were recorded. None is a base: no gate judged them."""
+    added = []
+    with _only_one(history), open_history(history, create=True) as lines:
+        for run in runs:
+            done = score(run, progress=progress)
+            created = datetime.fromisoformat(str(done.manifest["created"])).astimezone(UTC)
+            night = Night(
+                night=_name(created),
+                evaluation=done.name,
+                folder=str(run.resolve()),
+                wall_time=None,
+                exit_status=IMPORTED,
+                base=None,
+                verdict="Imported; no gate judged it.",
+                sumo_eval=_version(done, "sumo_eval"),
+                libsumo=_version(done, "libsumo"),
+                imported=True,
+            )
+            lines.add(night, done, ())
+            added.append(night)
+    return added
+
+
+@contextmanager
+def _only_one(history: Path) -> Iterator[None]:
+    """Hold the history's lock, which the operating system frees when the process ends, however it ends."""
+    try:
+        history.mkdir(parents=True, exist_ok=True)
+        lock = (history / LOCK).open("a+", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The history folder {history} cannot be written: {error}.") from error
+    with lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.seek(0)
+            raise InputError(
+                f"Another night is running in {history} ({lock.read().strip() or 'starting'}); this one was not begun."
+            ) from None
+        lock.truncate(0)
+        lock.write(f"process {os.getpid()} since {datetime.now(UTC).isoformat(timespec='seconds')}\n")
+        lock.flush()
+        yield
+
+
+def _refuse_without_history(history: Path) -> None:
+    """A history that got lost is not begun anew beside its nights: each of them would look like nobody's."""
+    nights = sorted((history / NIGHTS).glob("*"))
+    if nights and not is_begun(history):
+        count = f"{len(nights)} night{'s' if len(nights) > 1 else ''}"
+        raise InputError(
+            f"The night was not begun: {history / NIGHTS} holds {count} and {history / HISTORY} is missing or empty. "
+            "Put a copy of it back, begin in another folder, or make a new one of these nights: "
+            f"sumo-eval trend {history} --import {nights[-1]}. Nothing was removed."
+        )
+
+
+def _clear_away(history: Path, lines: History) -> list[str]:
+    """Remove what killed nights left. Their cases are not used: nobody knows what stopped them.
+
+    A folder that the history does not know, as a night or as one that began, stays, and is named.
+    """
+    known = {(history / night.folder).resolve() for night in lines.nights()}
+    stopped = lines.stopped()
+    notes = []
+    for path in sorted((history / NIGHTS).glob("*")):
+        if path.resolve() in known:
+            continue
+        if path.name not in stopped:
+            notes.append(f"{path} is not in the history; it was left as it is.")
+        elif _removed(path):
+            notes.append(f"Night {path.name} was stopped before its end; its unfinished folder was removed.")
+        else:
+            notes.append(f"Night {path.name} was stopped before its end; its folder could not be removed.")
+    return notes
+
+
+def _removed(folder: Path) -> bool:
+    """Remove a folder, not what a link of its name points to. Whether that could be done."""
+    try:
+        shutil.rmtree(folder)
+    except OSError:
+        return False
+    return True
+
+
+def _names(moment: datetime) -> Iterator[str]:
+    """The name of a night that begins at a moment, then those of the seconds after, for nights that take less."""
+    return (_name(moment + timedelta(seconds=later)) for later in itertools.count())
+
+
+def _name(moment: datetime) -> str:
+    return moment.strftime("%Y-%m-%dT%H-%M-%SZ")
+
+
+def _version(evaluation: Evaluation, package: str) -> str:
+    return str(evaluation.manifest.get("versions", {}).get(package, "not known"))
+
+
+def _room(history: Path, lines: History) -> None:
+    """Refuse to begin what would fill the disk."""
+    finished = [history / night.folder for night in lines.nights() if not night.imported]
+    last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
+    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * sum(p.stat().st_size for p in last.rglob("*")))
+    free = shutil.disk_usage(history).free
+    if free < needed:
+        raise InputError(
+            f"The night was not begun: it may need {needed / 1e6:.0f} MB in {history}; {free / 1e6:.0f} MB are free."
+        )
+
+
+def _last_good(history: Path, lines: History, done: Evaluation) -> tuple[tuple[Night, Evaluation] | None, list[str]]:
+    """The newest good night that only the ADS differs from, and a sentence where that is not the newest of all."""
+    notes = []
+    good = [night for night in reversed(lines.nights()) if night.good and (history / night.folder).is_dir()]
+    for night in good:
+        try:
+            before = score(history / night.folder)
+        except InputError as error:
+            notes.append(f"Night {night.night} cannot be compared with: {error}")
+            continue
+        deciding = [item.words for item in differences(before, done) if item.decides]
+        if not deciding:
+            return (night, before), notes
+        notes.append(f"Night {night.night} was not compared with, because not only the ADS differs: {deciding[0]}" + (
+            f" and {len(deciding) - 1} more." if len(deciding) > 1 else "."
+        ))  # fmt: skip
+    notes.append("There is no earlier good night to compare with; only limits on values were judged.")
+    return None, notes
+
+
+def _prune(history: Path, lines: History, keep: int) -> list[str]:
+    """Remove folders of old nights: the newest `keep` stay, and the newest good one whatever its age."""
+    nights = [night for night in lines.nights() if not night.imported]
+    kept = {night.night for night in nights[-keep:]}
+    kept |= {night.night for night in [night for night in nights if night.good][-1:]}
+    old = [night for night in nights if night.night not in kept and (history / night.folder).is_dir()]
+    own = [night for night in old if _is_own(history, night)]
+    removed = [night for night in own if _removed(history / night.folder)]
+    notes = [f"{history / n.folder} is no folder of night {n.night}; it was left." for n in old if n not in own]
+    notes += [f"The folder of night {n.night} could not be removed." for n in own if n not in removed]
+    if removed:
+        notes.append(f"The folders of {len(removed)} old nights were removed; their lines stay in the history.")
+    return notes
+
+
+def _is_own(history: Path, night: Night) -> bool:
+    """Whether a line names the folder that its night was run in: no other place is removed, whatever a line says."""
+    folder = history / NIGHTS / night.night
+    return night.folder == f"{NIGHTS}/{night.night}" and folder.parent == history / NIGHTS and not folder.is_symlink()

@@ -1,0 +1,193 @@
+"""The trend page: every quantity of every ADS over the nights, with the gates, as plain SVG in one offline file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.nightly.history import GateLine, History, Night, Value
+from sumo_eval.report.html import REPORT, asset, template
+
+TREND = "trend.html"
+CHARTS = (
+    ("collisions", "Collisions", "cases"),
+    ("avoidable_collisions", "Avoidable collisions", "cases"),
+    ("caused_collisions", "Collisions that the ADS caused", "cases"),
+    ("A", "Avoided share A", ""),
+    ("S+", "Score S+", "points"),
+    ("H", "Human-likeness H", ""),
+    ("regret", "Regret", "m/s"),
+    ("C", "Collision avoidance C of the paper", ""),
+    ("D", "Human-likeness D of the paper", ""),
+    ("S", "Score S of the paper", "points"),
+    ("collision_probability", "Collision probability", ""),
+    ("not_evaluated", "Not evaluated", "cases"),
+    ("run_time", "Run time of the cases", "s"),
+)
+COLOURS = ("#0072b2", "#b26a00", "#2f7d5b", "#8a3d74", "#57606a", "#c2185b")
+DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
+WIDTH, HEIGHT = 560, 210
+LEFT, RIGHT, TOP, BOTTOM = 56, 12, 12, 40
+MOST_LABELS = 3  # dates under a chart
+TICKS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One night on a chart, in the SVG's own units, and what a person reads when pointing at it."""
+
+    x: float
+    y: float
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One ADS on a chart. parts: the points between nights in which the quantity was not computed."""
+
+    ads: str
+    colour: str
+    dash: str
+    parts: tuple[tuple[Point, ...], ...]
+    last: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A gate of one night: a short stroke at the value at which it fails."""
+
+    x: float
+    y: float
+    half: float
+    colour: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """One quantity in one logical scenario."""
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+    gates: tuple[Gate, ...]
+    ticks: tuple[tuple[float, str], ...]
+    dates: tuple[tuple[float, str], ...]
+
+
+def write_trend(folder: Path, history: History) -> Path:
+    """Write `trend.html` beside the history and return its path."""
+    nights, values, gates = history.nights(), history.values(), history.gates()
+    scenarios = list(dict.fromkeys(value.scenario for value in values))
+    kept = {night.night for night in nights if not night.imported and (folder / night.folder / REPORT).is_file()}
+    page = template("trend.html.j2").render(
+        css=asset("report.css"),
+        nights=list(reversed(nights)),
+        dates={night.night: _date(night.night) for night in nights},
+        reports={night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights},
+        kept=kept,
+        groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
+        width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM,
+    )  # fmt: skip
+    path = folder / TREND
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The trend page {path} cannot be written: {error}.") from error
+    return path
+
+
+def charts(scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]) -> list[Chart]:
+    """The charts of one logical scenario; a quantity that was never computed has none."""
+    here = [value for value in values if value.scenario == scenario]
+    names = list(dict.fromkeys(value.ads for value in here))
+    found = []
+    for quantity, title, unit in CHARTS:
+        series = {(value.night, value.ads): value.value for value in here if value.quantity == quantity}
+        limits = [
+            gate for gate in gates
+            if (gate.scenario, gate.quantity) == (scenario, quantity) and gate.threshold is not None
+        ]  # fmt: skip
+        if any(value is not None for value in series.values()):
+            found.append(_chart(title, unit, names, nights, series, limits))
+    return found
+
+
+def _chart(
+    title: str,
+    unit: str,
+    names: Sequence[str],
+    nights: Sequence[Night],
+    series: dict[tuple[str, str], float | None],
+    limits: Sequence[GateLine],
+) -> Chart:
+    known = [value for value in series.values() if value is not None]
+    known += [gate.threshold for gate in limits if gate.threshold is not None]
+    ticks = _ticks(min(known), max(known), least=1.0 if unit == "cases" else 0.0)
+    step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
+    at = {night.night: LEFT + step * (place + 0.5) for place, night in enumerate(nights)}
+
+    def height(value: float) -> float:
+        share = (value - ticks[0]) / (ticks[-1] - ticks[0])
+        return round(HEIGHT - BOTTOM - share * (HEIGHT - TOP - BOTTOM), 2)
+
+    lines = []
+    for place, ads in enumerate(names):
+        parts: list[list[Point]] = [[]]
+        for night in nights:
+            value = series.get((night.night, ads))
+            if value is None:
+                parts.append([])
+            else:
+                words = f"{ads}, {_date(night.night)}: {value:.6g} {unit}".rstrip()
+                parts[-1].append(Point(round(at[night.night], 2), height(value), words))
+        latest = series.get((nights[-1].night, ads))
+        lines.append(
+            Line(
+                ads,
+                COLOURS[place % len(COLOURS)],
+                DASHES[place % len(DASHES)],
+                tuple(tuple(part) for part in parts if part),
+                "not computed" if latest is None else f"{latest:.4g}",
+            )
+        )
+    strokes = tuple(
+        Gate(
+            round(at[gate.night], 2), height(gate.threshold), round(0.42 * step, 2),
+            COLOURS[names.index(gate.ads) % len(COLOURS)],
+            f"gate of {gate.ads}, {_date(gate.night)}: {gate.threshold:.6g} {unit}".rstrip(),
+        )
+        for gate in limits
+        if gate.threshold is not None and gate.ads in names
+    )  # fmt: skip
+    every = math.ceil(len(nights) / MOST_LABELS)
+    days = [night.night[:10] for night in nights]
+    label = (lambda night: _date(night)[5:]) if len(set(days)) < len(days) else (lambda night: night[:10])
+    dates = tuple((round(at[night.night], 2), label(night.night)) for night in nights[::-1][::every])
+    return Chart(title, unit, tuple(lines), strokes, tuple((height(tick), f"{tick:g}") for tick in ticks), dates)
+
+
+def _ticks(low: float, high: float, least: float = 0.0) -> list[float]:
+    """Round numbers around a range, at least two of them, at least `least` apart."""
+    if max(abs(low), abs(high)) < 1e-9:  # nothing but zeros, and what rounding leaves of them
+        low, high = 0.0, 0.5
+    elif high - low < 1e-9 * max(1.0, abs(high)):
+        pad = 0.5 * abs(high)
+        low, high = low - pad, high + pad
+    rough = (high - low) / (TICKS - 1)
+    magnitude = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * magnitude for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * magnitude >= rough * 0.999)
+    step = max(step, least)
+    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    return [round(float(value), 12) for value in np.arange(first, last + 1) * step]
+
+
+def _date(night: str) -> str:
+    """`2026-11-21 06:30`."""
+    day, _, clock = night.partition("T")
+    return f"{day} {clock[:5].replace('-', ':')}"

@@ -1,0 +1,80 @@
+"""A case: one concrete scenario driven once by somebody, and what became of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sumo_eval.record.kept import KeptRecording
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
+from sumo_eval.text import clean, clean_log
+from sumo_eval.trajectory import Recording
+
+Role = Literal["ads", "ideal", "no_reaction", "human"]
+Status = Literal[
+    "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
+]
+
+ALONE = "Simulated alone: "
+"""How the log of a case begins that was to be simulated together with others; the reason is the rest of the line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run to do. `driver` is the ADS's name, the human's name, or that of the role; `controller` its locator.
+
+    `fingerprint` stands for everything that the outcome depends on; two cases with the same one have the same facts.
+    """
+
+    point: int
+    concrete: ConcreteScenario
+    role: Role
+    driver: str
+    controller: str
+    driver_index: int = 0
+    driver_count: int = 0
+    seed: int = 0
+    population: PopulationSettings = PopulationSettings()  # noqa: RUF009 - frozen
+    fingerprint: str = ""
+
+    @property
+    def key(self) -> str:
+        """`front_vehicle_cut_out-0042-idm`: scenario, number of the point, driver.
+
+        The references and the drivers carry a `~` before their name, so that no ADS can be called like one of them.
+        """
+        mark = "" if self.role == "ads" else "~"
+        return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a case. `recording` is missing when the process that ran it was lost.
+
+    `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
+    function of the user's code that an exception came from.
+    """
+
+    case: Case
+    status: Status
+    recording: Recording | KeptRecording | None
+    error: str | None = None
+    log: str = ""
+    error_place: str = ""
+
+    def __post_init__(self) -> None:
+        """Cleaned once more: what a process that runs users' code sends may be anything."""
+        object.__setattr__(self, "error", None if self.error is None else clean(self.error))
+        object.__setattr__(self, "log", clean_log(self.log))
+        object.__setattr__(self, "error_place", clean(self.error_place))
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What every case of a run shares. `folder`: where relative paths in locators start."""
+
+    simulation: SimulationSettings
+    run: RunSettings
+    folder: Path

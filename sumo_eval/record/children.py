@@ -1,0 +1,139 @@
+"""How child processes are made: warm ones with the simulator loaded, which cannot outlive the process that wants them.
+
+A child never runs the user's script again. One that only computes leads a process group of its own (a Ctrl-C at the
+terminal is not its business) and is killed by the kernel when its owner's end of the lifeline closes, whatever it is
+doing: a thread that watched could not run while C code holds the interpreter's lock. One that runs users' code has a
+supervisor, see `hygiene`.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.forkserver
+import multiprocessing.resource_tracker
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from multiprocessing.context import BaseContext
+from types import ModuleType
+from typing import Any, cast
+
+_KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
+_ordinary: Any = multiprocessing.get_context(_KIND)
+
+# Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
+_ENVIRONMENT = {"PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class Child(_ordinary.Process):  # type: ignore[misc]
+    """A child process.
+
+    Children normally import the script that started everything, so a script without `if __name__ == "__main__":` would
+    run the evaluation again in each of them. Nothing a child needs lives in that script, so it is kept out of sight.
+    """
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
+        with _script_out_of_sight(), _children_environment():
+            return _ordinary.Process._Popen(process_obj)
+
+    def start(self) -> None:
+        """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not the exit handlers."""
+        config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]
+        daemon = config.pop("daemon", None)
+        try:
+            super().start()
+        finally:
+            if daemon is not None:
+                config["daemon"] = daemon
+
+
+class _Context(type(_ordinary)):  # type: ignore[misc]
+    Process = Child
+
+
+def child_context() -> BaseContext:
+    """Where process pools get their children from."""
+    context = _Context()
+    if _KIND == "forkserver":
+        context.set_forkserver_preload(["sumo_eval.record.worker", "sumo_eval.record.loaded_loops"])
+    return cast("BaseContext", context)
+
+
+def warm_up() -> None:
+    """Let the process that makes the children begin to load the simulator, while this one loads what it needs itself.
+
+    Nothing waits for it, and where children are spawned there is no such process.
+    """
+    child_context()
+    with _script_out_of_sight(), _children_environment():
+        pass  # to begin there is part of entering
+
+
+def tie_to_owner(lifeline: Connection) -> None:
+    """Called in a child: end with the owner. `lifeline`: reading end of a pipe whose writing end the owner holds."""
+    if sys.platform == "win32":
+        threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
+        return
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        import fcntl
+
+        # A description of its own: owner and signal of the shared one would be the last child's.
+        own = os.open(f"/proc/self/fd/{lifeline.fileno()}", os.O_RDONLY | os.O_NONBLOCK)
+        fcntl.fcntl(own, fcntl.F_SETOWN, -os.getpgrp())
+        fcntl.fcntl(own, fcntl.F_SETSIG, signal.SIGKILL)
+        fcntl.fcntl(own, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+        if lifeline.poll():  # the owner had gone before anybody listened
+            os._exit(1)
+    else:
+        threading.Thread(target=_leave_at_end_of, args=(lifeline,), daemon=True).start()
+
+
+def _leave_at_end_of(lifeline: Connection) -> None:
+    lifeline.poll(None)
+    os._exit(1)
+
+
+@contextmanager
+def _script_out_of_sight() -> Iterator[None]:
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
+
+
+def _begin_forkserver() -> None:
+    """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here meanwhile is not lost."""
+    multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        multiprocessing.forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _children_environment() -> Iterator[None]:
+    """The environment in which the process that makes the children starts; what the user has set stays, but for one."""
+    before = {name: os.environ.get(name) for name in _ENVIRONMENT}
+    for name, value in _ENVIRONMENT.items():
+        if before[name] is None or name == "PYTHONHASHSEED":
+            os.environ[name] = value
+    try:
+        if _KIND == "forkserver":
+            _begin_forkserver()
+        yield
+    finally:
+        for name, old in before.items():
+            if old is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = old

@@ -1,0 +1,93 @@
+"""Cases on an existing Dask cluster (extra `cluster`): batches of cases, the usual isolation on each worker."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from typing import Any
+
+from sumo_eval.errors import InputError, said
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import Stopping, run_in_children
+from sumo_eval.record.identity import harness_identity
+from sumo_eval.record.packs import Pack, Packs
+
+BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
+_BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
+_TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
+_CONNECT_TIME = 10.0  # s
+
+
+def run_batch(cases: Pack, setup: Setup, harness: str) -> list[Outcome] | str:
+    """On a worker: the outcomes of a batch, or a sentence when this worker would not make the same facts."""
+    if harness_identity() != harness:
+        return "has another version of sumo_eval or of libsumo than the process that collects the facts"
+    return [outcome for outcomes in run_in_children(cases, setup) for outcome in outcomes]
+
+
+def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
+    """Outcomes of the cases from the cluster whose scheduler `setup.run.scheduler` names, as batches end.
+
+    A batch whose worker is lost goes to another one; an outcome that had not come back yet is made again.
+    """
+    client = _connect(setup.run.scheduler)
+    from distributed import as_completed
+
+    try:
+        under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
+        batches: dict[str, tuple[Pack, int]] = {}
+        harness = harness_identity()
+        packs = Packs(cases, max(sum(client.nthreads().values()), 1), BATCH)
+
+        def submit(batch: Pack, times: int) -> None:
+            future = client.submit(run_batch, batch, setup, harness, pure=False)
+            batches[future.key] = batch, times
+            under_way.add(future)
+
+        def fill() -> None:
+            most = max(sum(client.nthreads().values()), 1) * _BATCHES_PER_THREAD
+            while len(batches) < most and not stopping():
+                batch = packs.take()
+                if batch is None:
+                    return
+                submit(batch, 1)
+                packs.look_ahead()
+
+        fill()
+        while batches:
+            future = next(under_way)
+            batch, times = batches.pop(future.key)
+            fault = _fault(future)
+            if fault is None:
+                found = future.result()
+                if isinstance(found, str):
+                    raise InputError(f"A worker of the Dask cluster {setup.run.scheduler} {found}.")
+                yield found
+            elif times < _TIMES:
+                submit(batch, times + 1)
+            else:
+                yield [Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch]
+            future.release()
+            fill()
+    finally:
+        client.close()
+
+
+def _fault(future: Any) -> str | None:
+    """What went wrong with a task as such, None when it came back."""
+    if future.status == "finished":
+        return None
+    error = future.exception() if future.status == "error" else None
+    return said(error) if error is not None else str(future.status)
+
+
+def _connect(address: str) -> Any:
+    if not address:
+        raise InputError("The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786.")
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise InputError("The engine `dask` needs the extra `cluster`: pip install 'sumo_eval[cluster]'.") from error
+    try:
+        return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: `tls://` without certificates
+        raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

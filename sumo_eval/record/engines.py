@@ -1,0 +1,184 @@
+"""Engines: work off cases here, in child processes or on a cluster. Outcomes come as cases end, each exactly once."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.record import loops
+from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status
+from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads
+from sumo_eval.record.identity import IDENTITY_BOUND, read_identity, tell_identity
+from sumo_eval.record.packs import Pack, Packs
+from sumo_eval.record.pool import Ended, Pool, Work
+from sumo_eval.record.worker import answer, run_together
+from sumo_eval.settings.locators import load_object
+from sumo_eval.text import clean
+
+Stopping = Callable[[], bool]
+"""Asked before cases are begun: whether no more of them should be."""
+
+_CLUSTER = "sumo_eval.record.cluster:run_on_cluster"  # a text, because its workers build on this module
+
+
+def never() -> bool:
+    """Goes on to the end."""
+    return False
+
+
+def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[Outcome, None, None]:
+    """Outcomes of the cases as they end, in whatever order, from the engine that `setup.run` names."""
+    with closing(run_packs(cases, setup, stopping)) as packs:
+        for outcomes in packs:
+            yield from outcomes
+
+
+def run_packs(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[list[Outcome], None, None]:
+    """Outcomes of the cases by packs, a list of those that ended together, from the engine that `setup.run` names."""
+    if setup.run.engine == "serial":
+        return _run_here(cases, setup, stopping)
+    if setup.run.engine == "dask":
+        found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
+        return found
+    return run_in_children(cases, setup, stopping, setup.run.workers)
+
+
+def run_in_children(
+    cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
+) -> Generator[list[Outcome], None, None]:
+    """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
+    loops.ready()  # a case's time is for driving
+    packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
+    work: Work[Pack] = Work(
+        answer,
+        setup,
+        read=lambda pack, message: believed(message, pack, setup),
+        bound=lambda pack: bound(pack, setup),
+        home=lambda pack: home(pack[0], setup),
+        size=len,
+    )
+    with _pool(workers, setup, setup.run.cases_per_child) as pool:
+        for outcomes in pool.run(work, packs.take, partial(_settled, packs=packs, setup=setup), stopping):
+            if outcomes:
+                yield outcomes
+            packs.look_ahead()
+
+
+def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
+    """The identity of every ADS or other thing that a user named, as (kind, locator), by locator.
+
+    Raises InputError for one that cannot be loaded.
+    Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is not another's.
+    """
+    if setup.run.engine == "serial":
+        refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
+    identities: dict[str, str] = {}
+    work: Work[tuple[str, str]] = Work(
+        tell_identity, setup.folder, lambda _, message: read_identity(message), lambda _: IDENTITY_BOUND, str
+    )
+    with _pool(1, setup, items_per_child=1) as pool:
+        waiting = iter(named)
+        for ended in pool.run(work, lambda: next(waiting, None), lambda ended: ended):
+            kind, locator = ended.item
+            if isinstance(ended.result, InputError):
+                raise ended.result
+            if ended.how != "done":
+                happened = what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
+                raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
+            identities[locator] = ended.result
+    return identities
+
+
+def refuse_to_share(homes: Iterable[str]) -> None:
+    """The rule of the engine `serial`: one process, so at most one user's locator. Raises InputError for a second."""
+    users = sorted(set(homes) - {OURS})
+    if len(users) > 1:
+        raise InputError(
+            f"The engine `serial` runs everything in one process, which can serve one ADS of yours, got {users[0]} and "
+            f"{users[1]}. Run them one at a time, or with the engine `processes`."
+        )
+
+
+def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
+    packs = Packs(cases, 1, setup.run.cases_per_pack)
+    served: set[str] = set()
+    while not stopping() and (pack := packs.take()) is not None:
+        served.add(home(pack[0], setup))
+        refuse_to_share(served)
+        outcomes = _settled(Ended(pack, "done", run_together(pack, setup), None, ""), packs, setup)
+        if outcomes:
+            yield outcomes
+
+
+def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:
+    return Pool(workers, setup.run.case_timeout, setup.run.memory_limit, items_per_child)
+
+
+def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
+    """What a pack brought; its other cases go back to the packs, to be run alone."""
+    pack = ended.item
+    if len(pack) == 1:
+        return [_outcome(ended, packs.remark(pack[0]), setup)]
+    printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
+    if ended.how != "done":
+        happened = what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
+        why = f"{ALONE}Its pack was lost. {happened}\n"
+        packs.did_not_come_through(pack, why, printed, too_slow=ended.how == "overdue")
+        return []
+    results: Results = ended.result
+    if results is None:
+        packs.never_together(pack)
+        return []
+    reasons = {result if isinstance(result, str) else "" for result in results}
+    if "" not in reasons:
+        packs.did_not_come_through(pack, f"{ALONE}{' '.join(sorted(reasons))}\n", printed)
+        return []
+    packs.came_through(pack)
+    found: list[Outcome] = []
+    for case, result in zip(pack, results, strict=True):
+        if isinstance(result, str):
+            packs.run_alone((case,), f"{ALONE}{result}\n")
+        else:
+            found.append(Outcome(case, result.status, result.recording, result.error, result.log))
+    return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
+
+
+def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
+    """What a case that ran alone brought."""
+    (case,) = ended.item
+    if ended.how != "done":
+        status: Status = "timeout" if ended.how == "overdue" else "crashed"
+        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log)
+    result: Result = ended.result[0]
+    log = remark + result.log + ended.log
+    return Outcome(case, result.status, result.recording, result.error, log, result.error_place)
+
+
+def what_happened(ended: Ended[Any], setup: Setup) -> str:
+    """A sentence about an item that brought no result."""
+    if ended.how == "overdue":
+        return f"The case took longer than {setup.run.case_timeout:g} s of wall time."
+    if ended.how == "overfull":
+        return (
+            f"The process that ran the case and what it had started held {ended.why} MB, more than the "
+            f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
+        )
+    if ended.how == "garbled":
+        return f"The process that ran the case {ended.why}."
+    if ended.exitcode is None:
+        return "The process that ran the case closed its connection."
+    name = ""
+    if ended.exitcode < 0:
+        with suppress(ValueError):
+            name = f" ({signal.Signals(-ended.exitcode).name})"
+    return f"The process that ran the case died with exit code {ended.exitcode}{name}."
+
+
+def _quoted(log: str) -> str:
+    lines = [line.strip() for line in log.splitlines() if line.strip()]
+    return f" Its last words: {clean(lines[-1])}" if lines else ""

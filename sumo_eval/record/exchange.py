@@ -1,0 +1,201 @@
+"""A run for other tools: pandas tables in memory, CSV and Parquet files on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.record import run_folder
+from sumo_eval.record.cases import Role
+from sumo_eval.record.store import Store, open_store
+from sumo_eval.text import cells, without_quotes
+from sumo_eval.trajectory import CHANNELS, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CASES = "cases.csv"
+FORMATS = ("csv", "parquet")
+_ROUND_TRIP = "%.17g"  # digits that bring every double back
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run folder, read when asked. All quantities in SI units."""
+
+    folder: Path
+
+    @property
+    def cases(self) -> pd.DataFrame:
+        """One row a case of an ADS, as scored last: parameters, zone, outcome, U, L, Ug, r, D_i, measures."""
+        import pandas as pd
+
+        return without_quotes(pd.read_csv(_scored(self.folder, CASES)))
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """One row for each ADS in each logical scenario: C, D, S and what stands beside them."""
+        import pandas as pd
+
+        content = json.loads(_scored(self.folder, "scores.json").read_text(encoding="utf-8"))
+        return pd.DataFrame(content["scores"])
+
+    @property
+    def drives(self) -> pd.DataFrame:
+        """One row for each recorded drive: the ADSs', the ideal vehicle's, `no_reaction`'s and the human drivers'."""
+        import pandas as pd
+
+        with self._store() as store:
+            return pd.DataFrame(_drive_rows(store))
+
+    @property
+    def counts(self) -> pd.DataFrame:
+        """How many drives ended how, by scenario, role and ADS, without reading the drives themselves."""
+        import pandas as pd
+
+        with self._store() as store:
+            return pd.DataFrame(store.counts(), columns=["scenario", "role", "driver", "status", "drives", "exposure"])
+
+    def trajectories(self, case: str) -> dict[str, Trajectory]:
+        """Every vehicle's trajectory of a case, the ego's under `ego`."""
+        with self._store() as store:
+            found = store.trajectories(case)
+        if not found:
+            raise InputError(f"There is no trajectory of case `{case}` in run {self.folder}.")
+        return found
+
+    def trajectory_table(self, case: str) -> pd.DataFrame:
+        """The trajectories of a case as one table: vehicle, time, x, y, heading, speed, acceleration, steering."""
+        return _trajectory_table(case, self.trajectories(case))
+
+    def digest(self) -> str:
+        """A hash of all recorded facts: equal for equal configurations, whatever the workers, order or machine."""
+        with self._store() as store:
+            return store.digest()
+
+    def _store(self) -> AbstractContextManager[Store]:
+        return open_store(self.folder / run_folder.FACTS)
+
+
+def open_run(path: str | os.PathLike[str]) -> Run:
+    """A run folder as pandas tables and trajectories. Raises InputError when it is none, or of a newer format."""
+    folder = Path(path)
+    run_folder.read_settings(folder)
+    run_folder.read_manifest(folder)
+    with open_store(folder / run_folder.FACTS):
+        return Run(folder)
+
+
+def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str = "csv") -> list[Path]:
+    """Write `cases`, `drives` and `trajectories` of a run as files of a kind (`csv`, `parquet`) into a folder.
+
+    One drive after the other, so a run of any size can be exported. Parquet needs the extra `parquet`.
+    """
+    run, folder = open_run(path), Path(out)
+    scored = _scored(run.folder, CASES)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if kind == "csv":
+            (folder / CASES).write_bytes(scored.read_bytes())
+            return [folder / CASES, *_write_drives(run, folder)]
+        with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
+            return _to_parquet([scored, *_write_drives(run, Path(scratch))], folder)
+    except OSError as error:
+        raise InputError(f"The export to {folder} cannot be written: {error}.") from error
+
+
+def _scored(folder: Path, name: str) -> Path:
+    if not (folder / name).is_file():
+        raise InputError(f"Run {folder} has not been scored, {name} is missing; first: sumo-eval score {folder}.")
+    return folder / name
+
+
+def _write_drives(run: Run, folder: Path) -> list[Path]:
+    import pandas as pd
+
+    drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
+    rows: list[dict[str, Any]] = []
+    with (
+        run._store() as store,
+        drives.open("w", newline="", encoding="utf-8") as one,
+        trajectories.open("w", newline="", encoding="utf-8") as other,
+    ):
+        names = sorted({name for row in _drive_rows(store) for name in row["values"]})
+        for number, row in enumerate(_drive_rows(store)):
+            values = row.pop("values")
+            rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
+            table = _trajectory_table(row["case"], store.trajectories(row["case"]))
+            cells(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
+            if len(rows) == _ROWS_AT_ONCE:
+                cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+                rows.clear()
+        if rows:
+            cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+    return [drives, trajectories]
+
+
+_ROWS_AT_ONCE = 1000
+
+
+def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
+    roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "human")
+    for role in roles:
+        for fact in store.each_fact(role):
+            hit = fact.collision
+            yield {
+                "case": fact.case,
+                "scenario": fact.scenario,
+                "point": fact.point,
+                "role": fact.role,
+                "driver": fact.driver,
+                "controller": fact.controller,
+                "values": dict(fact.values),
+                "exposure": fact.exposure,
+                "status": fact.status,
+                "end_reason": fact.end_reason,
+                "error": fact.error,
+                "error_place": fact.error_place,
+                "simulated_time": fact.simulated_time,
+                "collision_time": hit.time if hit else None,
+                "collision_with": hit.other if hit else None,
+                "impact_speed": hit.relative_speed if hit else None,
+                "overlap": hit.overlap if hit else None,
+                "side": hit.side if hit else None,
+                "wall_time": fact.wall_time,
+                "latency_mean": fact.latency_mean,
+                "latency_max": fact.latency_max,
+            }
+
+
+def _trajectory_table(case: str, trajectories: dict[str, Trajectory]) -> pd.DataFrame:
+    import pandas as pd
+
+    tables = [
+        pd.DataFrame({"case": case, "vehicle": name, **{channel: getattr(one, channel) for channel in CHANNELS}})
+        for name, one in trajectories.items()
+    ]
+    return pd.concat(tables) if tables else pd.DataFrame(columns=["case", "vehicle", *CHANNELS])
+
+
+def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
+    """Write each CSV table again as Parquet, by a reader and writer that never holds one whole."""
+    try:
+        import duckdb
+    except ImportError as error:
+        raise InputError("Parquet needs the extra `parquet`: pip install 'sumo_eval[parquet]'.") from error
+    written = []
+    with duckdb.connect() as database:
+        for table in tables:
+            target = folder / f"{table.stem}.parquet"
+            quoted = str(target).replace("'", "''")
+            copy = f"COPY (SELECT * FROM read_csv(?, header = true, sample_size = -1)) TO '{quoted}' (FORMAT parquet)"  # noqa: S608
+            database.execute(copy, [str(table)])
+            written.append(target)
+    return written

@@ -1,0 +1,373 @@
+"""The recording half of an evaluation: plan its cases, simulate them into a run folder, go on, merge, verify."""
+
+from __future__ import annotations
+
+import math
+import os
+import time as clock
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from sumo_eval.cosim.doors.controller import find_controller, made_absolute
+from sumo_eval.drivers.recorded.exposure import exposure_of
+from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.method.severity import severity_of
+from sumo_eval.record import loops, run_folder
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import Stopping, never, run_cases, run_packs
+from sumo_eval.record.human_reference import prepared_meanwhile
+from sumo_eval.record.points import choose_points, scenario_weights, zones_of
+from sumo_eval.record.recording import (
+    REFERENCES,
+    Planner,
+    Progress,
+    Space,
+    planner,
+    quiet,
+    record,
+    refuse_to_lose_cases,
+)
+from sumo_eval.record.store import Store, open_store
+from sumo_eval.results import EVALUATED
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.file import check_points
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
+from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
+from sumo_eval.settings.random_streams import random_stream
+
+Evaluable = EvaluationSettings | str | os.PathLike[str] | None
+"""Settings, the path of an evaluation file, or None: the run's own when it is resumed, else the paper's."""
+
+WHOLE = (1, 1)
+_COMPLETE = "complete"
+_SHARD = "shard"
+_TIMED = 32  # drives at most, and
+_LEAST_TIMED = 2  # drives at least, by which an estimate times a kind; in between it takes
+_TIMED_FOR = 1.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """What a run folder holds now: drives by all, those among them without an outcome that counts, and which shard."""
+
+    folder: Path
+    drives: int
+    not_evaluated: int
+    shard: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
+
+    references: drives of the ideal vehicle and of `no_reaction`, one each at every point.
+    """
+
+    ads: int
+    humans: int
+    references: int
+    recorded: int
+    seconds: float
+    timed: int
+    workers: int
+
+    def __str__(self) -> str:
+        done = f"; {self.recorded} of them are recorded already" if self.recorded else ""
+        minutes, seconds = divmod(round(self.seconds), 60)
+        time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
+        return (
+            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the ideal vehicle "
+            f"and of `no_reaction`{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
+            f"by {self.timed} drives timed just now; scoring comes on top."
+        )
+
+
+def resolve(
+    evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[str] = (), **changes: object
+) -> tuple[EvaluationSettings, Path]:
+    """The settings, with those `changes` of `run` that are not None, and the folder where their paths start.
+
+    ads: locators in place of the evaluation's ADSs; their relative paths start in the current folder.
+    """
+    if isinstance(evaluation, EvaluationSettings):
+        settings, source = evaluation, Path.cwd()
+    elif evaluation is None and resume and run_folder.is_run(folder):
+        settings = read_evaluation(folder / run_folder.EVALUATION)
+        source = Path(run_folder.read_manifest(folder)["source_folder"])
+    else:
+        path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
+        settings, source = read_evaluation(path), path.parent.resolve()
+    for locator in ads:
+        if locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it is to run
+            find_controller(locator, Path.cwd())
+    if ads:
+        settings = replace(
+            settings, ads=tuple(AdsSettings(locator, made_absolute(locator, Path.cwd())) for locator in ads)
+        )
+    given = {name: value for name, value in changes.items() if value is not None}
+    return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
+
+
+def record_facts(
+    evaluation: EvaluationSettings,
+    source: Path,
+    folder: Path,
+    *,
+    resume: bool = False,
+    shard: tuple[int, int] = WHOLE,
+    progress: Progress = quiet,
+    stopping: Stopping = never,
+) -> Recorded:
+    """Simulate an evaluation, or its share number i of n (`shard`), into a run folder, or what is missing there.
+
+    Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
+    """
+    severity_of(evaluation.method.collision, source)
+    loops.ready()  # on a machine's first run
+    plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
+    progress("controllers", len(plan.identities), len(plan.identities))
+    spaces = _spaces(evaluation, source, shard, progress)
+    with run_folder.only_writer(folder, resume=resume):
+        run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
+        run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
+        with open_store(folder / run_folder.FACTS, create=True) as store:
+            _check_shard(store, shard, folder)
+            refuse_to_lose_cases(store, spaces, evaluation, folder)
+            store.note(_COMPLETE, "")
+            store.unseal()
+            store.note(_SHARD, f"{shard[0]}/{shard[1]}")
+            try:
+                with prepared_meanwhile():
+                    record(spaces, plan, store, progress, stopping)
+            except (StoppedError, KeyboardInterrupt):
+                raise StoppedError(
+                    f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
+                    "the same command with --resume goes on."
+                ) from None
+            store.seal()
+            store.note(_COMPLETE, "yes")
+            return _counted(store, folder, shard)
+
+
+def check_complete(store: Store, folder: Path) -> None:
+    """Refuse to score what is no more than a part: a mean over it would not be the run's."""
+    if store.noted(_SHARD) not in ("", "1/1"):
+        raise InputError(
+            f"Run {folder} is shard {store.noted(_SHARD)} of an evaluation; put the shards together first: "
+            "sumo-eval merge SHARD ... --out DIR."
+        )
+    if store.noted(_COMPLETE) != "yes":
+        raise InputError(f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
+
+
+def merge(shards: Sequence[Path], out: Path) -> Recorded:
+    """Put all shards of an evaluation together into a new run folder."""
+    settings, manifest = run_folder.read_settings(shards[0]), run_folder.read_manifest(shards[0])
+    found: dict[tuple[int, int], Path] = {}
+    for folder in shards:
+        other, its = run_folder.read_settings(folder), run_folder.read_manifest(folder)
+        if replace(other, run=RunSettings()) != replace(settings, run=RunSettings()):
+            raise InputError(f"{folder} is of another evaluation than {shards[0]}; only shards of one can be merged.")
+        for name in ("sumo_eval", "libsumo"):
+            if its["versions"][name] != manifest["versions"][name]:
+                raise InputError(f"{folder} was made with another version of {name} than {shards[0]}.")
+        with open_store(folder / run_folder.FACTS) as store:
+            if store.noted(_COMPLETE) != "yes":
+                raise InputError(f"Shard {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
+            shard = parse_shard(store.noted(_SHARD))
+        if shard in found:
+            raise InputError(f"{folder} and {found[shard]} are both shard {shard[0]}/{shard[1]}.")
+        found[shard] = folder
+    count = max(n for _, n in found)
+    missing = [f"{i}/{count}" for i in range(1, count + 1) if (i, count) not in found]
+    if missing or len(found) != count:
+        raise InputError(f"To merge, every shard of {count} must be there; missing: {', '.join(missing)}.")
+    source = Path(manifest["source_folder"])
+    with run_folder.only_writer(out, resume=False):
+        spaces = _spaces(settings, source, WHOLE)
+        run_folder.create(out, settings, source, [_middle(space) for space in spaces])
+        run_folder.write_exposures(out, {space.logical.name: space.exposure for space in spaces})
+        with open_store(out / run_folder.FACTS, create=True) as store:
+            for shard in sorted(found):
+                store.take_over(found[shard] / run_folder.FACTS)
+            store.note(_SHARD, "1/1")
+            store.seal()
+            store.note(_COMPLETE, "yes")
+            return _counted(store, out, WHOLE)
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """`2/8`: the second of eight."""
+    first, slash, last = text.partition("/")
+    if slash and first.isdecimal() and last.isdecimal() and 1 <= int(first) <= int(last):
+        return int(first), int(last)
+    raise InputError(f"A shard must have the form i/n with 1 <= i <= n, e.g. 2/8, got {text!r}.")
+
+
+def verify(
+    folder: Path, share: float, *, workers: int | None = None, progress: Progress = quiet
+) -> tuple[int, list[str]]:
+    """Simulate a share of a run's drives again: how many, and a sentence for each that is not the same to the bit."""
+    settings, source = resolve(None, folder, resume=True, workers=workers, engine="processes")
+    run_folder.read_settings(folder)
+    plan = planner(settings, source)
+    with open_store(folder / run_folder.FACTS) as store:
+        shard = parse_shard(store.noted(_SHARD) or "1/1")
+        chosen = _chosen(store, plan, _spaces(settings, source, shard), share, settings.seed)
+        changed = [case.key for case in chosen if not store.holds(case)]
+        differences = [
+            f"{key} depends on something that has changed since: the ADS, the simulator or this package."
+            for key in changed
+        ]
+        same = [case for case in chosen if case.key not in set(changed)]
+        with open_store(Path(":memory:"), create=True) as again:
+            for done, outcome in enumerate(run_cases(same, plan.setup), start=1):
+                again.add(outcome)
+                key = outcome.case.key
+                if again.case_digest(key) != store.case_digest(key):
+                    differences.append(f"{key} is not the same again: {store.difference(key, again)}.")
+                again.remove([key])
+                progress("simulated again", done, len(same), len(differences))
+    return len(chosen), differences
+
+
+def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
+    """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
+    loops.ready()
+    plan = planner(evaluation, source)
+    spaces = _spaces(evaluation, source, shard)
+    ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
+    synthetic = evaluation.drivers.source == "synthetic"
+    humans = sum(len(space.safe) for space in spaces) * (evaluation.drivers.count if synthetic else 0)
+    recorded = 0
+    if folder is not None and (folder / run_folder.FACTS).is_file():
+        with open_store(folder / run_folder.FACTS) as store:
+            recorded = sum(store.holds(case) for space in spaces for case in _planned(plan, space))
+    setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
+    seconds, timed = 0.0, 0
+    for space in spaces:
+        some = replace(space, numbers=_spread(space.numbers))
+        ads_cases = list(plan.ads(some))
+        kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
+        kinds += [(list(plan.reference(some, role)), space.numbers) for role in REFERENCES]
+        samples = [(cases, len(numbers)) for cases, numbers in kinds]
+        if synthetic:
+            people = list(islice(plan.humans(some), _TIMED))
+            samples.append((people, len(space.safe) * evaluation.drivers.count))
+        for cases, times in samples:
+            if cases:
+                a_drive, drives = _seconds_a_drive(cases, setup)
+                seconds += a_drive * times
+                timed += drives
+    references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
+    share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
+    workers = evaluation.run.workers
+    return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
+
+
+def _spread(numbers: Sequence[int]) -> Sequence[int]:
+    """At most `_TIMED` of them, from one end to the other."""
+    return numbers[:: -(-len(numbers) // _TIMED)] if numbers else numbers
+
+
+def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:
+    """Wall time of a drive among these in a warm pool, by how many drives: as many as a second is enough for."""
+    for _ in run_cases(cases[:1], setup):
+        pass  # imports and compilation are no rate
+    began, done, took = clock.perf_counter(), 0, 0.0
+    with closing(run_packs(cases, setup)) as packs:
+        for outcomes in packs:
+            done += len(outcomes)
+            took = clock.perf_counter() - began
+            if took > _TIMED_FOR and done >= _LEAST_TIMED:
+                break
+    return took / done, done
+
+
+def _planned(plan: Planner, space: Space) -> Iterator[Case]:
+    yield from plan.ads(space)
+    for role in REFERENCES:
+        yield from plan.reference(space, role)
+    if plan.settings.drivers.source == "synthetic":
+        yield from plan.humans(space)
+
+
+def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, seed: int) -> list[Case]:
+    """A share of the recorded drives, at least one of each kind, drawn by the run's own seed."""
+    stream = random_stream(seed, "verify")
+    chosen: list[Case] = []
+    for space in spaces:
+        kinds = [list(plan.ads(space)), *(list(plan.reference(space, role)) for role in REFERENCES)]
+        if plan.settings.drivers.source == "synthetic":
+            kinds.append(list(plan.humans(space)))
+        for cases in kinds:
+            picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
+            chosen += [cases[index] for index in sorted(picked.tolist())]
+    return chosen
+
+
+def _spaces(
+    settings: EvaluationSettings, source: Path, shard: tuple[int, int], progress: Progress = quiet
+) -> list[Space]:
+    """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
+    spaces: list[Space] = []
+    for offset, entry in enumerate(settings.scenario):
+        spaces.append(space_of(entry, settings, source, shard, offset))
+        refuse_doubles(spaces)
+        progress("zones", len(spaces), len(settings.scenario))
+    scenario_weights([space.logical.name for space in spaces], settings.method.ranking)
+    return spaces
+
+
+def space_of(
+    entry: ScenarioSettings,
+    settings: EvaluationSettings,
+    source: Path,
+    shard: tuple[int, int] = WHOLE,
+    offset: int = 0,
+) -> Space:
+    """The points of one scenario of an evaluation, with their zones.
+
+    Raises InputError for whatever makes the scenario impossible to run, at any of its points; `check` and `run` ask it
+    alike. offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
+    """
+    known = catalogue.find(entry.use, source)
+    exposure = exposure_of(known, entry.exposure, settings.drivers, source)
+    logical, points = choose_points(entry, source, settings, exposure.density)
+    check_points(logical, points.points)
+    for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
+        logical.column(name)
+    hazardous = zones_of(logical, settings.method.zones).exactly_hazardous(points.points)
+    index, count = shard
+    numbers = range((index - 1 - offset) % count, len(points.points), count)
+    return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))
+
+
+def refuse_doubles(spaces: Sequence[Space]) -> None:
+    """Cases are named by their scenario's name: two files that give the same name cannot be told apart."""
+    names = [space.logical.name for space in spaces]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"Logical scenarios of one evaluation must differ in their names, got `{name}` twice.")
+
+
+def _middle(space: Space) -> ConcreteScenario:
+    """The concrete scenario in the middle of the sample, the example that the run folder keeps for sumo-gui."""
+    return space.concrete(len(space.points) // 2)
+
+
+def _check_shard(store: Store, shard: tuple[int, int], folder: Path) -> None:
+    before = store.noted(_SHARD)
+    if before and parse_shard(before) != shard:
+        raise InputError(f"Run {folder} is shard {before}; it cannot go on as shard {shard[0]}/{shard[1]}.")
+
+
+def _counted(store: Store, folder: Path, shard: tuple[int, int]) -> Recorded:
+    counts = store.counts()
+    drives = sum(number for *_, number, _ in counts)
+    failed = sum(number for _, role, _, status, number, _ in counts if role == "ads" and status not in EVALUATED)
+    return Recorded(folder, drives, failed, shard)

@@ -1,0 +1,152 @@
+"""What a case's facts depend on, as short texts that are equal exactly when the facts may be taken over."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+import sys
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sumo_eval.cosim.doors.controller import find_controller
+from sumo_eval.errors import InputError
+from sumo_eval.record.cases import Case
+from sumo_eval.record.frames import FrameError, Message
+from sumo_eval.settings import DriverSettings, SimulationSettings
+from sumo_eval.settings.locators import load_object
+from sumo_eval.text import clean
+
+IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
+_LONGEST_REFUSAL = 20_000  # characters
+_PACKAGE = Path(__file__).parent.parent
+_NOT_PYTHON = ("exec", "traci", "fmu", "sumo")  # locators of commands and files, not of Python objects
+_ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
+
+
+@cache
+def harness_identity() -> str:
+    """Versions of the simulator and of this package, and a hash of the rooms of it that make facts.
+
+    Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
+    """
+    return _text(
+        {"sumo_eval": version("sumo_eval"), "libsumo": version("libsumo"), "sources": sources_of_facts(_PACKAGE)}
+    )
+
+
+def sources_of_facts(package: Path) -> dict[str, str]:
+    """Hashes of the files of this package that facts depend on, by path in it: code and the shipped scenarios."""
+    rooms = [package / room for room in _ROOMS_THAT_MAKE_FACTS]
+    files = sorted(file for room in rooms for ending in ("*.py", "*.toml") for file in room.rglob(ending))
+    files += [package / "kernels.py", *(package / "record" / name for name in ("claims.py", "worker.py"))]
+    return {str(file.relative_to(package)): _hash(file) for file in files}
+
+
+def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
+    """Locator, version and hashes of the source files of what a user named; the error when it is not there.
+
+    named: what it is (`ADS`, or else e.g. `Human reference`), and its locator.
+
+    Runs in a fresh child process, because finding an ADS means running its file. Source files are the modules that
+    loading it brings in and that lie beside it or in its package; of a command, the files that its words name.
+    """
+    before = set(sys.modules)
+    kind, locator = named
+    try:
+        found = find_controller(locator, folder) if kind == "ADS" else load_object(locator, folder, kind)
+    except InputError as error:
+        return InputError(str(error))
+    in_words = locator.partition(":")[0] in _NOT_PYTHON
+    module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
+    files = _own_files(module, before) if module is not None else _named_files(locator, folder)
+    base = module.__name__.partition(".")[0] if module is not None else ""
+    sources = {_place(file, folder): _hash(file) for file in sorted(files)}
+    return _text({"locator": locator, "version": _version(base, module), "sources": sources})
+
+
+def tell_identity(named: tuple[str, str], folder: Path) -> Message:
+    """What `locator_identity` gives, as a child sends it."""
+    found = locator_identity(named, folder)
+    return Message(["refused", str(found)[:_LONGEST_REFUSAL]] if isinstance(found, InputError) else ["is", found])
+
+
+def read_identity(message: Message) -> str | InputError:
+    """The identity, or why there is none, in a child's message. Raises FrameError for anything else."""
+    plain = message.plain
+    if not isinstance(plain, list) or len(plain) != 2 or not all(isinstance(part, str) for part in plain):
+        raise FrameError("gave an identity that is none")
+    word, text = plain[0], clean(plain[1], len(plain[1]))
+    return InputError(text) if word == "refused" else text
+
+
+def people_identity(settings: DriverSettings, source: Path) -> str:
+    """How recorded people are chosen, and hashes of the files that they are in."""
+    folder = source / settings.cases
+    files = [source / name for name in settings.recordings]
+    files += sorted(folder.rglob("*.csv")) if settings.cases else []
+    return _text({"settings": repr(settings), "files": {str(file): _hash(file) for file in files if file.is_file()}})
+
+
+def with_fingerprint(case: Case, simulation: SimulationSettings, identity: str, harness: str) -> Case:
+    """The case with the hash of everything that its facts depend on; limits of time and memory are not among it."""
+    content = repr((replace(case, fingerprint=""), simulation, identity, harness))
+    return replace(case, fingerprint=hashlib.sha256(content.encode()).hexdigest())
+
+
+def _own_files(module: ModuleType, before: set[str]) -> set[Path]:
+    """Files of the modules that came with a module and belong to it."""
+    own = _file(module)
+    if own is None:
+        return set()
+    top = module.__name__.partition(".")[0]
+    beside = own.parent
+    files = {own}
+    for name, other in list(sys.modules.items()):
+        file = None if name in before else _file(other)
+        if file is None:
+            continue
+        if name.partition(".")[0] == top or (file.is_relative_to(beside) and "site-packages" not in file.parts):
+            files.add(file)
+    return files
+
+
+def _file(module: Any) -> Path | None:
+    name = getattr(module, "__file__", None)
+    file = Path(name) if isinstance(name, str) else None
+    return file if file is not None and file.is_file() else None
+
+
+def _named_files(locator: str, folder: Path) -> set[Path]:
+    try:
+        words = shlex.split(locator.partition(":")[2].partition("?")[0])
+    except ValueError:
+        return set()
+    return {folder / word for word in words if (folder / word).is_file()}
+
+
+def _version(package: str, module: ModuleType | None) -> str:
+    try:
+        return version(package) if package else ""
+    except PackageNotFoundError:
+        return str(getattr(module, "__version__", ""))
+
+
+def _place(file: Path, folder: Path) -> str:
+    """Relative to the evaluation where possible: the same run on another machine is the same run."""
+    if file.is_relative_to(folder):
+        return str(file.relative_to(folder))
+    home = next((parent for parent in file.parents if str(parent) in sys.path), file.parent)
+    return str(file.relative_to(home))
+
+
+def _hash(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _text(content: dict[str, Any]) -> str:
+    return json.dumps(content, sort_keys=True)

@@ -1,0 +1,62 @@
+"""The compiled loops of everything that ships, which are made on a machine's first run.
+
+python -m sumo_eval.record.loops        compiles what is not compiled yet, in two processes
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from sumo_eval.cosim.doors.controller import SHIPPED, find_controller
+from sumo_eval.cosim.loop import arrays
+from sumo_eval.cosim.world import World, move_rows, see_rows, stop_rows
+from sumo_eval.drivers.synthetic.driver import human_controller
+from sumo_eval.kernels import INTERPRETED, cache_folder, warm
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
+from sumo_eval.settings import SimulationSettings
+
+_AT_A_TIME = 2  # processes: each holds half of the loops
+
+
+def load(part: int = 0, parts: int = 1) -> None:
+    """Call every so-manyth loop once, on a case that needs no simulator."""
+    road = Road("road", 100.0, 2, 3.5, 0.0)
+    concrete = ConcreteScenario("none", {}, 1.0, road, Start(10.0, 0.0, 10.0), (Actor("lead", Start(50.0, 0.0, 5.0)),))
+    world = World([concrete], SimulationSettings())
+    found = [made() if isinstance(made := find_controller(name), type) else made for name in SHIPPED]
+    found.append(human_controller(0, 1, 0, concrete))
+    kinds = list({type(ads).loop: ads for ads in found}.values())
+    for ads in kinds[part::parts]:
+        own = arrays([ads], world)
+        type(ads).loop(world.egos, world.seen, *own, world.scenario, 0.0)
+    if part == 0:
+        shown = np.zeros((1, 1, 4))
+        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, 0.05, 1)
+        see_rows(
+            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, shown, world.scenario, 0.05,
+            1, 0,
+        )  # fmt: skip
+        stop_rows(world.egos, world.others, world.moves, world.samples, 0, 0)
+
+
+def are_ready() -> bool:
+    """Whether every loop is compiled on this machine, or need not be."""
+    return INTERPRETED or (cache_folder() / "ready").is_file()
+
+
+def ready() -> None:
+    """Compile what this machine has not compiled yet; every later run finds it on disk."""
+    if are_ready():
+        return
+    scripts = [f"from sumo_eval.record.loops import load; load({part}, {_AT_A_TIME})" for part in range(_AT_A_TIME)]
+    warm(scripts)
+    done = cache_folder() / "ready"
+    if done.parent.is_dir():  # else there is nowhere to keep it, and every process compiles for itself
+        done.touch()
+
+
+if __name__ == "__main__":
+    ready()
+    sys.exit(0)

@@ -1,0 +1,132 @@
+"""Which cases go to a child process together, and which alone.
+
+Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver has a form for many
+cases. A pack costs something of its own, so packs are as large as may be, and towards the end equally large, so that
+all workers have work to the end. What does not come through in a pack runs alone, so that a faulty case costs itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from itertools import islice
+
+from sumo_eval.cosim.simulate import probable_end
+from sumo_eval.record.cases import Case
+
+Pack = tuple[Case, ...]
+Kind = tuple[str, str, str]
+
+LEAST = 32  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
+_PACKS_AHEAD = 4  # full packs for each worker that are held ready: the end is seen in time to divide it evenly
+_MOST_AHEAD = 16_384  # cases that are held ready at most
+_CUT = 4  # by how much packs of a kind get smaller after one that did not come through
+
+
+class Packs:
+    """Cases on their way to `workers` children. largest: cases in a pack at most; 1: all alone."""
+
+    def __init__(self, cases: Iterable[Case], workers: int, largest: int) -> None:
+        self._waiting = iter(cases)
+        self._largest = self._size = largest
+        self._all_seen = False
+        self._workers = workers
+        self._most_ahead = min(workers * _PACKS_AHEAD * largest, _MOST_AHEAD)
+        self._ahead: dict[Kind, _Queue] = {}
+        self._number_ahead = 0
+        self._alone: deque[tuple[Case, str]] = deque()
+        self._largest_of: dict[Kind, int] = {}
+        self._in_time: dict[Kind, int] = {}  # size beyond which packs of a kind take too long
+        self._remarks: dict[str, str] = {}
+
+    def take(self) -> Pack | None:
+        """The next cases to run; None when there are none at the moment."""
+        if self._alone:
+            case, self._remarks[case.key] = self._alone.popleft()
+            return (case,)
+        if not self._ahead:
+            self.look_ahead()
+            if not self._ahead:
+                return None
+        kind, queue = next(iter(self._ahead.items()))
+        pack = queue.take(min(self._size, self._largest_of.get(kind, self._largest)))
+        self._number_ahead -= len(pack)
+        if not len(queue):
+            del self._ahead[kind]
+        return pack
+
+    def look_ahead(self) -> None:
+        """Make the next cases ready; best done while the children work."""
+        room = self._most_ahead - self._number_ahead
+        if room <= 0 or self._all_seen:
+            return
+        for case in islice(self._waiting, room):
+            self._ahead.setdefault(_kind(case), _Queue()).add((case,))
+            self._number_ahead += 1
+        if self._number_ahead < self._most_ahead:  # the least number of equal packs for each worker that hold the rest
+            self._all_seen = True
+            rounds = math.ceil(self._number_ahead / (self._workers * self._largest)) or 1
+            self._size = min(max(math.ceil(self._number_ahead / (self._workers * rounds)), LEAST), self._largest)
+
+    def came_through(self, pack: Pack) -> None:
+        """Every case of a pack has its result: packs of the kind may become as large as they were."""
+        kind = _kind(pack[0])
+        if self._largest_of.get(kind, 1) > 1:
+            self._largest_of[kind] = min(2 * self._largest_of[kind], self._in_time.get(kind, self._largest))
+
+    def did_not_come_through(self, pack: Pack, why: str, printed: str, *, too_slow: bool = False) -> None:
+        """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the end single cases.
+
+        too_slow: it ran out of time; then packs of the kind do not become as large again.
+        """
+        kind = _kind(pack[0])
+        self._largest_of[kind] = max(min(len(pack), self._largest_of.get(kind, self._largest)) // _CUT, 1)
+        if too_slow:
+            self._in_time[kind] = self._largest_of[kind]
+        self.run_alone(pack[:1], why + printed)
+        self.run_alone(pack[1:], why)
+
+    def never_together(self, pack: Pack) -> None:
+        """Cases of this kind have no form for many: they run alone."""
+        kind = _kind(pack[0])
+        self._largest_of[kind] = 1
+        self._ahead.setdefault(kind, _Queue()).add(pack)
+        self._number_ahead += len(pack)
+
+    def run_alone(self, cases: Iterable[Case], why: str) -> None:
+        """Let cases run alone, next of all. why: what the log of each then says."""
+        self._alone.extend((case, why) for case in cases)
+
+    def remark(self, case: Case) -> str:
+        """Why a case ran alone, for its log; said once."""
+        return self._remarks.pop(case.key, "")
+
+
+class _Queue:
+    """Cases of one kind. Those that probably end at the same time are neighbours: a pack lasts as long as its last.
+
+    The longest are taken first, so that no process is left alone with them at the end.
+    """
+
+    def __init__(self) -> None:
+        self._coming: list[Case] = []
+        self._sorted: list[Case] = []
+
+    def __len__(self) -> int:
+        return len(self._coming) + len(self._sorted)
+
+    def add(self, cases: Iterable[Case]) -> None:
+        self._coming.extend(cases)
+
+    def take(self, number: int) -> Pack:
+        if len(self._sorted) < number:
+            self._sorted = sorted(self._sorted + self._coming, key=lambda case: probable_end(case.concrete))
+            self._coming = []
+        pack = self._sorted[-number:]
+        del self._sorted[-number:]
+        return tuple(pack)
+
+
+def _kind(case: Case) -> Kind:
+    return case.role, case.controller, case.concrete.scenario

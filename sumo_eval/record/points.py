@@ -1,0 +1,59 @@
+"""The points of an evaluation's logical scenarios, and the zones they lie in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.method.danger import danger
+from sumo_eval.method.zone_partition import ZonePartition, partition
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.logical import LogicalScenario, Values
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sampling.samples import Sample, sample
+from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
+from sumo_eval.trajectory import FloatArray
+
+Exposure = Callable[[Values], FloatArray]
+
+
+@lru_cache(maxsize=16)
+def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
+    """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
+    return partition(logical, settings)
+
+
+def choose_points(
+    entry: ScenarioSettings, source: Path, settings: EvaluationSettings, exposure: Exposure | None = None
+) -> tuple[LogicalScenario, Sample]:
+    """A logical scenario and the points of its space that are simulated. exposure: in place of the scenario's own."""
+    logical, sampling = catalogue.find(entry.use, source), entry.sampling
+    request = Request(
+        levels=sampling.levels,
+        steps=sampling.steps,
+        count=sampling.count,
+        strength=sampling.strength,
+        file=sampling.file,
+        folder=source,
+        seed=settings.seed,
+        danger=lambda points: danger(logical, points, settings.method.zones),
+    )
+    weighted = logical if exposure is None else replace(logical, exposure=exposure)
+    points = sample(weighted, sampling.method, request=request)
+    if len(points.points) == 0:
+        raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
+    return logical, points
+
+
+def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:
+    """The weight of every scenario of an evaluation, by name. Raises InputError for one that it does not have."""
+    for name in settings.weights:
+        if name not in scenarios:
+            raise unknown("scenario in `method.ranking.weights`", name, scenarios)
+    weights = {name: float(settings.weights.get(name, 1.0)) for name in scenarios}
+    if not any(weights.values()):
+        raise InputError("`method.ranking.weights` must leave at least one scenario a weight above 0, got only 0.")
+    return weights

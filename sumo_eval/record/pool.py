@@ -1,0 +1,492 @@
+"""A pool of warm child processes in which anything may go wrong: one item costs at most itself and its process.
+
+Each child serves one home, say one ADS, and nothing else in its life. It has pipes of its own and a supervisor (see
+`hygiene`), so nothing that a child does or leaves undone can reach another one's results. What it sends is read as it
+comes, as frames that cannot execute anything (see `frames`); what it prints comes here, bounded, and never to our own
+stdout. Nothing here waits for a child longer than its deadline. Everything happens in the calling thread.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import faulthandler
+import os
+import pickle
+import select
+import shutil
+import struct
+import sys
+import tempfile
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, Literal, TypeVar
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.children import child_context
+from sumo_eval.record.frames import NONCE_BYTES, FrameError, FrameReader, Message, Ticket, frame
+from sumo_eval.record.hygiene import (
+    MEGABYTE,
+    Report,
+    keep_open,
+    read_report,
+    scratch_folder,
+    shared_memory,
+    supervise,
+)
+from sumo_eval.record.watch import COPY
+from sumo_eval.text import clean_log
+
+Item = TypeVar("Item")
+Settled = TypeVar("Settled")
+Task = Callable[[Any, Any], Message]
+"""A function of the item and of what all items share; importable by name, like both arguments picklable."""
+
+How = Literal["done", "died", "overdue", "overfull", "garbled"]
+
+LOG_END = 7_900  # bytes that are kept of the beginning, and of the end, of what an item printed
+_READS_AT_ONCE = 16  # of one child's output, before another one's turn
+_LEAVE_TIME = 5.0  # s for a killed process to be gone
+_CLOSED_TIME = 1.0  # s for a child that has closed its results to be gone; it had nothing else to do
+_COPY_TIME = 0.2  # s for a copy of a child to be where the child is
+_LONGEST_WAIT = 3600.0  # s
+_WARNING_SHARE = 0.9  # of the deadline: then the child writes where it hangs
+_LENGTH = struct.Struct("<Q")
+
+
+@dataclass(frozen=True, slots=True)
+class Ended(Generic[Item]):
+    """What became of one item.
+
+    `done` with a result; `died` with an exit code, None if it only closed its connection; `overdue`, `overfull` or
+    `garbled` and killed. why: what was garbled, going on from "the process that ran the case ..."; how many MB filled.
+    """
+
+    item: Item
+    how: How
+    result: Any
+    exitcode: int | None
+    log: str
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Work(Generic[Item]):
+    """What is to be done with items: `task`, with what they all share.
+
+    read: makes a result of the message that the task answered with; raises FrameError if that is none. bound: bytes of
+    that message at most. home: a child serves items of one home only. size: as how many items an item counts.
+    """
+
+    task: Task
+    shared: Any
+    read: Callable[[Item, Message], Any]
+    bound: Callable[[Item], int]
+    home: Callable[[Item], str]
+    size: Callable[[Item], int] = lambda item: 1
+
+
+class BoundedLog:
+    """Beginning and end of a stream of bytes of any length."""
+
+    def __init__(self) -> None:
+        self._head = b""
+        self._tail = b""
+        self._left_out = 0
+
+    def add(self, data: bytes) -> None:
+        """Take in more of the stream."""
+        room = LOG_END - len(self._head)
+        self._head += data[:room]
+        tail = self._tail + data[room:]
+        self._left_out += max(len(tail) - LOG_END, 0)
+        self._tail = tail[-LOG_END:]
+
+    def text(self) -> str:
+        """What is kept of it, with a line in the place of what is not."""
+        gap = f"\n[{self._left_out} bytes left out]\n".encode() if self._left_out else b""
+        return clean_log((self._head + gap + self._tail).decode("utf-8", errors="replace"))
+
+
+class Pool:
+    """Child processes that work off items, at most `workers` at a time. A context manager.
+
+    deadline: wall time of one item, s. memory_limit: of a child and what it starts, MB. items_per_child: after that
+    many a child is replaced, so that what controllers leave in a process cannot pile up.
+    """
+
+    def __init__(self, workers: int, deadline: float, memory_limit: float, items_per_child: int) -> None:
+        if not hasattr(os, "fork"):
+            raise InputError("Child processes need a system that can fork; on this one, use the engine `serial`.")
+        self._workers = workers
+        self._deadline = deadline
+        self._memory_limit = memory_limit
+        self._items_per_child = items_per_child
+        self._children: list[_Child] = []
+        self._numbers = count(1)
+
+    def __enter__(self) -> Pool:
+        # A child that is killed leaves SUMO's files behind; here they go when the pool does.
+        self._scratch = scratch_folder()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for child in self._children:
+            child.let_go()
+        for child in self._children:
+            child.end()
+        self._children.clear()
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    def run(
+        self,
+        work: Work[Item],
+        take: Callable[[], Item | None],
+        settle: Callable[[Ended[Item]], Settled],
+        stopping: Callable[[], bool] = lambda: False,
+    ) -> Iterator[Settled]:
+        """What `settle` makes of the items, as they end. When `stopping`, those that run are the last.
+
+        take: gives the next item whenever a child is free; None: there is none, unless one that runs brings up more.
+        settle: is told of every end at once; its results come out when the children have been given more to do.
+        """
+        busy: dict[_Child, Item] = {}
+        settled: list[Settled] = []
+        while True:
+            while len(busy) < self._workers and not stopping():
+                item = take()
+                if item is None:
+                    break
+                busy[self._give(busy, work, item)] = item
+            yield from settled
+            if not busy:
+                return
+            settled = []
+            for child, ended in self._next_ended(busy, work):
+                del busy[child]
+                settled.append(settle(ended))
+
+    def _give(self, busy: dict[_Child, Item], work: Work[Item], item: Item) -> _Child:
+        """Let a free child of the item's home work on it; where there is none, one takes the place of a foreign one."""
+        home = work.home(item)
+        for child in [child for child in self._children if child not in busy and child.home == home]:
+            if child.items < self._items_per_child and child.is_quiet():
+                with suppress(OSError):  # it has died meanwhile
+                    child.give(work, item, next(self._numbers), self._deadline)
+                    return child
+            self._drop(child)
+        if len(self._children) >= self._workers:
+            self._drop(next(child for child in self._children if child not in busy))
+        child = _Child(home, self._memory_limit, self._scratch)
+        self._children.append(child)
+        with suppress(OSError):  # it died at its beginning: the end of its results will say so
+            child.give(work, item, next(self._numbers), self._deadline)
+        return child
+
+    def _next_ended(self, busy: dict[_Child, Item], work: Work[Item]) -> list[tuple[_Child, Ended[Item]]]:
+        """Wait until something happens; the items that have ended by then, often none."""
+        poll = select.poll()
+        of: dict[int, _Child] = {}
+        for child in busy:
+            for descriptor, events in child.watched():
+                poll.register(descriptor, events)
+                of[descriptor] = child
+        wait = min(child.deadline for child in busy) - clock.monotonic()
+        for descriptor, _ in poll.poll(1e3 * min(max(wait, 0.0), _LONGEST_WAIT)):
+            of[descriptor].attend(descriptor)
+        found: list[tuple[_Child, Ended[Item]]] = []
+        for child, item in busy.items():
+            end = child.how_it_ended(partial(work.read, item))
+            if end is None:
+                continue
+            how, result, exitcode, why, last = end
+            if last:
+                self._drop(child)
+            found.append((child, Ended(item, how, result, exitcode, child.take_log(), why)))
+        return found
+
+    def _drop(self, child: _Child) -> None:
+        self._children.remove(child)
+        child.end()
+
+
+class _Child:
+    """One child process, the pipes to it, and its supervisor. `home`: what it serves."""
+
+    def __init__(self, home: str, memory_limit: float, scratch: Path) -> None:
+        pipe = partial(child_context().Pipe, duplex=False)
+        orders, self._orders = pipe()
+        self._results, results = pipe()
+        self._output, output = pipe()
+        leash, self._leash = pipe()
+        self._report, report = pipe()
+        if sys.platform == "linux":
+            import fcntl
+
+            with suppress(OSError):  # a user may have no more room for pipes; then a talkative child waits more often
+                fcntl.fcntl(output.fileno(), fcntl.F_SETPIPE_SZ, MEGABYTE)
+        for mine in (self._orders, self._results, self._output):
+            os.set_blocking(mine.fileno(), False)
+        self.home = home
+        self.items = 0
+        self.deadline = 0.0
+        self._folder = Path(tempfile.mkdtemp(dir=scratch))
+        self._log = BoundedLog()
+        self._to_send = memoryview(b"")
+        self._reader: FrameReader | None = None
+        self._message: Message | None = None
+        self._fault = ""
+        self._ended: Report | None = None
+        self._reported = False
+        theirs = (orders, results, output, leash, report)
+        self._process: Any = child_context().Process(  # type: ignore[attr-defined]
+            target=_begin, args=(*theirs, memory_limit, str(self._folder)), name="sumo_eval child"
+        )
+        self._process.start()
+        for one in theirs:
+            one.close()
+
+    def is_quiet(self) -> bool:
+        """Whether a child with nothing to do is there, and has not said anything unasked."""
+        if self._results.closed:
+            return False
+        poll = select.poll()
+        poll.register(self._results.fileno(), select.POLLIN)
+        poll.register(self._report.fileno(), select.POLLIN)
+        return not poll.poll(0)
+
+    def give(self, work: Work[Any], item: Any, number: int, deadline: float) -> None:
+        """Send an item, as much of it as goes at once. Raises OSError when the child is no more."""
+        ticket = Ticket(os.urandom(NONCE_BYTES), number, work.bound(item))
+        order = pickle.dumps((work.task, item, work.shared, deadline, ticket))
+        self._reader, self._message, self._fault = FrameReader(ticket), None, ""
+        self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
+        self.items += work.size(item)
+        self.deadline = clock.monotonic() + deadline
+        self._send()
+
+    def _send(self) -> None:
+        with suppress(BlockingIOError):
+            while self._to_send:
+                self._to_send = self._to_send[os.write(self._orders.fileno(), self._to_send) :]
+
+    def watched(self) -> Iterator[tuple[int, int]]:
+        """The descriptors on which something may happen, and what."""
+        yield self._report.fileno(), select.POLLIN
+        for pipe in (self._results, self._output):
+            if not pipe.closed:
+                yield pipe.fileno(), select.POLLIN
+        if self._to_send:
+            yield self._orders.fileno(), select.POLLOUT
+
+    def attend(self, descriptor: int) -> None:
+        """Take in what has happened on one of them."""
+        if descriptor == self._report.fileno():
+            self._ended, self._reported = read_report(descriptor), True
+            self._read_results()  # the last words of one that ended right after them
+        elif not self._results.closed and descriptor == self._results.fileno():
+            self._read_results()
+        elif descriptor == self._orders.fileno():
+            try:
+                self._send()
+            except OSError:  # nobody reads any more: the end of the results will say what happened
+                self._to_send = memoryview(b"")
+        else:
+            self._read_output()
+
+    def how_it_ended(self, read: Callable[[Message], Any]) -> tuple[How, Any, int | None, str, bool] | None:
+        """How, with which result, exit code and fault, and whether the child with it; None while it goes on."""
+        if self._message is not None and not self._fault:
+            try:
+                last, twice, result = _opened(self._message)
+                if not twice:
+                    return "done", read(result), None, "", last or self._reported
+                self._fault = "forked in a step, and both processes went on with the case"
+            except FrameError as error:
+                self._fault = str(error)
+        if self._fault:
+            return "garbled", None, None, self._fault, True
+        if self._reported:
+            if self._reader is not None and self._reader.has_begun:
+                return "garbled", None, None, "ended amid its result", True
+            if self._ended is not None and self._ended.held:
+                return "overfull", None, None, f"{self._ended.held:.0f}", True
+            return "died", None, None if self._ended is None else self._ended.exitcode, "", True
+        if self.deadline <= clock.monotonic():
+            if self._reader is not None and self._reader.has_begun:
+                return "garbled", None, None, "began a result and did not end it", True
+            return ("died" if self._results.closed else "overdue"), None, None, "", True
+        return None
+
+    def _read_results(self) -> None:
+        with suppress(BlockingIOError):
+            while not self._results.closed and not self._fault:
+                data = os.read(self._results.fileno(), MEGABYTE)
+                if not data:
+                    self._results.close()
+                    if self._message is None:
+                        self.deadline = min(self.deadline, clock.monotonic() + _CLOSED_TIME)
+                    return
+                self._take_in(data)
+
+    def _take_in(self, data: bytes) -> None:
+        try:
+            if self._reader is None:
+                raise FrameError("wrote a result unasked")
+            self._message = self._reader.feed(data)
+        except FrameError as error:
+            self._fault = str(error)
+
+    def _read_output(self) -> None:
+        """Take in what the child has printed, not more at once than others can wait for."""
+        with suppress(BlockingIOError):
+            for _ in range(_READS_AT_ONCE):
+                if self._output.closed:
+                    return
+                data = os.read(self._output.fileno(), MEGABYTE)
+                if not data:
+                    self._output.close()
+                self._log.add(data)
+
+    def take_log(self) -> str:
+        """What was printed since the last time."""
+        self._read_output()
+        log, self._log = self._log, BoundedLog()
+        return log.text()
+
+    def let_go(self) -> None:
+        """Tell the supervisor to end the child and whatever it has started, without waiting for that."""
+        if not self._leash.closed:
+            self._leash.close()
+
+    def end(self) -> None:
+        """End it, leave no zombie and no file."""
+        self.let_go()
+        self._process.join(_LEAVE_TIME)
+        self._process.kill()  # a supervisor that cannot end what it has under it takes the child with it
+        self._process.join(_LEAVE_TIME)
+        self._read_output()
+        for pipe in (self._orders, self._results, self._output, self._report):
+            pipe.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _opened(message: Message) -> tuple[bool, bool, Message]:
+    """Whether the child ends with this message, whether there are two of it, and the task's own message."""
+    plain = message.plain
+    if not isinstance(plain, list) or len(plain) != 3 or type(plain[0]) is not bool or type(plain[1]) is not bool:
+        raise FrameError("gave a result that cannot be read")
+    return plain[0], plain[1], Message(plain[2], message.blobs)
+
+
+# --- in the child -----------------------------------------------------------------------------------------------------
+
+
+def _begin(
+    orders: Connection,
+    results: Connection,
+    output: Connection,
+    leash: Connection,
+    report: Connection,
+    memory_limit: float,
+    scratch: str,
+) -> None:
+    """Become the supervisor of a child that serves."""
+    serve = partial(_serve, orders.fileno(), results.fileno(), output.fileno(), memory_limit, scratch)
+    supervise(serve, leash.fileno(), report.fileno(), memory_limit)
+
+
+def _serve(orders: int, results: int, output: int, memory_limit: float, scratch: str) -> None:
+    """Work off items until there are no more or something is left behind that another item must not meet."""
+    _print_into(output)
+    keep_open(orders, results)
+    _limit_memory(memory_limit)
+    tempfile.tempdir = scratch
+    faulthandler.enable(file=2)
+    c_library = ctypes.CDLL(None)
+    me = os.getpid()
+    forks: list[bool] = []
+    os.register_at_fork(after_in_parent=lambda: forks.append(True))
+    threads = len(sys._current_frames())
+    while (order := _read_order(orders)) is not None:
+        task, item, shared, deadline, ticket = pickle.loads(order)  # noqa: S301 - from the owner
+        faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
+        message = task(item, shared)
+        faulthandler.cancel_dump_traceback_later()
+        if os.getpid() != me:
+            os._exit(COPY)
+        _flush(c_library)
+        left, twice = _left_processes(patience=_COPY_TIME if forks else 0.0)
+        last = left or len(sys._current_frames()) > threads
+        _write(results, frame(Message([last, twice, message.plain], message.blobs), ticket.nonce, ticket.number))
+        if last:
+            return
+
+
+def _read_order(descriptor: int) -> bytes | None:
+    """The owner's next words; None when there are no more."""
+    head = _read(descriptor, _LENGTH.size)
+    return _read(descriptor, *_LENGTH.unpack(head)) if head is not None else None
+
+
+def _read(descriptor: int, size: int) -> bytes | None:
+    data = bytearray()
+    while len(data) < size:
+        more = os.read(descriptor, size - len(data))
+        if not more:
+            return None
+        data += more
+    return bytes(data)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view) :]
+
+
+def _print_into(output: int) -> None:
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    sys.stdout = open(1, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", buffering=1, encoding="utf-8", errors="replace", closefd=False)  # noqa: SIM115
+
+
+def _flush(c_library: ctypes.CDLL) -> None:
+    """Let Python's and C's buffers go where the item that filled them is still known."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):  # an ADS may have put anything in their place
+            stream.flush()
+    c_library.fflush(None)
+
+
+def _limit_memory(megabytes: float) -> None:
+    """Let an allocation fail before the supervisor has to end the process: what is its own, beside what it shares."""
+    import resource
+
+    limit = max(int(megabytes * MEGABYTE - shared_memory()), 1)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+
+
+def _left_processes(patience: float) -> tuple[bool, bool]:
+    """Whether this process has children, running or not, and whether one was a copy of it that went on as it did."""
+    until = clock.monotonic() + patience
+    left = twice = False
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return left, twice
+        left = True
+        if pid:
+            twice = twice or os.waitstatus_to_exitcode(status) == COPY
+        elif clock.monotonic() >= until:
+            return left, twice
+        else:
+            clock.sleep(0.002)

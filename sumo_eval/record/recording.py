@@ -1,0 +1,330 @@
+"""Fill a run's store: ADSs and the two references in every concrete scenario, drivers where it is safe."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.errors import InputError, StoppedError, said
+from sumo_eval.record.cases import Case, Outcome, Role, Setup
+from sumo_eval.record.engines import Stopping, identify, never, run_packs
+from sumo_eval.record.identity import harness_identity, people_identity, with_fingerprint
+from sumo_eval.record.store import Store
+from sumo_eval.results import EVALUATED
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings.locators import load_object
+from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
+
+RECORDED = "recorded"
+"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
+
+
+REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
+"""What collisions are measured against, by role: Ug is the ideal vehicle's, U0 that of one who does nothing."""
+
+
+class Progress(Protocol):
+    """Told what is being done, how much of it is done, how much there is, and how many of the done ones failed."""
+
+    def __call__(self, stage: str, done: int, total: int, failed: int = 0) -> None:
+        """Show it."""
+
+
+def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
+    """Shows nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Space:
+    """The points (n, k) of one logical scenario, which of them are hazardous (n,), and the numbers of those to do.
+
+    weights: p_i of each point, (n,), up to a factor. exposure: what the run keeps of where they come from.
+    """
+
+    logical: LogicalScenario
+    points: FloatArray
+    hazardous: BoolArray
+    numbers: Sequence[int]
+    weights: FloatArray
+    exposure: Mapping[str, Any] = field(default_factory=dict)
+
+    def concrete(self, number: int) -> ConcreteScenario:
+        """The concrete scenario at a point; made when asked for, because a space can have a million of them."""
+        values: list[float] = self.points[number].tolist()
+        made = self.logical.concrete(**dict(zip(self.logical.names, values, strict=True)))
+        return replace(made, exposure=float(self.weights[number]))
+
+    @property
+    def safe(self) -> list[int]:
+        """The points to do that lie in the safe zone."""
+        return [number for number in self.numbers if not self.hazardous[number]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planner:
+    """Makes the cases of an evaluation, each with the fingerprint of what its facts depend on."""
+
+    settings: EvaluationSettings
+    source: Path
+    harness: str
+    identities: Mapping[str, str]
+
+    @property
+    def setup(self) -> Setup:
+        """What all cases share."""
+        return Setup(self.settings.simulation, self.settings.run, self.source)
+
+    def ads(self, space: Space) -> Iterator[Case]:
+        """Every ADS at every point."""
+        for number in space.numbers:
+            concrete = space.concrete(number)
+            for ads in self.settings.ads:
+                case = Case(number, concrete, "ads", ads.name, ads.locator, seed=self.settings.seed)
+                yield self._finished(case)
+
+    def reference(self, space: Space, role: Role) -> Iterator[Case]:
+        """The ideal vehicle, or the one that does nothing, at every point, whatever the ADSs did there."""
+        for number in space.numbers:
+            case = Case(number, space.concrete(number), role, role, REFERENCES[role])
+            # Without an identity of its own: an ADS that is called by the same locator must not change a reference.
+            yield with_fingerprint(case, self.settings.simulation, "", self.harness)
+
+    def humans(self, space: Space) -> Iterator[Case]:
+        """Every synthetic driver at every safe point."""
+        for number in space.safe:
+            yield from self.synthetic(number, space.concrete(number), self.settings.drivers.count)
+
+    def synthetic(self, number: int, concrete: ConcreteScenario, count: int) -> Iterator[Case]:
+        """The first `count` synthetic drivers at one point."""
+        seed, population = self.settings.seed, self.settings.drivers.population
+        for index in range(count):
+            yield self._finished(
+                Case(number, concrete, "human", f"driver_{index:02d}", "synthetic", index, count, seed, population)
+            )
+
+    def recorded_person(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
+        """Somebody whose drive was recorded in events like the concrete scenario."""
+        return self._finished(Case(number, concrete, "human", f"recorded_{index:02d}", RECORDED))
+
+    def recorded_human(self, number: int, concrete: ConcreteScenario, index: int) -> Case:
+        """A driver whose trajectory the user's own reference has."""
+        return self._finished(Case(number, concrete, "human", f"driver_{index:02d}", self.settings.drivers.source))
+
+    def _finished(self, case: Case) -> Case:
+        identity = self.identities.get(case.controller, "")
+        return with_fingerprint(case, self.settings.simulation, identity, self.harness)
+
+
+def planner(settings: EvaluationSettings, source: Path) -> Planner:
+    """Find every ADS and the human reference. Raises InputError when one of them cannot be loaded."""
+    named = [("ADS", ads.locator) for ads in settings.ads]
+    if settings.drivers.source not in ("synthetic", RECORDED):
+        named.append(("Human reference", settings.drivers.source))
+    setup = Setup(settings.simulation, settings.run, source)
+    harness = harness_identity() + _plant_identity(settings, source)
+    identities = dict(identify(list(dict.fromkeys(named)), setup))
+    if settings.drivers.source == RECORDED:
+        from sumo_eval.drivers.recorded.reference import open_people  # pandas, which synthetic drivers do not need
+
+        open_people(settings.drivers, source)  # a file that cannot be read must not be found out after the simulation
+        identities[RECORDED] = people_identity(settings.drivers, source)
+    return Planner(settings, source, harness, identities)
+
+
+def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
+    """A hash of the FMU that moves the ego in place of the single-track model. Raises InputError when it is none."""
+    plant = settings.simulation.plant
+    if plant is None:
+        return ""
+    FmuPlant(plant, plant.file, source)
+    return hashlib.sha256((source / plant.file).read_bytes()).hexdigest()
+
+
+def record(
+    spaces: Sequence[Space], plan: Planner, store: Store, progress: Progress, stopping: Stopping = never
+) -> None:
+    """Simulate the cases of an evaluation that are not recorded yet.
+
+    What does not depend on each other is one piece of work, over all logical scenarios, so that no process waits for
+    the last case of each. Raises StoppedError when `stopping` said so before all were done; what has been done is
+    recorded.
+    """
+    settings = plan.settings
+    work = _Work(store, plan.setup, progress, stopping)
+    stages = [_ads_stage(space, plan) for space in spaces]
+    stages += [_reference_stage(space, plan, role) for space in spaces for role in REFERENCES]
+    if settings.drivers.source == "synthetic":
+        stages += [_drivers_stage(space, plan) for space in spaces]
+    work.do(stages)
+    for space in spaces:
+        if settings.drivers.source == "synthetic":
+            drivers, safe = {f"driver_{index:02d}" for index in range(settings.drivers.count)}, set(space.safe)
+            found = store.names("human", space.logical.name)
+            _forget(store, (case for case, point, who in found if point not in safe or who not in drivers))
+        elif settings.drivers.source == RECORDED:
+            _record_people(space, plan, store, work, progress)
+        else:
+            _record_own_reference(space, plan, store, work, progress)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """Cases of one role in one logical scenario, as their progress is shown."""
+
+    name: str
+    scenario: str
+    role: Role
+    cases: Iterable[Case]
+    total: int
+
+
+def _ads_stage(space: Space, plan: Planner) -> _Stage:
+    name = space.logical.name
+    return _Stage(f"{name}: ADSs", name, "ads", plan.ads(space), len(space.numbers) * len(plan.settings.ads))
+
+
+def _reference_stage(space: Space, plan: Planner, role: Role) -> _Stage:
+    name, who = space.logical.name, "ideal vehicle" if role == "ideal" else "no reaction"
+    return _Stage(f"{name}: {who}", name, role, plan.reference(space, role), len(space.numbers))
+
+
+def _drivers_stage(space: Space, plan: Planner) -> _Stage:
+    name = space.logical.name
+    total = len(space.safe) * plan.settings.drivers.count
+    return _Stage(f"{name}: drivers", name, "human", plan.humans(space), total)
+
+
+def _record_own_reference(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
+    """The drives that the user's own function has for every safe point."""
+    name, safe = space.logical.name, space.safe
+    known: set[str] = set()
+    for done, number in enumerate(safe, start=1):
+        for outcome in _recorded_drivers(plan, number, space.concrete(number)):
+            known.add(outcome.case.key)
+            if not store.holds(outcome.case):
+                store.add(outcome)
+        work.check()
+        progress(f"{name}: drivers", done, len(safe))
+    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+
+
+def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progress: Progress) -> None:
+    """Recorded drives at every safe point, and synthetic drivers where they are too few and shall be filled up."""
+    from sumo_eval.drivers.recorded.reference import (  # pandas, which synthetic drivers do not need
+        open_people,
+        reference,
+    )
+
+    name, settings = space.logical.name, plan.settings.drivers
+    people = open_people(settings, plan.source)
+    known: set[str] = set()
+    fill: list[Case] = []
+    safe = space.safe
+    for done, number in enumerate(safe, start=1):
+        concrete = space.concrete(number)
+        found = reference(concrete, people, settings)
+        for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
+            case = plan.recorded_person(number, concrete, index)
+            known.add(case.key)
+            if not store.holds(case):
+                store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who))
+        if settings.too_thin == "fill" and len(found.drives) < settings.least:
+            fill += plan.synthetic(number, concrete, settings.least - len(found.drives))
+        work.check()
+        progress(f"{name}: recorded drivers", done, len(safe))
+    if fill:
+        work.do([_Stage(f"{name}: drivers where too few are recorded", name, "human", fill, len(fill))])
+    known |= {case.key for case in fill}
+    _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
+
+
+def refuse_to_lose_cases(store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path) -> None:
+    """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs that are recorded."""
+    counts = {space.logical.name: len(space.points) for space in spaces}
+    drivers = {ads.name for ads in settings.ads}
+    for scenario in sorted({row[0] for row in store.counts()}):
+        for case, point, driver in store.names("ads", scenario):
+            if driver not in drivers or point >= counts.get(scenario, 0):
+                raise InputError(
+                    f"Run {run} holds cases that this evaluation does not choose, e.g. {case}: "
+                    "a run keeps its cases. Give the changed evaluation a folder of its own."
+                )
+
+
+class _Work:
+    """Runs cases and records their outcomes."""
+
+    def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
+        self._store, self._setup, self._progress, self._stopping = store, setup, progress, stopping
+
+    def do(self, stages: Sequence[_Stage]) -> None:
+        """Bring stages to their end, all at a time, or raise StoppedError."""
+        of = {(stage.scenario, stage.role): stage.name for stage in stages}
+        done, failed = dict.fromkeys(of.values(), 0), dict.fromkeys(of.values(), 0)
+        totals = {stage.name: stage.total for stage in stages}
+
+        def missing() -> Iterator[Case]:
+            for stage in stages:
+                for case in stage.cases:
+                    if self._store.holds(case):
+                        done[stage.name] += 1
+                    else:
+                        yield case
+
+        with closing(run_packs(missing(), self._setup, self._stopping)) as packs:
+            for outcomes in packs:
+                self._store.add(*outcomes)
+                touched = []
+                for outcome in outcomes:
+                    name = of[outcome.case.concrete.scenario, outcome.case.role]
+                    touched.append(name)
+                    done[name] += 1
+                    failed[name] += outcome.status not in EVALUATED
+                for name in dict.fromkeys(touched):
+                    self._progress(name, done[name], totals[name], failed[name])
+        for name, total in totals.items():
+            if done[name] < total:
+                self.check()
+                raise RuntimeError(f"{name}: {total - done[name]} of {total} cases got lost on their way")
+            self._progress(name, done[name], total, failed[name])
+
+    def check(self) -> None:
+        """Raise StoppedError when the work shall stop."""
+        if self._stopping():
+            raise StoppedError("stopped")
+
+
+def _forget(store: Store, cases: Iterable[str]) -> None:
+    """Drop reference drives that belong to nothing any more, because an ADS or the zones have changed since."""
+    found = list(cases)
+    if found:
+        store.remove(found)
+
+
+def _recorded_drivers(plan: Planner, number: int, concrete: ConcreteScenario) -> Iterator[Outcome]:
+    """The trajectories that the user's function has for a concrete scenario, as cases beside the simulated ones."""
+    locator = plan.settings.drivers.source
+    reference: Callable[[ConcreteScenario], Iterable[object]] = load_object(locator, plan.source, "Human reference")
+    try:
+        trajectories = list(reference(concrete))
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(
+            f"The human reference `{locator}` failed for {concrete.scenario} at {concrete.label}: {said(error)}."
+        ) from error
+    for index, trajectory in enumerate(trajectories):
+        if not isinstance(trajectory, Trajectory):
+            raise InputError(
+                f"The human reference `{locator}` must return Trajectory objects, got {type(trajectory).__name__} "
+                f"for {concrete.scenario} at {concrete.label}."
+            )
+        case = plan.recorded_human(number, concrete, index)
+        yield Outcome(case, "ok", Recording(trajectory, {}, None, "recorded"))

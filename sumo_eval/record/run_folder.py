@@ -1,0 +1,207 @@
+"""A run's folder: the resolved evaluation, who made it with what, the SUMO inputs, and the facts. One writer."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
+from sumo_eval.errors import InputError
+from sumo_eval.record.store import FORMAT_VERSION
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings.config import read_evaluation, to_toml
+
+FACTS = "facts.sqlite"
+EVALUATION = "evaluation.toml"
+MANIFEST = "manifest.json"
+EXPOSURES = "exposure.json"
+LOCK = ".lock"
+_HALF_MADE = {
+    EVALUATION,
+    MANIFEST,
+    FACTS,
+    LOCK,
+    EXPOSURES,
+    "networks",
+    "routes",
+}
+
+
+@contextmanager
+def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
+    """The right to write a run folder, made if need be. Refuses one that is in use, or not empty unless `resume`."""
+    _refuse_foreign(folder, resume)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = _locked(folder / LOCK)
+    except OSError as error:
+        raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
+    try:
+        _refuse_foreign(folder, resume)  # another process may have finished a run here just now
+        yield
+    finally:
+        (folder / LOCK).unlink(missing_ok=True)
+        os.close(file)
+
+
+def _locked(path: Path) -> int:
+    """An open file that this process alone holds locked; the lock ends with the process, however that ends."""
+    while True:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            _lock(file)
+        except OSError as error:
+            owner = path.read_text(encoding="utf-8").strip()
+            os.close(file)
+            raise InputError(
+                f"Run {path.parent} is being written by another process ({owner}); a run has one writer at a time."
+            ) from error
+        if path.exists() and path.stat().st_ino == os.fstat(file).st_ino:
+            os.truncate(file, 0)
+            os.write(file, f"process {os.getpid()} on {platform.node()}\n".encode())
+            return file
+        os.close(file)  # its last owner has just taken it away
+
+
+def _lock(file: int) -> None:
+    """Raises OSError when another process has it."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _refuse_foreign(folder: Path, resume: bool) -> None:
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError(f"{folder} already exists and is no folder; a run needs a folder of its own.")
+    suffixes = ("-wal", "-shm", "-journal", ".half")
+    names = {_without(path.name, suffixes) for path in folder.iterdir()}
+    names -= {LOCK}
+    if not names:
+        return
+    if not resume:
+        hint = " --resume continues the run in it." if is_run(folder) else ""
+        raise InputError(f"{folder} already exists and is not empty; a run needs a folder of its own.{hint}")
+    if not is_run(folder) and not names <= _HALF_MADE:
+        raise InputError(f"{folder} is no run folder: there is no {MANIFEST} in it; nothing to resume.")
+
+
+def _without(name: str, suffixes: Sequence[str]) -> str:
+    for suffix in suffixes:
+        name = name.removesuffix(suffix)
+    return name
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder holds a run, finished or not."""
+    return (folder / MANIFEST).is_file()
+
+
+def create(folder: Path, settings: EvaluationSettings, source: Path, examples: Sequence[ConcreteScenario]) -> None:
+    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario."""
+    before = read_manifest(folder) if is_run(folder) else None
+    try:
+        for name in ("networks", "routes"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        inputs = {EVALUATION: to_toml(settings)}
+        for concrete in examples:
+            network, view = f"{concrete.road.name}.net.xml", f"{concrete.road.name}.view.xml"
+            routes, configuration = f"{concrete.scenario}.rou.xml", f"{concrete.scenario}.sumocfg"
+            simulation = settings.simulation
+            inputs |= {
+                f"networks/{network}": network_xml(concrete.road),
+                f"networks/{view}": view_xml(concrete.road),
+                f"routes/{routes}": routes_xml(concrete, simulation.vehicle),
+                f"routes/{configuration}": configuration_xml(
+                    f"../networks/{network}",
+                    routes,
+                    simulation.step,
+                    lane_change_duration=simulation.lane_change_duration,
+                    view=f"../networks/{view}",
+                ),
+            }
+        for name, text in inputs.items():
+            _write(folder / name, text)
+        manifest = _manifest(inputs, settings, source)
+        if before is not None:  # who began it stays, and who went on stands beside
+            now = {name: manifest[name] for name in ("created", "versions", "machine")}
+            manifest |= {name: before[name] for name in now}
+            manifest["resumed"] = [*before.get("resumed", []), now]
+        _write(folder / MANIFEST, json.dumps(manifest, indent=2) + "\n")
+    except OSError as error:
+        raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
+
+
+def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
+    """Keep what the exposure of every scenario was made of: the recordings need not be there when scores are."""
+    _write(folder / EXPOSURES, json.dumps(exposures, indent=2) + "\n")
+
+
+def read_exposures(folder: Path) -> dict[str, Any]:
+    """What `write_exposures` kept; nothing where a run has none."""
+    try:
+        exposures: dict[str, Any] = json.loads((folder / EXPOSURES).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"The exposures of run {folder} cannot be read: {error}.") from error
+    return exposures
+
+
+def _write(path: Path, text: str) -> None:
+    """The whole file or none of it."""
+    half = path.with_name(path.name + ".half")
+    half.write_text(text, encoding="utf-8")
+    half.replace(path)
+
+
+def read_settings(folder: Path) -> EvaluationSettings:
+    """The resolved evaluation of a run."""
+    if not (folder / FACTS).is_file():
+        raise InputError(f"{folder} is no run folder: there is no {FACTS} in it.")
+    return read_evaluation(folder / EVALUATION)
+
+
+def read_manifest(folder: Path) -> Mapping[str, Any]:
+    """The manifest of a run."""
+    try:
+        manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
+    if manifest.get("format_version") != FORMAT_VERSION:
+        raise InputError(
+            f"Run {folder} has format version {manifest.get('format_version')}; this sumo_eval reads {FORMAT_VERSION}."
+        )
+    return manifest
+
+
+def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: Path) -> dict[str, Any]:
+    return {
+        "format_version": FORMAT_VERSION,
+        "name": settings.name,
+        "seed": settings.seed,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "source_folder": str(source),
+        "versions": {
+            "python": sys.version.split()[0],
+            **{name: version(name) for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")},
+        },
+        "machine": {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()},
+        "sha256": {name: hashlib.sha256(inputs[name].encode()).hexdigest() for name in sorted(inputs)},
+    }

@@ -1,0 +1,64 @@
+"""Work that only computes, spread over child processes; nothing of a user's runs in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from typing import Protocol, TypeVar
+
+from sumo_eval.record.children import child_context, tie_to_owner
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+
+class Spread(Protocol):
+    """`work` of every part, in order, wherever it is done; `map` does it here."""
+
+    def __call__(self, work: Callable[[Part], Result], parts: Sequence[Part], /) -> Iterable[Result]:
+        """The results."""
+
+
+@contextmanager
+def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]:
+    """Child processes for any number of rounds of work; `workers` = 1: this process. They die with this process.
+
+    They begin at once, with `prepare`, so that whoever has something else to do first need not wait for them.
+    """
+    if workers == 1:
+        yield map
+        return
+    context = child_context()
+    lifeline, held = context.Pipe(duplex=False)
+    with lifeline, held:
+        pool = ProcessPoolExecutor(workers, context, initializer=tie_to_owner, initargs=(lifeline,))
+        try:
+            for _ in range(workers):
+                pool.submit(prepare)
+            yield pool.map
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def beside(work: Callable[[], object]) -> Iterator[None]:
+    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it, too."""
+    context = child_context()
+    lifeline, held = context.Pipe(duplex=False)
+    with lifeline, held:
+        child = context.Process(target=_tied, args=(lifeline, work))  # type: ignore[attr-defined]
+        child.start()
+        try:
+            yield
+        except BaseException:
+            child.kill()
+            raise
+        finally:
+            child.join()
+
+
+def _tied(lifeline: Connection, work: Callable[[], object]) -> None:
+    tie_to_owner(lifeline)
+    work()

@@ -1,0 +1,468 @@
+"""The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one transaction.
+
+Every case carries a hash of all that is recorded of it, and a complete run a seal over all its cases. A file is checked
+against them once in every process that reads it, before the first answer is taken from it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sqlite3
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from itertools import groupby
+from pathlib import Path
+from sys import intern
+from typing import Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.cases import ALONE, Case, Outcome, Role, Status
+from sumo_eval.record.kept import EGO as EGO
+from sumo_eval.record.kept import KeptRecording, keep, unpack
+from sumo_eval.trajectory import Clip, Collision, Trajectory
+
+FORMAT_VERSION = 3
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS facts (
+    "case" TEXT PRIMARY KEY, scenario TEXT NOT NULL, point INTEGER NOT NULL, role TEXT NOT NULL, driver TEXT NOT NULL,
+    controller TEXT NOT NULL, "values" TEXT NOT NULL, exposure REAL NOT NULL, status TEXT NOT NULL, end_reason TEXT,
+    error TEXT, simulated_time REAL, collision TEXT, clips TEXT NOT NULL, fingerprint TEXT NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS circumstances (
+    "case" TEXT PRIMARY KEY, log TEXT NOT NULL, wall_time REAL, latency_mean REAL, latency_max REAL,
+    error_place TEXT NOT NULL, hash BLOB NOT NULL
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS trajectories (
+    "case" TEXT NOT NULL, vehicle TEXT NOT NULL, data BLOB NOT NULL, PRIMARY KEY ("case", vehicle)
+) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
+"""
+_TABLES = ("facts", "circumstances", "trajectories")
+_SEAL = "seal"
+_HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can also write a hash that fits
+_checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
+_COLUMNS = (
+    'facts."case", scenario, point, role, driver, controller, "values", exposure, status, end_reason, error, log, '
+    "simulated_time, collision, clips, wall_time, latency_mean, latency_max, error_place"
+)
+
+
+_MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """One recorded case, without its trajectories."""
+
+    case: str
+    scenario: str
+    point: int
+    role: Role
+    driver: str
+    controller: str
+    values: Mapping[str, float]
+    exposure: float
+    status: Status
+    end_reason: str | None
+    error: str | None
+    log: str
+    simulated_time: float | None
+    collision: Collision | None
+    clips: tuple[Clip, ...]
+    wall_time: float | None
+    latency_mean: float | None
+    latency_max: float | None
+    error_place: str = ""
+
+
+class Store:
+    """The facts file of one run. What differs from run to run - times, printed text - is kept apart from the facts."""
+
+    def __init__(self, path: Path, *, create: bool = False) -> None:
+        if not create and not path.is_file():
+            raise InputError(f"{path.parent} is no run folder: there is no {path.name} in it.")
+        self.path = path
+        self._writing = create
+        try:
+            self._connection = sqlite3.connect(path)
+        except sqlite3.Error as error:
+            raise InputError(f"{path} cannot be opened: {error}.") from error
+        try:
+            self._begin(create)
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def _begin(self, create: bool) -> None:
+        try:
+            version = self._version()
+            if create and version == 0:
+                self._connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+                version = FORMAT_VERSION
+            if version == FORMAT_VERSION:
+                # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
+                self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
+                self._connection.execute("PRAGMA synchronous = NORMAL")
+        except sqlite3.Error as error:
+            raise InputError(f"{self.path} is no facts file of a run, or cannot be used: {error}.") from error
+        if version == 0:
+            raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
+        if version != FORMAT_VERSION:
+            older = " Rows of older versions carry no hash of their content." if 0 < version < FORMAT_VERSION else ""
+            raise InputError(
+                f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
+                "Use the version of sumo_eval that wrote it, or run its evaluation again into a new folder."
+            )
+
+    def _version(self) -> int:
+        return int(self._connection.execute("PRAGMA user_version").fetchone()[0])
+
+    def close(self) -> None:
+        """Close the file; a finished one is a single file that needs no write access to be read."""
+        try:
+            if self._writing:
+                self._connection.execute("PRAGMA journal_mode = DELETE")
+        except sqlite3.Error:
+            pass  # a full or broken disk, or somebody who reads: the file stays as whole as it is
+        finally:
+            self._connection.close()
+
+    # -- whole or not --------------------------------------------------------------------------------------------------
+
+    def check(self) -> None:
+        """Compare every case with its hash, and all of them with the seal. InputError names the first that differs.
+
+        SQLite's own check comes first: an index that lost a row would leave a case out without a word.
+        """
+        for _ in self._read("BEGIN"):  # one state of the file for all queries, whoever else may be writing
+            pass
+        try:
+            self._compare()
+        finally:
+            self._connection.rollback()
+
+    def _compare(self) -> None:
+        damaged = f"{self.path} is damaged"
+        for (words,) in self._read("PRAGMA integrity_check(1)"):
+            if words != "ok":
+                raise InputError(f"{damaged}: {words.splitlines()[-1]}. {_MEND}")
+        cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
+        drives = groupby(self._read('SELECT * FROM trajectories ORDER BY "case", vehicle'), key=lambda row: row[0])
+        circumstances = self._read('SELECT * FROM circumstances ORDER BY "case"')
+        recorded, beside = next(drives, None), next(circumstances, None)
+        for fact in self._read('SELECT * FROM facts ORDER BY "case"'):
+            mine: list[tuple[str, bytes]] = []
+            if recorded is not None and recorded[0] == fact[0]:
+                mine = [(vehicle, data) for _, vehicle, data in recorded[1]]
+                recorded = next(drives, None)
+            if beside is None or beside[0] != fact[0]:
+                break
+            intact = all(isinstance(data, bytes) for _, data in mine)
+            if not intact or beside[-1] != _hash(fact, beside[:-1], mine):
+                raise InputError(
+                    f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a trajectory of it was "
+                    f"changed or damaged. {_MEND}"
+                )
+            cases += 1
+            seal.update(beside[-1])
+            beside = next(circumstances, None)
+        else:
+            fact = None
+        parts = [part[0] for part in (fact, beside, recorded) if part is not None]
+        if parts:
+            raise InputError(f"{damaged}: a part of case `{min(parts)}` is missing. {_MEND}")
+        sealed = self.noted(_SEAL)
+        if sealed and sealed != f"{cases} {seal.hexdigest()}":
+            raise InputError(
+                f"{damaged}: it was complete with {sealed.partition(' ')[0]} cases and holds {cases} now, "
+                f"or other ones. {_MEND}"
+            )
+
+    def seal(self) -> None:
+        """Note how many cases there are, and a hash over the hashes of all: a complete run misses none of them."""
+        cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
+        for (found,) in self._read('SELECT hash FROM circumstances ORDER BY "case"'):
+            cases += 1
+            seal.update(found)
+        self.note(_SEAL, f"{cases} {seal.hexdigest()}")
+
+    def unseal(self) -> None:
+        """Take the seal off, for a run that goes on."""
+        self.note(_SEAL, "")
+
+    def _read(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> Iterator[Any]:
+        """The rows of a query; what SQLite cannot read is a sentence that names the file."""
+        try:
+            for row in self._connection.execute(query, values):  # noqa: UP028 - `yield from` would close the cursor
+                yield row
+        except sqlite3.Error as error:
+            raise InputError(f"{self.path} cannot be read: {error}. {_MEND}") from error
+
+    def add(self, *outcomes: Outcome) -> None:
+        """Record cases, each with its row and all its trajectories: all of them or none, in one transaction.
+
+        A case of the same name takes the place of one that was recorded with another fingerprint. Raises InputError
+        when the file cannot take them in, e.g. because the disk is full.
+        """
+        recorded = [(outcome, _kept(outcome)) for outcome in outcomes]
+        facts = [_fact_row(outcome, kept) for outcome, kept in recorded]
+        circumstances = [
+            (*row, _hash(fact, row, sorted(kept.drives.items()) if kept else ()))
+            for fact, (outcome, kept) in zip(facts, recorded, strict=True)
+            for row in (_circumstance_row(outcome, kept),)
+        ]
+        drives = [
+            (outcome.case.key, name, data)
+            for outcome, kept in recorded
+            if kept is not None
+            for name, data in kept.drives.items()
+        ]
+        with self._changes():
+            for outcome in outcomes:
+                if self._is_recorded_otherwise(outcome.case):
+                    self._remove(outcome.case.key)
+            self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
+            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?)", circumstances)
+            self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
+
+    def holds(self, case: Case) -> bool:
+        """Whether the case is recorded as it would be made now."""
+        return self._fingerprint(case.key) == case.fingerprint
+
+    def remove(self, cases: Iterable[str]) -> None:
+        """Take out cases that are no part of the evaluation any more."""
+        with self._changes():
+            for case in cases:
+                self._remove(case)
+
+    def _is_recorded_otherwise(self, case: Case) -> bool:
+        return self._fingerprint(case.key) not in (None, case.fingerprint)
+
+    def _fingerprint(self, case: str) -> str | None:
+        row = next(self._read('SELECT fingerprint FROM facts WHERE "case" = ?', (case,)), None)
+        return None if row is None else str(row[0])
+
+    def _remove(self, case: str) -> None:
+        for table in _TABLES:
+            self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
+
+    @contextmanager
+    def _changes(self) -> Iterator[None]:
+        try:
+            with self._connection:
+                yield
+        except sqlite3.IntegrityError:
+            raise  # a case that is there already
+        except sqlite3.Error as error:
+            raise InputError(f"{self.path} cannot be written: {error}. What it holds is kept.") from error
+
+    def difference(self, case: str, other: Store) -> str:
+        """Where a case differs from the same case in another store, in words."""
+        query = 'SELECT * FROM facts WHERE "case" = ?'
+        names = [name for _, name, *_ in self._read("PRAGMA table_info(facts)")]
+        a, b = (next(store._read(query, (case,))) for store in (self, other))
+        found = [f"{n}: {x!r}, now {y!r}" for n, x, y in zip(names, a, b, strict=True) if x != y]
+        return "; ".join(found) or "a trajectory differs"
+
+    # -- about the run -------------------------------------------------------------------------------------------------
+
+    def note(self, name: str, value: str) -> None:
+        """Keep a word about the run as a whole, e.g. that it is complete."""
+        with self._changes():
+            self._connection.execute("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
+
+    def noted(self, name: str) -> str:
+        """What was noted under a name, or nothing."""
+        row = next(self._read("SELECT value FROM about WHERE name = ?", (name,)), None)
+        return "" if row is None else str(row[0])
+
+    def take_over(self, other: Path) -> None:
+        """Copy everything recorded in another store of the same format, in one transaction."""
+        for _ in self._read("ATTACH ? AS other", (f"{other}",)):
+            pass
+        try:
+            with self._changes():
+                for table in _TABLES:
+                    self._connection.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")  # noqa: S608
+        except sqlite3.IntegrityError as error:
+            raise InputError(f"{other.parent} holds a case that is in another part as well: {error}.") from error
+        finally:
+            self._connection.execute("DETACH other")
+
+    # -- reading -------------------------------------------------------------------------------------------------------
+
+    def facts(self, role: Role, scenario: str | None = None, driver: str | None = None) -> list[Fact]:
+        """The recorded cases of a role (of one scenario, of one driver), by scenario, point and driver."""
+        return list(self.each_fact(role, scenario, driver))
+
+    def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
+        """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
+        query = (
+            f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
+            "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
+            "ORDER BY scenario, point, driver"
+        )
+        return (_fact(row) for row in self._read(query, (role, scenario, driver)))
+
+    def names(self, role: Role, scenario: str) -> Iterator[tuple[str, int, str]]:
+        """Case, point and driver of the recorded cases of a role in a scenario."""
+        query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = ?'
+        yield from self._read(query, (role, scenario))
+
+    def counts(self) -> list[tuple[str, str, str, str, int, float]]:
+        """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
+        query = (
+            "SELECT scenario, role, CASE role WHEN 'human' THEN '' ELSE driver END AS who, status, count(*), "
+            "total(exposure) FROM facts GROUP BY scenario, role, who, status ORDER BY scenario, role, who, status"
+        )
+        return list(self._read(query))
+
+    def simulated_alone(self, scenario: str, ads: str) -> dict[str, int]:
+        """How many drives of an ADS, and of those that it is compared with, left their pack, by the reason."""
+        query = (
+            "SELECT substr(log, length(:mark) + 1, instr(log, char(10)) - length(:mark) - 1) AS why, count(*) "
+            'FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
+            "AND (role != 'ads' OR driver = :ads) AND substr(log, 1, length(:mark)) = :mark GROUP BY why ORDER BY why"
+        )
+        found = self._read(query, {"mark": ALONE, "scenario": scenario, "ads": ads})
+        return dict(found)
+
+    def digest(self) -> str:
+        """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
+        found = hashlib.sha256()
+        for query in (
+            'SELECT * FROM facts ORDER BY "case"',
+            'SELECT * FROM trajectories ORDER BY "case", vehicle',
+        ):
+            for row in self._read(query):
+                found.update(repr(row).encode())
+        return found.hexdigest()
+
+    def case_digest(self, case: str) -> str | None:
+        """A hash of one case's facts and trajectories; None when it is not recorded."""
+        row = next(self._read('SELECT * FROM facts WHERE "case" = ?', (case,)), None)
+        if row is None:
+            return None
+        drives = list(self._read('SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,)))
+        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+
+    def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
+        """A recorded trajectory of a case."""
+        query = 'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?'
+        row = next(self._read(query, (case, vehicle)), None)
+        if row is None:
+            raise InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
+        return unpack(row[0])
+
+    def trajectories(self, case: str) -> dict[str, Trajectory]:
+        """Every vehicle's trajectory of a case, the ego's under `ego`."""
+        rows = self._read('SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,))
+        return {name: unpack(data) for name, data in rows}
+
+
+@contextmanager
+def open_store(path: Path, *, create: bool = False, checked: bool = False) -> Iterator[Store]:
+    """A facts file, checked and closed at the end of the block. checked: another process has just done that.
+
+    A file that has not changed since this process checked it is not checked again.
+    """
+    store = Store(path, create=create)
+    try:
+        if not checked:
+            _check_once(store)
+        yield store
+    finally:
+        store.close()
+
+
+def _check_once(store: Store) -> None:
+    if not store.path.is_file():
+        return  # in memory
+    state = store.path.stat()
+    key = (str(store.path.resolve()), state.st_size, state.st_mtime_ns)
+    writing = store.path.with_name(store.path.name + "-wal").exists()  # then the file's own time does not tell when
+    if writing or key not in _checked:
+        store.check()
+        _checked.add(key)
+
+
+def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterable[tuple[str, bytes]]) -> bytes:
+    """A hash of all that is recorded of a case; `drives` in the order of the vehicles' names.
+
+    Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of a longer hash.
+    """
+    sums = [(vehicle, len(data), zlib.crc32(data)) for vehicle, data in drives]
+    return hashlib.blake2b(repr((*fact, *circumstance, sums)).encode(), digest_size=_HASH_SIZE).digest()
+
+
+def _real(value: float | None) -> float | None:
+    """A number as SQLite gives it back: its own kind, without the sign of a zero, and missing where it is not one."""
+    return None if value is None or math.isnan(value) else float(value) + 0.0
+
+
+def _kept(outcome: Outcome) -> KeptRecording | None:
+    recording = outcome.recording
+    return recording if recording is None or isinstance(recording, KeptRecording) else keep(recording)
+
+
+def _fact_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
+    case = outcome.case
+    return (
+        case.key,
+        case.concrete.scenario,
+        int(case.point),
+        case.role,
+        case.driver,
+        case.controller,
+        json.dumps(dict(case.concrete.values)),
+        _real(case.concrete.exposure),
+        outcome.status,
+        kept.end_reason if kept else None,
+        outcome.error,
+        _real(kept.simulated_time) if kept else None,
+        json.dumps(_plain(kept.collision)) if kept and kept.collision else None,
+        json.dumps([_plain(clip) for clip in kept.clips] if kept else []),
+        case.fingerprint,
+    )
+
+
+def _plain(record: Collision | Clip) -> dict[str, object]:
+    """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the cost."""
+    return {field.name: getattr(record, field.name) for field in fields(record)}
+
+
+def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
+    times = (kept.wall_time, *kept.controller_latency) if kept else (None, None, None)
+    return outcome.case.key, outcome.log, *(_real(time) for time in times), outcome.error_place
+
+
+def _fact(row: tuple[Any, ...]) -> Fact:
+    (case, scenario, point, role, driver, controller, values, exposure, status, end_reason, error, log, simulated_time,
+     collision, clips, wall_time, latency_mean, latency_max, error_place) = row  # fmt: skip
+    return Fact(
+        case, intern(scenario), point, role, intern(driver), intern(controller), _values(values), exposure,
+        status, end_reason, error, log, simulated_time,
+        _collision(collision), tuple(Clip(**clip) for clip in json.loads(clips)),
+        wall_time, latency_mean, latency_max, error_place or "",
+    )  # fmt: skip
+
+
+def _values(text: str) -> dict[str, float]:
+    """The names are the same in all rows of a scenario, and so they shall be in memory."""
+    return {intern(name): value for name, value in json.loads(text).items()}
+
+
+def _collision(text: str | None) -> Collision | None:
+    if text is None:
+        return None
+    plain = json.loads(text)
+    channels: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
+    }
+    return Collision(**channels)

@@ -1,0 +1,159 @@
+"""A watch over an ADS while it drives: a step that hangs is interrupted, a fault past the limits says which limit."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+# signal.getsignal looks the handler up in an Enum first, which costs more than a system call
+from _signal import getsignal  # type: ignore[import-not-found]
+from collections.abc import Callable
+from types import FrameType
+from typing import Any, cast
+
+from sumo_eval.cosim.compiled import Compiled
+from sumo_eval.cosim.doors.controller import (
+    Briefing,
+    Controller,
+    NativeModel,
+    ObjectController,
+    ObservingController,
+    PolicyController,
+)
+from sumo_eval.cosim.doors.json_lines import JsonLinesProgram
+from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.traci_program import TraciProgram
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import ControllerTimeoutError
+from sumo_eval.settings import RunSettings
+from sumo_eval.text import kind_of
+
+COPY = 87  # exit code of a copy of a process, made by a fork in a step, that goes on with the case as the process does
+_ALARM = int(getattr(signal, "SIGALRM", 0))
+
+
+_ASKED = [False]  # whether an ADS is at its step; one at a time, however many are driven
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    if _ASKED[0]:
+        raise _OverdueError
+
+
+class _OverdueError(BaseException):
+    """Raised in the middle of a step that is over its time. No `except Exception` of the ADS catches it."""
+
+
+def watched(controller: Controller, limits: RunSettings) -> Controller:
+    """The controller under watch. SUMO's own models and what ships need none, and programs are watched where they are
+    talked to.
+    """
+    if isinstance(controller, NativeModel | JsonLinesProgram | TraciProgram):
+        return controller
+    if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
+        return controller
+    if isinstance(controller, PolicyController):
+        return WatchedPolicy(controller, limits.step_timeout, limits.memory_limit)
+    if isinstance(controller, ObservingController):
+        return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
+    return WatchedController(controller, limits.step_timeout, limits.memory_limit)
+
+
+def interrupted(error: KeyboardInterrupt) -> RuntimeError:
+    """What to raise in its place: nobody at a keyboard reaches a child, so the ADS raised it."""
+    return RuntimeError(f"it raised {kind_of(error)}")
+
+
+class WatchedController:
+    """A controller whose steps end in time, by an exception raised in them, wherever Python code runs or waits.
+
+    Code that keeps the interpreter's lock cannot be interrupted so; there the deadline of the case ends the process.
+    """
+
+    is_adapter = True
+
+    def __init__(self, controller: Controller, step_timeout: float, memory_limit: float) -> None:
+        self._controller = controller
+        self._step_timeout = step_timeout
+        self._memory_limit = memory_limit
+        self._process = os.getpid()
+        self.target: Any = getattr(controller, "target", getattr(controller, "function", None))  # the user's own object
+        self._armed = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+
+    def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
+        """Pass on. Loading a model may take its time: only the deadline of the case holds."""
+        try:
+            self._controller.reset(scenario, traci, ego)
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
+        if self._armed:  # after the ADS's own reset, which may have set handlers
+            signal.signal(signal.SIGALRM, _interrupt)
+
+    def step(self, traci: Any, ego: str, time: float) -> Command | None:
+        """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
+        command: Command | None = self._in_time(self._controller.step, traci, ego, time)
+        return command
+
+    def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            _ASKED[0] = True
+            if self._armed:  # again and again: an ADS may swallow the first
+                signal.setitimer(signal.ITIMER_REAL, self._step_timeout, self._step_timeout)
+            try:
+                return ask(*arguments)
+            except KeyboardInterrupt as error:
+                raise interrupted(error) from error
+            finally:
+                if os.getpid() != self._process:  # the step forked: this is the copy, which nobody asked for
+                    os._exit(COPY)
+                _ASKED[0] = False
+                # our own alarm may go on: it rings for nobody until the next step sets it anew; an ADS's may not
+                if self._armed and getsignal(_ALARM) is not _interrupt:
+                    signal.setitimer(signal.ITIMER_REAL, 0.0)
+        except _OverdueError as overdue:
+            raise ControllerTimeoutError(
+                f"The ADS must answer within {self._step_timeout:g} s, took longer"
+            ) from overdue
+        except MemoryError as error:
+            raise MemoryError(f"more than the {self._memory_limit:g} MB of `run.memory_limit`") from error
+
+    def close(self) -> None:
+        """Pass on, with no alarm set."""
+        if self._armed:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+        try:
+            self._controller.close()
+        except KeyboardInterrupt as error:
+            raise interrupted(error) from error
+
+
+class WatchedObserver(WatchedController, ObservingController):
+    """A controller that is shown Observations, with an alarm and a memory limit around each of its steps."""
+
+    def __init__(self, controller: ObservingController, step_timeout: float, memory_limit: float) -> None:
+        super().__init__(cast("Controller", controller), step_timeout, memory_limit)
+        self._observer = controller
+
+    @property
+    def senses(self) -> Senses:
+        """What the controller is shown comes from these."""
+        return self._observer.senses
+
+    @senses.setter
+    def senses(self, lent: Senses) -> None:
+        self._observer.senses = lent
+
+
+class WatchedPolicy(WatchedController):
+    """A policy, which is asked about what is seen, with an alarm and a memory limit around each of its answers."""
+
+    is_policy = True
+
+    def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
+        super().__init__(policy, step_timeout, memory_limit)
+        self._act = policy.act
+
+    def act(self, seen: Any) -> Any:
+        """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
+        return self._in_time(self._act, seen)

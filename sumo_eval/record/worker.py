@@ -1,0 +1,158 @@
+"""What runs in a child process: cases through SUMO, alone or together. Imports no more than that needs."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.ads.known_answers import IdealBraking, no_reaction
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.doors.fault_place import fault_place
+from sumo_eval.cosim.simulate import ALONE_BY_NATURE, simulate_together
+from sumo_eval.cosim.vehicle_model import GRAVITY
+from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
+from sumo_eval.errors import InputError
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.claims import STATUS, Result, Results, as_message
+from sumo_eval.record.frames import Message
+from sumo_eval.record.kept import keep
+from sumo_eval.record.watch import watched
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import Recording
+
+DRAWS = "The ADS draws from the global random generators, so that its cases have to follow one another."
+
+
+def run_case(case: Case, setup: Setup) -> Outcome:
+    """Simulate a case. Whatever goes wrong in it is part of the outcome."""
+    try:
+        recording = _simulate(case, setup)
+    except InputError as error:
+        return Outcome(case, "rejected", None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
+    return Outcome(case, STATUS[recording.end_reason], recording, recording.error, recording.log, recording.error_place)
+
+
+def answer(cases: Sequence[Case], setup: Setup) -> Message:
+    """What `run_together` gives, as a child sends it."""
+    return as_message(run_together(cases, setup))
+
+
+def run_together(cases: Sequence[Case], setup: Setup) -> Results:
+    """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
+
+    A text in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
+    to.
+    """
+    if len(cases) == 1:
+        outcome = run_case(cases[0], setup)
+        recording = outcome.recording
+        kept = keep(recording) if isinstance(recording, Recording) else recording
+        return [Result(outcome.status, kept, outcome.error, outcome.log, outcome.error_place)]
+    try:
+        found = list(_simulate_together(cases, setup))
+    except InputError:  # each of them says why when it runs alone
+        return None
+    if all(one in ALONE_BY_NATURE or one == DRAWS for one in found):
+        return None
+    return [
+        one if isinstance(one, str) else Result(STATUS[one.end_reason], keep(one), one.error, one.log, one.error_place)
+        for one in found
+    ]
+
+
+def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
+    """The simulation with the ideal vehicle's own brakes, on a road that can hold them; only its collision counts."""
+    vehicle = settings.vehicle
+    friction = max(vehicle.friction, settings.ideal_deceleration / GRAVITY)
+    return replace(
+        settings,
+        end_when_decided=True,
+        vehicle=replace(
+            vehicle,
+            max_deceleration=settings.ideal_deceleration,
+            brake_build_up=settings.ideal_build_up,
+            friction=friction,
+        ),
+    )
+
+
+def _simulate(case: Case, setup: Setup) -> Recording:
+    settings = _settings(case, setup)
+    if case.role == "human":
+        return simulate(case.concrete, _driver(case), settings)
+    if case.role == "ideal":
+        return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if case.role == "no_reaction":
+        return simulate(case.concrete, no_reaction, settings)
+    _seed_global_generators(case)
+    controller = watched(load_controller(case.controller, setup.folder), setup.run)
+    return simulate(
+        case.concrete,
+        controller,
+        settings,
+        folder=setup.folder,
+        step_timeout=setup.run.step_timeout,
+        seed=case.seed,
+    )
+
+
+def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
+    """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
+    settings = _settings(cases[0], setup)
+    concretes = [case.concrete for case in cases]
+    role = cases[0].role
+    if role == "human":
+        return simulate_together(concretes, [_driver(case) for case in cases], settings)
+    if role == "ideal":
+        return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
+    if role == "no_reaction":
+        return simulate_together(concretes, no_reaction, settings)
+    _seed_global_generators(cases[0])
+    before = _states_of_global_generators()
+    found = list(
+        simulate_together(
+            concretes,
+            cases[0].controller,
+            settings,
+            folder=setup.folder,
+            step_timeout=setup.run.step_timeout,
+            seeds=[case.seed for case in cases],
+            wrap=lambda ads: watched(ads, setup.run),
+            batches=False,
+        )
+    )
+    return found if _states_of_global_generators() == before else [DRAWS] * len(cases)
+
+
+def _driver(case: Case) -> SyntheticDriver:
+    return human_controller(case.driver_index, case.driver_count, case.seed, case.concrete, case.population)
+
+
+def _settings(case: Case, setup: Setup) -> SimulationSettings:
+    """Only the ADSs under test have the conditions and the vehicle model of the run, and not the ideal brakes."""
+    if case.role == "ads":
+        return setup.simulation
+    settings = replace(setup.simulation, conditions=ConditionSettings(), plant=None)
+    return _ideal_vehicle(settings) if case.role == "ideal" else settings
+
+
+def _seed_global_generators(case: Case) -> None:
+    """An ADS that draws from the global generators draws the same in every run, whatever ran in this process before.
+
+    The point's values choose the stream and not its number, so that a case alone is what it was among others.
+    """
+    stream = random_stream(case.seed, "ads", case.concrete.scenario, case.concrete.label, case.driver)
+    random.seed(int(stream.integers(2**63)))
+    np.random.seed(int(stream.integers(2**32)))  # noqa: NPY002 - the generator that such an ADS uses
+
+
+def _states_of_global_generators() -> tuple[object, ...]:
+    """What tells whether somebody has drawn from them."""
+    legacy: Any = np.random.get_state()  # noqa: NPY002 - the generator that such an ADS uses
+    return random.getstate(), legacy[1].tobytes(), legacy[2:]

@@ -1,0 +1,1 @@
+"""Which points of a parameter space become concrete scenarios."""

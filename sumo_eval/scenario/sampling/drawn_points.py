@@ -1,0 +1,145 @@
+"""Points drawn at random or evenly: Latin hypercube, Sobol, Halton, by exposure, by exposure and danger.
+
+The sequences are scipy's, started from a named stream of the seed. Values are rounded to a millionth of their range, so
+that the last digit of a machine's arithmetic decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
+
+DIGITS = 6  # of a range
+CANDIDATES = 64  # drawn for each point that is chosen among them
+MOST_CANDIDATES = 2**18
+LEAST_DANGER = 0.05  # share of the attention that goes where nothing is dangerous: no place is left out
+
+
+def latin_hypercube(logical: LogicalScenario, request: Request) -> Drawn:
+    """One point in each of `count` layers of every axis."""
+    count = request.wanted(_owner(logical))
+    stream = random_stream(request.seed, "sampling", logical.name, "latin_hypercube")
+    return Drawn(from_shares(logical, _qmc().LatinHypercube(len(logical.names), rng=stream).random(count)))
+
+
+def sobol(logical: LogicalScenario, request: Request) -> Drawn:
+    """The first `count` points of a scrambled Sobol sequence."""
+    count = request.wanted(_owner(logical))
+    notes: tuple[str, ...] = ()
+    if count & (count - 1):
+        notes = (f"Sobol points are evenest in powers of 2; {count} is none.",)
+    stream = random_stream(request.seed, "sampling", logical.name, "sobol")
+    return Drawn(from_shares(logical, _sobol(len(logical.names), count, stream)), notes=notes)
+
+
+def halton(logical: LogicalScenario, request: Request) -> Drawn:
+    """The first `count` points of a scrambled Halton sequence."""
+    count = request.wanted(_owner(logical))
+    stream = random_stream(request.seed, "sampling", logical.name, "halton")
+    return Drawn(from_shares(logical, _qmc().Halton(len(logical.names), rng=stream).random(count)))
+
+
+def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
+    """`count` points as often as the scenario's exposure has them; each counts the same."""
+    points, _ = _drawn(logical, request, "exposure", None)
+    return Drawn(points, exposure=np.ones(len(points)), notes=_fewer(len(points), request))
+
+
+def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
+    """`count` points, the more dangerous ones more often; each counts by how much too often it was drawn.
+
+    Drawn with a density in proportion to exposure * danger, so a point's exposure is 1 / danger, up to a factor.
+    """
+    if request.danger is None:
+        raise InputError(f"Nobody says how dangerous the points in {_owner(logical)} are.")
+    danger = request.danger
+    points, drawn_more = _drawn(logical, request, "exposure_danger", lambda rows: LEAST_DANGER + danger(rows))
+    return Drawn(points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request))
+
+
+def from_shares(logical: LogicalScenario, shares: FloatArray) -> FloatArray:
+    """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one of them."""
+    return np.column_stack([_values(item, shares[:, column]) for column, item in enumerate(logical.parameters)])
+
+
+def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) -> FloatArray:
+    """The first `count` points (n, k) of a scrambled Sobol sequence over the box."""
+    return from_shares(logical, _sobol(len(logical.names), count, stream))
+
+
+def _drawn(logical: LogicalScenario, request: Request, label: str, attention: object) -> tuple[FloatArray, FloatArray]:
+    """Points drawn in proportion to exposure times attention, and the attention that each got.
+
+    Candidates come evenly from the parameters' distributions (evenly over the range without one), so that what is left
+    to weigh is only the part of the exposure that they do not have, and the attention.
+    """
+    count = request.wanted(_owner(logical))
+    stream = random_stream(request.seed, "sampling", logical.name, label)
+    shares = _sobol(len(logical.names), min(max(1024, CANDIDATES * count), MOST_CANDIDATES), stream)
+    columns, density = [], np.ones(len(shares))
+    for column, item in enumerate(logical.parameters):
+        if item.distribution is None or item.values:
+            columns.append(_values(item, shares[:, column]))
+        else:
+            values = _rounded(item, item.distribution.quantile(shares[:, column], item.low, item.high))
+            density = density * item.distribution.density(values, item.low, item.high)
+            columns.append(values)
+    points = np.column_stack(columns)
+    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points))
+    more = np.ones(len(points)) if attention is None else np.asarray(attention(points))  # type: ignore[operator]
+    weight = more * np.divide(exposure, density, out=np.zeros(len(points)), where=density > 0.0)
+    if not (np.all(np.isfinite(weight)) and weight.sum() > 0.0):
+        raise must_be("The exposure", f"scenario `{logical.name}`", "finite, and above 0 somewhere", weight.sum())
+    if np.ptp(weight) <= 1e-9 * weight.max():
+        return points[:count], more[:count]
+    # Systematic: every 1/count of the sum picks the candidate it falls on; a heavy one may be picked twice. Shuffled,
+    # because points that lie evenly apart in a Sobol sequence do not lie evenly in space.
+    order = stream.permutation(len(points))
+    points, more, weight = points[order], more[order], weight[order]
+    picks = (stream.uniform() + np.arange(count)) / count
+    reach = np.cumsum(weight) / weight.sum()
+    chosen = np.unique(np.minimum(np.searchsorted(reach, picks), len(points) - 1), return_counts=True)
+    return points[chosen[0]], more[chosen[0]] / chosen[1]
+
+
+def _fewer(found: int, request: Request) -> tuple[str, ...]:
+    if request.count == found:
+        return ()
+    return (f"{request.count} points were asked for; {found} different ones came, because some are very frequent.",)
+
+
+def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
+    """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2, where it is even."""
+    return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count])
+
+
+def _values(item: Parameter, shares: FloatArray) -> FloatArray:
+    if item.values:
+        place = np.minimum((shares * len(item.values)).astype(np.intp), len(item.values) - 1)
+        return np.asarray(np.array(item.values, dtype=np.float64)[place])
+    return _rounded(item, item.low + shares * (item.high - item.low))
+
+
+def _rounded(item: Parameter, values: FloatArray) -> FloatArray:
+    digits = DIGITS - math.floor(math.log10(item.high - item.low))
+    found: FloatArray = np.clip(np.round(values, digits), item.low, item.high)
+    return found
+
+
+def _qmc() -> Any:
+    """scipy.stats takes 0.6 s to import, and most evaluations drive a grid."""
+    from scipy.stats import qmc
+
+    return qmc
+
+
+def _owner(logical: LogicalScenario) -> str:
+    return f"the sampling of scenario `{logical.name}`"

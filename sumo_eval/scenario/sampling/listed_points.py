@@ -1,0 +1,102 @@
+"""Points that somebody else chose: a CSV file, or a function of the user's."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.errors import InputError, did_you_mean, must_be, said
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.settings.locators import load_object
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.text import clean, from_cell, shown
+
+EXPOSURE = "exposure"
+
+
+def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
+    """The rows of a CSV file with a column for each parameter, and, if it likes, one called `exposure`."""
+    if request.file is None:
+        raise InputError(f"`file` of the sampling of scenario `{logical.name}` is missing.")
+    path = (request.folder or Path.cwd()) / request.file
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            header = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
+            reader.fieldnames = header
+            rows = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"The points {path} cannot be read: {error}.") from error
+    for name in logical.names:
+        if name not in header:
+            raise InputError(f"The points {path} must have a column `{name}`.{did_you_mean(name, header)}")
+    if not rows:
+        raise InputError(f"The points {path} must have at least one row.")
+    for name in header:
+        if header.count(name) > 1:
+            raise InputError(f"The points {path} must have every column once, got {shown(name)} twice.")
+    for number, row in enumerate(rows, 2):
+        if None in row:  # where DictReader puts what is too much
+            raise InputError(f"Line {number} of the points {path} must have {len(header)} values, got more.")
+    columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
+    table = np.array([[_real(row[name], name, number, path) for name in columns] for number, row in enumerate(rows, 2)])
+    points = table[:, : len(logical.names)]
+    _check_box(logical, points, str(path))
+    exposure = table[:, -1] if EXPOSURE in header else None
+    if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
+        raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
+    ignored = [name for name in header if name not in columns]
+    notes = (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
+    return Drawn(points, exposure=exposure, notes=notes)
+
+
+def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
+    """What the user's function `(space, n, rng) -> points` returns."""
+    count = request.wanted(f"the sampling of scenario `{logical.name}`")
+    function = load_object(locator, request.folder, "Sampler")
+    if not callable(function):
+        raise must_be(f"Sampler `{locator}`", f"scenario `{logical.name}`", "a function", type(function).__name__)
+    try:
+        found = function(logical, count, random_stream(request.seed, "sampling", logical.name, locator))
+        points = np.asarray(found, dtype=np.float64)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"Sampler `{locator}` failed: {said(error)}.") from error
+    if points.ndim != 2 or points.shape[1] != len(logical.names) or not len(points):
+        wanted = f"an (n, {len(logical.names)}) array with a column for each of {', '.join(logical.names)}"
+        raise must_be("What it returns", f"sampler `{locator}`", wanted, points.shape)
+    _check_box(logical, points, f"sampler `{locator}`")
+    notes = (
+        () if len(points) == count else (f"Sampler `{locator}` was asked for {count} points, returned {len(points)}.",)
+    )
+    return Drawn(points, notes=notes)
+
+
+def _real(text: str | None, name: str, line: int, path: Path) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise must_be(f"`{name}` in line {line}", f"the points {path}", "a number", text)
+    return value
+
+
+def _check_box(logical: LogicalScenario, points: np.ndarray, owner: str) -> None:
+    """Points that leave the space are a mistake of the list, unlike points that a constraint excludes."""
+    outside = np.flatnonzero(~logical.in_box(points))
+    if len(outside):
+        row = points[outside[0]]
+        for item, value in zip(logical.parameters, row, strict=True):
+            if not item.low <= value <= item.high:
+                raise must_be(
+                    f"`{item.name}` of point {outside[0] + 1}",
+                    owner,
+                    f"within {item.low:g}..{item.high:g}",
+                    float(value),
+                )

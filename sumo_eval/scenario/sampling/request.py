@@ -1,0 +1,60 @@
+"""What a way of choosing points is asked for, and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from sumo_eval.errors import must_be
+from sumo_eval.trajectory import FloatArray
+
+MAX_POINTS = 1_000_000
+"""More points than any machine will simulate; a larger sample is a slip of the pen."""
+
+Levels = int | Mapping[str, int] | None
+Steps = Mapping[str, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """How points are to be chosen; which keys a method takes is in `sumo_eval.scenario.sampling.samples.METHODS`.
+
+    levels: points on each axis, evenly spaced with both ends; one number for all axes, or by parameter name.
+    steps: distance between the points of an axis, by parameter name. count: how many points to draw. strength: t of
+    t-way combinations. file: a CSV of points. folder: where relative paths start. seed: of the evaluation. danger:
+    points (n, k) -> how dangerous each is, 0..1.
+    """
+
+    levels: Levels = None
+    steps: Steps = None
+    count: int | None = None
+    strength: int | None = None
+    file: str | None = None
+    folder: Path | None = None
+    seed: int = 1
+    danger: Callable[[FloatArray], FloatArray] | None = None
+
+    @property
+    def given(self) -> frozenset[str]:
+        """The keys that somebody gave."""
+        keys = {"levels": self.levels, "count": self.count, "strength": self.strength, "file": self.file}
+        present = {name for name, value in keys.items() if value is not None}
+        return frozenset(present | ({"steps"} if self.steps else set()))
+
+    def wanted(self, owner: str) -> int:
+        """`count`, which has to be there."""
+        if isinstance(self.count, bool) or not isinstance(self.count, int) or not 1 <= self.count <= MAX_POINTS:
+            raise must_be("`count`", owner, f"a whole number from 1 to {MAX_POINTS:,}", self.count)
+        return self.count
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """What a method answers: points (n, k), possible or not. exposure: (n,) how much each counts; None: the scenario's
+    own exposure. notes: sentences about what it could not do as asked.
+    """
+
+    points: FloatArray
+    exposure: FloatArray | None = None
+    notes: tuple[str, ...] = ()

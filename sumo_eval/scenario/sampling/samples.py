@@ -1,0 +1,123 @@
+"""Which points of a space become concrete scenarios, what was left out of them, and how much each one counts.
+
+Every method is a function of a space and a `Request`; what the constraints exclude is taken out here, for all of them,
+and kept as refused points. Random methods draw from a named stream of the evaluation's seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.combinations import combinations, pairwise
+from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, halton, latin_hypercube, sobol
+from sumo_eval.scenario.sampling.grid import full_grid
+from sumo_eval.scenario.sampling.listed_points import from_csv, from_function
+from sumo_eval.scenario.sampling.openscenario_points import from_openscenario
+from sumo_eval.scenario.sampling.request import Drawn, Levels, Request, Steps
+from sumo_eval.trajectory import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Chosen points of a space, one row each, columns in the order of `logical.parameters`.
+
+    points: (n, k), those that exist. refused: (m, k), those that a constraint of the scenario rules out. exposure:
+    (n,), how much each point counts, up to a factor: the scenario's exposure, divided by how much more likely the
+    method was to choose the point. notes: sentences about what the choice could not do as asked. method:
+    its name.
+    """
+
+    points: FloatArray
+    refused: FloatArray
+    exposure: FloatArray
+    notes: tuple[str, ...] = ()
+    method: str = ""
+
+
+METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]] = MappingProxyType(
+    {
+        "grid": (full_grid, frozenset({"levels", "steps"})),
+        "pairwise": (pairwise, frozenset({"levels", "steps"})),
+        "combinations": (combinations, frozenset({"levels", "steps", "strength"})),
+        "latin_hypercube": (latin_hypercube, frozenset({"count"})),
+        "sobol": (sobol, frozenset({"count"})),
+        "halton": (halton, frozenset({"count"})),
+        "exposure": (by_exposure, frozenset({"count"})),
+        "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
+        "file": (from_csv, frozenset({"file"})),
+        "openscenario": (from_openscenario, frozenset({"file", "count"})),
+    }
+)
+"""Ways to choose points, by the name they have in an evaluation file, and the keys that each of them takes."""
+
+
+def sample(
+    logical: LogicalScenario,
+    method: str | None = None,
+    levels: Levels = None,
+    steps: Steps = None,
+    *,
+    request: Request | None = None,
+) -> Sample:
+    """Choose points of a space.
+
+    method: a name in METHODS, the name of one of the scenario's own samples, or the locator of a function
+    `(space, n, rng) -> points`. None: the grid where levels or steps are given, else what the scenario has as its
+    default. levels, steps: short for a request of no more than these.
+    Raises InputError for an unknown method, for a key that the method does not take, and for what makes no points.
+    """
+    request = request or Request(levels=levels, steps=steps)
+    given = request.given
+    if method is None:
+        method = "grid" if given & {"levels", "steps"} else "file" if "file" in given else logical.default_sample
+    owner = f"the sampling of scenario `{logical.name}`"
+    prescribed = {item.name: item for item in logical.samples}
+    if method in prescribed:
+        if given:
+            raise InputError(f"Sample `{method}` of scenario `{logical.name}` is a list: it has no levels or steps.")
+        drawn = Drawn(np.array(prescribed[method].points, dtype=np.float64))
+    elif ":" in method:
+        _refuse_extra(given, {"count"}, method, owner)
+        drawn = from_function(logical, request, method)
+    elif method in METHODS:
+        choose, takes = METHODS[method]
+        _refuse_extra(given, takes, method, owner)
+        drawn = choose(logical, request)
+    else:
+        raise unknown("sampling method", method, (*METHODS, *prescribed))
+    feasible = logical.feasible(drawn.points)
+    points = drawn.points[feasible]
+    if drawn.exposure is not None:
+        exposure = drawn.exposure[feasible]
+    else:
+        exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(np.float64)
+    return Sample(points, drawn.points[~feasible], exposure, drawn.notes, method)
+
+
+def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:
+    """Every point (n, k) of the grid, possible or not, the first parameter slowest; arguments as in `sample`."""
+    return full_grid(logical, Request(levels=levels, steps=steps)).points
+
+
+def central_point(logical: LogicalScenario) -> FloatArray:
+    """The point (k,) of the space's default sample nearest to the centre of the unit box; of equals, the first."""
+    points = sample(logical).points
+    distance = np.linalg.norm(logical.to_unit(points) - 0.5, axis=-1)
+    point: FloatArray = points[int(np.argmin(np.round(distance, 12)))]  # rounded: equals must stay equal
+    return point
+
+
+def _refuse_extra(given: frozenset[str], takes: frozenset[str] | set[str], method: str, owner: str) -> None:
+    extra = sorted(given - takes)
+    if extra:
+        raise InputError(f"`{extra[0]}` of {owner} does nothing in method `{method}`, which takes {_listed(takes)}.")
+
+
+def _listed(names: frozenset[str] | set[str]) -> str:
+    return ", ".join(f"`{name}`" for name in sorted(names))

@@ -1,0 +1,112 @@
+"""Confidence in an evaluation: intervals, risk, coverage and further cases, put together from its scores and rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.method.anthropomorphic import exposure_weighted_index
+from sumo_eval.method.score_terms import once, weighted_mean
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
+from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
+from sumo_eval.scoring.confidence.intervals import LEVEL, SCORED, Interval
+from sumo_eval.scoring.confidence.risk import Risk, risk
+from sumo_eval.settings import MethodSettings
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
+
+FURTHER = 20  # cases that are proposed
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Confidence in one ADS's scores in one scenario.
+
+    intervals: of every score that has one, by its name in `ScenarioResult`. sources: half-widths of S and S+ by source.
+    risk, further: None where there are too few evaluated cases, see `reason`.
+    """
+
+    ads: str
+    scenario: str
+    intervals: Mapping[str, Interval]
+    sources: Mapping[str, Mapping[str, float]]
+    risk: Risk | None
+    further: FurtherCases | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Confidence:
+    """Confidence in all scores of an evaluation. coverage: of each scenario's space, by name."""
+
+    assessments: tuple[Assessment, ...]
+    coverage: Mapping[str, SpaceCoverage]
+
+    def of(self, ads: str, scenario: str) -> Assessment:
+        """That of one ADS in one scenario."""
+        return next(item for item in self.assessments if (item.ads, item.scenario) == (ads, scenario))
+
+
+def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], progress: Progress = quiet) -> Confidence:
+    """How far each score of an evaluation can be trusted. partitions: the zones, by scenario name."""
+    coverage, assessments = {}, []
+    for score in evaluation.scores:
+        assessments.append(_assess(score, evaluation, partitions[score.scenario]))
+        progress("confidence", len(assessments), len(evaluation.scores))
+    for name, zones in partitions.items():
+        rows = {tuple(zones.logical.row(case.values)) for case in evaluation.cases if case.scenario == name}
+        coverage[name] = space_coverage(zones, np.array(sorted(rows)))
+    return Confidence(tuple(assessments), coverage)
+
+
+def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
+    cases = [
+        case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
+    ]
+    if len(cases) < 2 or not sum(case.exposure for case in cases) > 0.0:
+        reason = "fewer than two evaluated cases with exposure"
+        return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
+    settings = evaluation.settings
+    points = np.array([zones.logical.row(case.values) for case in cases])
+    terms = case_terms(cases, settings.method)
+    loss = np.array([case.loss or 0.0 for case in cases])
+    return Assessment(
+        score.ads,
+        score.scenario,
+        intervals_of(score),
+        score.half_widths_by_source,
+        risk(terms.exposure, loss, random_stream(settings.seed, "risk", score.scenario, score.ads)),
+        further_cases(zones.logical, points, influence(terms, settings.method), FURTHER, settings.seed),
+    )
+
+
+def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
+    """The intervals of a result by the name of the score, without those that it does not have."""
+    found = {name: (getattr(score, name), getattr(score, f"{name}_interval")) for name in SCORED}
+    return {
+        name: Interval(value, ends[0], ends[1], LEVEL)
+        for name, (value, ends) in found.items()
+        if value is not None and ends is not None
+    }
+
+
+def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
+    """How many points of S each case moves, (n,): the first-order effect of its weight on C and D."""
+    moved = np.zeros(len(terms.exposure))
+    hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
+    if hit.any():
+        r = terms.weight[hit] if terms.weight[hit].any() else np.ones(int(hit.sum()))
+        c = float(weighted_mean(terms.ratio[hit], r, once(len(r)))[0])
+        moved[hit] += method.score.a * method.score.k5 * r * (terms.ratio[hit] - c) / r.sum()
+    counted = np.isfinite(terms.index)
+    if counted.any() and not terms.voids.any():
+        p = terms.exposure[counted]
+        d = exposure_weighted_index(terms.index[counted], p)
+        moved[counted] += method.score.b * method.score.k6 * p * (terms.index[counted] - d) / p.sum()
+    return moved

@@ -1,0 +1,116 @@
+"""What a sample covers of its space."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scenario.sampling.drawn_points import evenly
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
+
+BUCKETS = 5  # of each parameter's range
+COUNTED = 2**15  # evenly spread points that stand for the space
+RESOLVED = 0.1  # unit-box lengths within which both sides of the boundary need a case
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairCoverage:
+    """Cases in the buckets of two parameters: counts (buckets of y, buckets of x); -1 where no point is possible."""
+
+    x: str
+    y: str
+    counts: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpaceCoverage:
+    """buckets: name -> (hit, possible). pairs: the same of every pair of parameters, as counts. empty_radius,
+    empty_centre: largest ball of the unit box, centred at a possible point, without a case. boundary_resolved: share of
+    the zone boundary with a case within 0.1 unit-box lengths on each side; None without a boundary. exposure_inside:
+    share of all encounters whose parameters lie in the ranges, by the parameters' distributions; None where they have
+    none.
+    """
+
+    buckets: Mapping[str, tuple[int, int]]
+    pairs: tuple[PairCoverage, ...]
+    empty_radius: float
+    empty_centre: Mapping[str, float]
+    boundary_resolved: float | None
+    exposure_inside: float | None
+
+    @property
+    def pairs_hit(self) -> tuple[int, int]:
+        """Bucket pairs with a case, and possible ones."""
+        hit = sum(int(np.sum(pair.counts > 0)) for pair in self.pairs)
+        return hit, sum(int(np.sum(pair.counts >= 0)) for pair in self.pairs)
+
+
+def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
+    """What cases at `points` (n, k) cover of the space that `zones` partitions."""
+    logical = zones.logical
+    everywhere = evenly(logical, COUNTED, random_stream(0, "coverage", logical.name))
+    everywhere = everywhere[logical.feasible(everywhere)]
+    place, possible = _buckets(logical, points), _buckets(logical, everywhere)
+    sizes = [_count(item) for item in logical.parameters]
+    buckets = {}
+    for column, item in enumerate(logical.parameters):
+        known = np.unique(np.concatenate([possible[:, column], place[:, column]]))
+        buckets[item.name] = (len(np.unique(place[:, column])), len(known))
+    pairs = []
+    for x, y in itertools.combinations(range(len(sizes)), 2):
+        counts = np.full((sizes[y], sizes[x]), -1.0)
+        counts[possible[:, y], possible[:, x]] = 0.0
+        counts[place[:, y], place[:, x]] = 0.0
+        np.add.at(counts, (place[:, y], place[:, x]), 1.0)
+        pairs.append(PairCoverage(logical.names[x], logical.names[y], counts))
+    unit = logical.to_unit(points)
+    distance = np.asarray(KDTree(unit).query(logical.to_unit(everywhere))[0])
+    emptiest = int(np.argmax(distance))
+    return SpaceCoverage(
+        buckets=buckets,
+        pairs=tuple(pairs),
+        empty_radius=float(distance[emptiest]),
+        empty_centre=dict(zip(logical.names, everywhere[emptiest].tolist(), strict=True)),
+        boundary_resolved=_resolved(zones, points),
+        exposure_inside=_inside(logical.parameters),
+    )
+
+
+def _count(item: Parameter) -> int:
+    return len(item.values) or BUCKETS
+
+
+def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
+    """Number of the bucket (n, k) of each point on each axis; listed values are buckets of their own."""
+    columns = []
+    for column, item in enumerate(logical.parameters):
+        values = points[:, column]
+        if item.values:
+            columns.append(np.argmin(np.abs(values[:, None] - np.array(item.values)), axis=1))
+        else:
+            share = (values - item.low) / (item.high - item.low)
+            columns.append(np.clip((share * BUCKETS).astype(int), 0, BUCKETS - 1))
+    return np.column_stack(columns)
+
+
+def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
+    if zones.boundary_tree is None:
+        return None
+    boundary = np.asarray(zones.boundary_tree.data)
+    unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
+    if hazardous.all() or not hazardous.any():
+        return 0.0
+    near = [KDTree(unit[side]).query(boundary)[0] <= RESOLVED for side in (hazardous, ~hazardous)]
+    return float(np.mean(near[0] & near[1]))
+
+
+def _inside(parameters: tuple[Parameter, ...]) -> float | None:
+    shares = [item.distribution.inside(item.low, item.high) for item in parameters if item.distribution is not None]
+    return float(np.prod(shares)) if shares else None

@@ -1,0 +1,130 @@
+"""What the choice of drivers does to an ADS's D and H: a jackknife that respects how drivers are drawn.
+
+The synthetic drivers are no simple random sample: of any n, the recorded share overtakes, rounded down or up
+(`sumo_eval.drivers.synthetic.population`). So followers are compared with followers and overtakers with overtakers,
+and the rounding is an error of its own. Recorded people are one group.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from sumo_eval.drivers.synthetic.population import draw_driver
+from sumo_eval.record.human_reference import LeftOut
+from sumo_eval.record.recording import RECORDED
+from sumo_eval.results import CaseResult
+from sumo_eval.settings import DriverSettings, PopulationSettings
+from sumo_eval.trajectory import FloatArray
+
+INCLINATION = "share who overtake"  # the name of the error that the rounding makes
+_SYNTHETIC = re.compile(r"driver_(\d+)")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DriverDeviations:
+    """Standard errors of D (index) and H (likeness) by driver, (k,), with their signs: the error of a score is the sum
+    over drivers of so much times a standard normal number. freedom: degrees of freedom. Empty: not known.
+    """
+
+    names: tuple[str, ...]
+    index: FloatArray
+    likeness: FloatArray
+    freedom: int
+
+
+NO_DEVIATIONS = DriverDeviations((), np.zeros(0), np.zeros(0), 1)
+
+
+def driver_deviations(
+    rows: Sequence[CaseResult],
+    left_out: Mapping[str, LeftOut],
+    present: Mapping[str, Sequence[str]],
+    settings: DriverSettings,
+    seed: int,
+) -> DriverDeviations:
+    """Of one ADS in one scenario. left_out: what some of its cases get without each driver; present: who drove there,
+    both by case.
+
+    The same driver is left out of all cases at once, because it is the same person.
+    """
+    chosen = [row for row in rows if row.case in left_out and left_out[row.case].without]
+    names = sorted({name for row in chosen for name in present[row.case]})
+    weights = np.array([row.exposure for row in chosen])
+    if len(names) < 3 or not weights.any():  # a deviation needs two that stay
+        return NO_DEVIATIONS
+    index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
+    plausible = np.array([row.plausibility or 0.0 for row in chosen])
+    whole_index = np.array([left_out[row.case].everyone for row in chosen])
+    whole_likeness = plausible * [left_out[row.case].likeness for row in chosen]
+    for column, row in enumerate(chosen):
+        found, there = left_out[row.case], list(present[row.case])
+        for line, name in enumerate(names):
+            here = name in there
+            index[line, column] = found.without[there.index(name)] if here else found.everyone
+            one = found.likeness_without[there.index(name)] if here else found.likeness
+            likeness[line, column] = one * plausible[column]
+    counted = [row for row in rows if row.zone == "safe" and row.human_likeness is not None]
+    whole = sum(row.exposure for row in counted)
+    compared = sum(row.exposure for row in counted if not row.collided) / whole if whole else 0.0
+    groups = [_group(name, settings, seed) for name in names]
+    share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
+    mean_index, mean_likeness, all_index, all_likeness = (
+        (table @ weights) / weights.sum() for table in (index, likeness, whole_index, whole_likeness)
+    )
+    return DriverDeviations(
+        (*names, INCLINATION),
+        stratified_deviations(mean_index, float(all_index), groups, share),
+        compared * stratified_deviations(mean_likeness, float(all_likeness), groups, share),
+        max(len(names) - len(set(groups)), 1),
+    )
+
+
+def stratified_deviations(
+    without: FloatArray, whole: float, groups: Sequence[bool | None], share: float = 1.0
+) -> FloatArray:
+    """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and that of the rounding.
+
+    whole: the value with all of them.
+
+    In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean in the group); their
+    squares add up to the variance of a stratified sample, and to the plain jackknife's if there is one group. The
+    number of those who overtake (True) is n times `share`, rounded at random: a deviation of sqrt(f (1 - f)) drivers, f
+    its fraction, times what one of them in place of a follower (False), or the other way round, changes. Only one of
+    both can be: with followers rounded down to k_F one more is possible, (n - 1)/k_F times what leaving out an
+    overtaker does; with overtakers rounded down to k_O, (n - 1)/k_O times what leaving out a follower does. Leaving out
+    one of two followers would tell of a population that is never drawn.
+    """
+    n = len(without)
+    errors = np.zeros(n + 1)
+    members = {group: np.array([one == group for one in groups]) for group in set(groups)}
+    for inside in members.values():
+        size = int(inside.sum())
+        if size > 1:
+            off = without[inside] - without[inside].mean()
+            errors[:-1][inside] = math.sqrt(size / (size - 1)) * (n - 1) / n * off
+    if members.keys() == {True, False}:
+        fraction = (n * share) % 1.0
+        rounded_up = members[True].sum() > n * share
+        leaves, stays = members[rounded_up], members[not rounded_up]
+        exchange = (n - 1) / stays.sum() * (without[leaves].mean() - whole)
+        errors[-1] = math.sqrt(fraction * (1.0 - fraction)) * exchange
+    return errors
+
+
+def _group(name: str, settings: DriverSettings, seed: int) -> bool | None:
+    """Whether a synthetic driver overtakes; None for everybody else."""
+    found = _SYNTHETIC.fullmatch(name)
+    if found is None or settings.source not in ("synthetic", RECORDED):
+        return None
+    return _overtakes(int(found[1]), seed, settings.population)
+
+
+@lru_cache(maxsize=4096)
+def _overtakes(index: int, seed: int, population: PopulationSettings) -> bool:
+    return draw_driver(index, seed, population).overtakes

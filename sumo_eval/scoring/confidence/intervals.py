@@ -1,0 +1,341 @@
+"""Intervals of every score from two sources: which points were driven, and which drivers H and D compare with.
+
+A bootstrap. Each replicate draws the points anew (`draw_counts`), the same ones for every ADS, and adds to D and H an
+error of the drivers' own size, which a jackknife over drivers has measured (`sumo_eval.scoring.confidence.drivers`).
+What was never seen is counted too: a sample in which k of n hazardous points hold a collision is no proof that other
+points hold none. The end of an interval on the bad side therefore carries e unseen collisions, e from an exponential
+distribution of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape
+k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three.
+
+Limits are percentiles, widened as Student's t is wider than the normal distribution (Hesterberg 2015). Weights r of
+collisions (Eq. 16) are held as they are. Everything random has a stream named by scenario, driver or ADS, never by a
+place in a list, so an interval is one ADS's, whoever else is evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, ndtr, stdtrit
+
+from sumo_eval.method.score_terms import combined, excess, score_plus
+from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
+from sumo_eval.scoring.confidence.drivers import DriverDeviations
+from sumo_eval.settings import MethodSettings
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+LEVEL = 0.95
+REPLICATES = 2_000
+AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
+EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
+SMALLEST = 4  # points that are split in halves
+UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
+SCORED = tuple(name for name in SCORES if name != "collision_probability")
+BAD_SIDE_UP = frozenset({"regret"})  # more is worse
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A value and the limits between which it lies with the probability `level`."""
+
+    value: float
+    low: float
+    high: float
+    level: float
+
+    @property
+    def half_width(self) -> float:
+        """Half the distance between the limits."""
+        return (self.high - self.low) / 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One ADS in one scenario. points: which of the scenario's points each case is, (n,). hazardous: (n,).
+    drivers: what the choice of drivers does to its D and H.
+    """
+
+    ads: str
+    terms: CaseTerms
+    points: IntArray
+    hazardous: BoolArray
+    drivers: DriverDeviations
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoreIntervals:
+    """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
+    each source alone, by score. worse, better: S+ of every replicate, with and without unseen collisions, (m,).
+    missing: how far missing cases may move S+, down and up.
+    """
+
+    limits: Mapping[str, tuple[float, float]]
+    sources: Mapping[str, Mapping[str, float]]
+    worse: FloatArray
+    better: FloatArray
+    missing: tuple[float, float] = (0.0, 0.0)
+
+
+def strata(unit: FloatArray, method: str) -> list[IntArray]:
+    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in the unit box.
+
+    Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
+    down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
+    """
+    everyone = np.arange(len(unit))
+    return list(_halves(everyone, unit)) if method in EVEN else [everyone]
+
+
+def _halves(rows: IntArray, unit: FloatArray) -> Iterator[IntArray]:
+    if len(rows) < SMALLEST:
+        yield rows
+        return
+    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
+    order = rows[np.argsort(unit[rows, axis], kind="stable")]
+    yield from _halves(order[: len(rows) // 2], unit)
+    yield from _halves(order[len(rows) // 2 :], unit)
+
+
+def draw_counts(groups: Sequence[IntArray], replicates: int, stream: np.random.Generator) -> FloatArray:
+    """How often each point stands in each replicate, (m, n).
+
+    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
+    variance of a mean is right for groups of two as well. A group of one stands in every replicate.
+    """
+    counts = np.ones((replicates, sum(len(group) for group in groups)))
+    for size in sorted({len(group) for group in groups} - {0, 1}):
+        same = np.array([group for group in groups if len(group) == size])
+        drawn = stream.multinomial(size - 1, np.full(size, 1.0 / size), (replicates, len(same)))
+        counts[:, same] = drawn * (size / (size - 1))
+    return counts
+
+
+def score_intervals(
+    judged: Sequence[Judged],
+    groups: Sequence[IntArray],
+    method: MethodSettings,
+    seed: int,
+    scenario: str,
+    *,
+    level: float = LEVEL,
+    replicates: int = REPLICATES,
+) -> list[ScoreIntervals]:
+    """The intervals of all ADSs in one scenario. groups: of all its points (`strata`)."""
+    stream = random_stream(seed, "intervals", scenario)
+    n = sum(len(group) for group in groups)
+    parts: list[list[_Replicates]] = [[] for _ in judged]
+    at_once = max(AT_ONCE // max(n, 1), 1)
+    draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
+    for first in range(0, replicates, at_once):
+        rows = slice(first, min(first + at_once, replicates))
+        counts = draw_counts(groups, rows.stop - first, stream)
+        for one, drawn, part in zip(judged, draws, parts, strict=True):
+            part.append(_replicates(one, counts[:, one.points], drawn.rows(rows), method))
+    return [
+        _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
+        for one, drawn, part in zip(judged, draws, parts, strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draws:
+    """What is random of one ADS besides the points, (m,): unseen collisions, and the drivers' errors of D and H."""
+
+    unseen: FloatArray
+    index: FloatArray
+    likeness: FloatArray
+
+    @classmethod
+    def of(cls, one: Judged, seed: int, scenario: str, replicates: int) -> _Draws:
+        unseen = random_stream(seed, "intervals", "unseen", scenario, one.ads).standard_exponential(replicates)
+        deviates = driver_deviates(one.drivers, seed, replicates)
+        return cls(unseen, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
+
+    def rows(self, rows: slice) -> _Draws:
+        return _Draws(self.unseen[rows], self.index[rows], self.likeness[rows])
+
+
+def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
+    """Student's t numbers, (m, k), one column a driver: each driver's are his own in every scenario and for every ADS.
+
+    That is why the drivers' part of two ADSs' scores cancels in their difference as far as it is common.
+    """
+    normal = [random_stream(seed, "intervals", "driver", name).standard_normal(replicates) for name in drivers.names]
+    if not normal:
+        return np.zeros((replicates, 0))
+    share = random_stream(seed, "intervals", "spread of drivers").uniform(size=replicates)
+    wider = np.sqrt(drivers.freedom / chdtri(drivers.freedom, share))
+    return np.column_stack(normal) * wider[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Replicates:
+    """Scores of replicates by name, (m,). better: as drawn. worse: with unseen collisions. points_only: without the
+    drivers' error.
+    """
+
+    better: Mapping[str, FloatArray]
+    worse: Mapping[str, FloatArray]
+    points_only: Mapping[str, FloatArray]
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Replicates]) -> _Replicates:
+        def join(kind: str) -> dict[str, FloatArray]:
+            tables = [getattr(part, kind) for part in parts]
+            return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+        return cls(join("better"), join("worse"), join("points_only"))
+
+
+def _replicates(one: Judged, counts: FloatArray, drawn: _Draws, method: MethodSettings) -> _Replicates:
+    plain = scores_of(one.terms, counts, method)
+    better = _with_drivers(plain, drawn.index, drawn.likeness, method)
+    worse = dict(better)
+    for name, lost in unseen_losses(one, counts, method).items():
+        moved = np.minimum(drawn.unseen * lost.share, 1.0) * lost.whole
+        worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
+    return _Replicates(better, _summed(worse, method), plain)
+
+
+def _with_drivers(
+    scores: Mapping[str, FloatArray], index: FloatArray, likeness: FloatArray, method: MethodSettings
+) -> dict[str, FloatArray]:
+    """The scores with errors of D and H, which stay within 0..1."""
+    moved = dict(scores)
+    moved["d"] = np.clip(scores["d"] + index, 0.0, 1.0)
+    moved["human_likeness"] = np.clip(scores["human_likeness"] + likeness, 0.0, 1.0)
+    return _summed(moved, method)
+
+
+def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
+    """The scores with S and S+ of what they are made of."""
+    points = method.score
+    s = combined(scores["c"], scores["d"], points.a, points.b, points.k5, points.k6)
+    plus = score_plus(scores["avoided_share"], scores["human_likeness"], points.a, points.b)
+    return {**scores, "s": s, "s_plus": plus}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnseenLoss:
+    """What unseen collisions would cost a score: whole, (m,), if every free point held one; share: of the points that
+    one collision is.
+    """
+
+    share: float
+    whole: FloatArray
+
+
+def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> dict[str, UnseenLoss]:
+    """By score. A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
+
+    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C: it would be
+    the only one, so each free point counts 1 and one with an unseen collision Ug/U0; after a collision that was seen, C
+    is a mean over collisions, which unseen ones do not lower for sure.
+    """
+    terms = one.terms
+    stake = excess(terms.unreacting, terms.ideal)
+    known = terms.evaluated & np.isfinite(stake)
+    among = known & one.hazardous if (known & one.hazardous).any() else known
+    found: dict[str, UnseenLoss] = {}
+    if not among.any():
+        return found
+    share, free = 1.0 / int(among.sum()), among & ~terms.collided
+    stake = np.where(known, stake, 0.0)
+    for name, weights in (("avoided_share", terms.weight), ("avoided_share_exposure", terms.exposure)):
+        weight = _weights(weights, known)
+        found[name] = UnseenLoss(share, _ratio(counts @ (weight * stake * free), counts @ (weight * stake)))
+    weight = _weights(terms.weight, known)
+    found["regret"] = UnseenLoss(share, _ratio(counts @ (weight * stake * free), counts @ weight))
+    if not terms.collided.any():
+        hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
+        found["c"] = UnseenLoss(share, _ratio(counts @ (weight * hit), counts @ (weight * free)))
+    return found
+
+
+def _weights(weights: FloatArray, known: BoolArray) -> FloatArray:
+    """Of the known cases; every one the same where all are 0."""
+    weight = np.where(known, np.nan_to_num(weights), 0.0)
+    return weight if weight.any() else known.astype(np.float64)
+
+
+def _ratio(over: FloatArray, under: FloatArray) -> FloatArray:
+    return np.divide(over, under, out=np.zeros(over.shape), where=under > 0.0)
+
+
+def _intervals(
+    one: Judged,
+    found: _Replicates,
+    drawn: _Draws,
+    groups: Sequence[IntArray],
+    method: MethodSettings,
+    level: float,
+) -> ScoreIntervals:
+    values = point_values(one.terms, method)
+    free = _freedom(one, groups)
+    limits = {}
+    once = np.ones((1, len(one.points)))
+    unseen = {} if one.terms.collided.any() else unseen_losses(one, once, method)
+    for name in SCORED:
+        value = values[name]
+        if value is None:
+            continue
+        low, high = (found.better, found.worse) if name in BAD_SIDE_UP else (found.worse, found.better)
+        ends = _limits(low[name], high[name], free[name], level)
+        if ends is None:
+            continue
+        if name in unseen:  # none was seen: what they would cost is known, and nothing of it is drawn
+            moved = min(UNSEEN * unseen[name].share, 1.0) * float(unseen[name].whole[0])
+            ends = (value, value + moved) if name in BAD_SIDE_UP else (value - moved, value)
+        limits[name] = min(ends[0], value), max(ends[1], value)
+    zero = np.zeros(len(drawn.index))
+    plain = {name: np.full(len(zero), np.nan if value is None else value) for name, value in values.items()}
+    alone = {
+        "cases": found.points_only,
+        "drivers": _with_drivers(plain, drawn.index, drawn.likeness, method),
+    }
+    sources: dict[str, Mapping[str, float]] = {
+        name: {source: _half(scores[name], free[name], level) for source, scores in alone.items()}
+        for name in ("s", "s_plus")
+        if name in limits
+    }
+    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
+
+
+def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
+    """Degrees of freedom of each score's error: points that have a part in it, less one in each group."""
+    group = np.empty(sum(len(rows) for rows in groups), dtype=np.intp)
+    for number, rows in enumerate(groups):
+        group[rows] = number
+
+    def free(part: BoolArray) -> int:
+        places = group[one.points[part]]
+        return max(len(places) - len(np.unique(places)), 1)
+
+    terms = one.terms
+    everyone = free(terms.evaluated)
+    return {
+        **dict.fromkeys(SCORED, everyone),
+        "c": everyone if not terms.collided.any() else max(int(np.isfinite(terms.ratio).sum()) - 1, 1),
+        "d": free(np.isfinite(terms.index)),
+        "human_likeness": free(np.isfinite(terms.likeness)),
+    }
+
+
+def _limits(low: FloatArray, high: FloatArray, freedom: int, level: float) -> tuple[float, float] | None:
+    """Percentiles, widened for so many degrees of freedom: by the quantile of t in place of the normal one."""
+    low, high = low[np.isfinite(low)], high[np.isfinite(high)]
+    if not (len(low) and len(high)):
+        return None
+    tail = float(ndtr(stdtrit(freedom, (1.0 - level) / 2.0)))
+    return float(np.quantile(low, tail)), float(np.quantile(high, 1.0 - tail))
+
+
+def _half(values: FloatArray, freedom: int, level: float) -> float:
+    ends = _limits(values, values, freedom, level)
+    return 0.0 if ends is None else (ends[1] - ends[0]) / 2.0

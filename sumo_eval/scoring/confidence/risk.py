@@ -1,0 +1,61 @@
+"""Risk: how probable a collision is, and how much loss to expect, over the space as it is met on the road."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.errors import must_be
+from sumo_eval.scoring.confidence.intervals import AT_ONCE, REPLICATES, Interval
+from sumo_eval.trajectory import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Risk:
+    """Exposure-weighted collision probability and expected loss L (Eq. 14) of an encounter. effective_cases: how many
+    equally frequent cases would tell as much (Kish).
+    """
+
+    collision_probability: Interval
+    expected_loss: Interval
+    effective_cases: float
+
+
+def risk(
+    exposure: FloatArray,
+    loss: FloatArray,
+    stream: np.random.Generator,
+    *,
+    level: float = 0.95,
+    replicates: int = REPLICATES,
+) -> Risk:
+    """exposure: p (n,) of the evaluated cases. loss: L (n,), 0 without a collision.
+
+    A bootstrap over the cases. Where no case, or every case, collided, a bootstrap knows no doubt: there the upper
+    (lower) limit is the exact binomial one for the effective number of cases, 1 - (1 - level)/2 to the power 1/n.
+    """
+    n = len(exposure)
+    if n < 2 or not exposure.sum() > 0.0:
+        raise must_be("The cases", "a risk", "at least 2, with exposure above 0", n)
+    hit = (loss > 0.0).astype(np.float64)
+    at_once = max(AT_ONCE // n, 1)
+    parts = []
+    for done in range(0, replicates, at_once):
+        counts = stream.multinomial(n, np.full(n, 1.0 / n), min(at_once, replicates - done))
+        parts.append([counts @ exposure, counts @ (exposure * hit), counts @ (exposure * loss)])
+    over, hits, losses = np.concatenate(parts, axis=1)
+    drawn = over > 0.0
+    effective = float(exposure.sum() ** 2 / np.sum(exposure**2))
+    tail = (1.0 - level) / 2.0
+    unseen = 1.0 - tail ** (1.0 / effective)
+
+    def interval(values: FloatArray, sums: FloatArray) -> Interval:
+        low, high = np.quantile(sums[drawn] / over[drawn], [tail, 1.0 - tail])
+        if not hit.any():
+            high = unseen  # a loss is at most 1
+        elif hit.all():
+            low = float(low) * (1.0 - unseen)
+        return Interval(float(exposure @ values / exposure.sum()), float(low), float(high), level)
+
+    return Risk(interval(hit, hits), interval(loss, losses), effective)

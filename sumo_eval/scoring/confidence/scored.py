@@ -1,0 +1,85 @@
+"""The intervals of a scored scenario put into its results, with what missing cases leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sumo_eval.results import CaseResult, ScenarioResult
+from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.confidence.drivers import DriverDeviations
+from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals, strata
+from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import FloatArray
+
+WITHIN = {
+    "c": (0.0, 1.0),
+    "d": (0.0, 1.0),
+    "avoided_share": (-np.inf, 1.0),
+    "avoided_share_exposure": (-np.inf, 1.0),
+    "regret": (0.0, np.inf),
+    "human_likeness": (0.0, 1.0),
+    "s_plus": (0.0, 100.0),
+    "s": (0.0, np.inf),
+}
+"""What a score can be."""
+
+LEAST = 2  # evaluated cases of which an interval can be made
+
+
+def with_intervals(
+    scores: Sequence[ScenarioResult],
+    rows: Sequence[Sequence[CaseResult]],
+    places: Sequence[Sequence[int]],
+    drivers: Sequence[DriverDeviations],
+    unit: FloatArray,
+    sampling: str,
+    settings: EvaluationSettings,
+) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
+    """The results of all ADSs in one scenario with the interval of every score, and what a ranking needs.
+
+    rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what the choice of drivers
+    does. unit: all points in the unit box, (n, k). sampling: how they were chosen. An ADS with fewer than two evaluated
+    cases keeps what missing cases leave open, or has no interval.
+    """
+    groups = strata(unit, sampling)
+    judged, which = [], []
+    for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
+        if sum(case.evaluated for case in cases) >= LEAST:
+            which.append(number)
+            judged.append(
+                Judged(
+                    score.ads,
+                    case_terms(cases, settings.method),
+                    np.array(places[number], dtype=np.intp),
+                    np.array([case.zone == "hazardous" for case in cases], dtype=np.bool_),
+                    drivers[number],
+                )
+            )
+    if not judged:
+        return list(scores), [None] * len(scores)
+    computed = score_intervals(judged, groups, settings.method, settings.seed, scores[0].scenario)
+    found: list[ScoreIntervals | None] = [None] * len(scores)
+    for number, one in zip(which, computed, strict=True):
+        value, ends = scores[number].s_plus, scores[number].s_plus_interval
+        moved = (0.0, 0.0) if value is None or ends is None else (ends[0] - value, ends[1] - value)
+        found[number] = replace(one, missing=moved)
+    return [score if one is None else _joined(score, one) for score, one in zip(scores, found, strict=True)], found
+
+
+def _joined(score: ScenarioResult, found: ScoreIntervals) -> ScenarioResult:
+    """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves open there."""
+    ends: dict[str, tuple[float, float] | None] = {}
+    for name in SCORED:
+        value, missing, sampled = getattr(score, name), getattr(score, f"{name}_interval"), found.limits.get(name)
+        if value is not None and sampled is not None:
+            worst, best = missing if missing is not None else (value, value)
+            least, most = WITHIN[name]
+            ends[f"{name}_interval"] = (
+                float(max(worst - (value - sampled[0]), min(least, worst))),
+                float(min(best + (sampled[1] - value), max(most, best))),
+            )
+    sources = {name: dict(parts) for name, parts in found.sources.items()}
+    return replace(score, **ends, half_widths_by_source=sources)  # type: ignore[arg-type]

@@ -1,0 +1,184 @@
+"""Whom each safe case is compared with, what these people score among themselves, and what that tells of the case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from sumo_eval.method.anthropomorphic import BIMODAL, AnthropomorphicIndex
+from sumo_eval.method.leave_one_out import HumanBand
+from sumo_eval.method.manoeuvres import words
+from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
+from sumo_eval.record.recording import RECORDED, Progress
+from sumo_eval.record.spread import Spread
+from sumo_eval.record.store import Fact, Store
+from sumo_eval.results import EVALUATED, CaseResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import DriverSettings, EvaluationSettings
+
+FEWEST_DRIVERS = 2  # a deviation needs two
+FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
+JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
+
+Judged = TypeVar("Judged")
+
+
+@dataclass(frozen=True, slots=True)
+class PointReference:
+    """The drivers of one concrete scenario. cases: their drives that ended well, and drivers: who drove them. recorded:
+    how many of these are recorded people. note: where the reference is too thin. usable: whether a D_i may be computed
+    from it.
+    """
+
+    cases: tuple[str, ...]
+    drivers: tuple[str, ...]
+    recorded: int
+    note: str
+    usable: bool
+
+
+def references(logical: LogicalScenario, store: Store, settings: DriverSettings) -> dict[int, PointReference]:
+    """The drivers of every concrete scenario that has some, or should have some, by point."""
+    drives: dict[int, list[Fact]] = {}
+    for fact in store.facts("human", logical.name):
+        if fact.status == "ok":
+            drives.setdefault(fact.point, []).append(fact)
+    found = {}
+    for point, facts in drives.items():
+        recorded = sum(fact.controller == RECORDED for fact in facts)
+        note, usable = "", len(facts) >= FEWEST_DRIVERS
+        if settings.source == RECORDED and recorded < settings.least:
+            note = f"Reference too thin: {recorded} of at least {settings.least} recorded drivers"
+            if settings.too_thin == "fill":
+                note += f"; filled with {len(facts) - recorded} synthetic ones."
+            else:
+                note, usable = f"{note}; left out.", False
+        found[point] = PointReference(
+            tuple(fact.case for fact in facts), tuple(fact.driver for fact in facts), recorded, note, usable
+        )
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What comes of putting people beside cases. indexes: D_i by case. bands: what the drivers of a point score among
+    themselves, each left out once, by point. left_out: what evenly chosen cases get without each driver, by case.
+    """
+
+    indexes: Mapping[str, AnthropomorphicIndex]
+    bands: Mapping[int, HumanBand]
+    left_out: Mapping[str, LeftOut]
+
+
+def compare_with_people(
+    logical: LogicalScenario,
+    compared: Mapping[int, PointReference],
+    judged: Sequence[Sequence[Fact]],
+    store: Store,
+    settings: EvaluationSettings,
+    spread: Spread,
+    progress: Progress,
+) -> Comparison:
+    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. judged: the cases of
+    each ADS that are to have a D_i. spread: as in `compute_points`.
+    """
+    usable = {point: reference for point, reference in compared.items() if reference.usable}
+    cases: dict[int, list[str]] = {point: [] for point in usable}
+    left_out: dict[int, list[str]] = {point: [] for point in usable}
+    for facts in judged:
+        counted = [fact for fact in facts if fact.status in EVALUATED and fact.point in usable]
+        for fact in counted:
+            cases[fact.point].append(fact.case)
+        for fact in jackknifed(counted):
+            left_out[fact.point].append(fact.case)
+    points = [point for point in sorted(usable) if cases[point] or len(usable[point].cases) >= FEWEST_FOR_A_BAND]
+    jobs = [
+        PointJob(
+            usable[point].cases,
+            logical.road,
+            tuple(cases[point]),
+            tuple(left_out[point]),
+            len(usable[point].cases) >= FEWEST_FOR_A_BAND,
+        )
+        for point in points
+    ]
+    stage = f"{logical.name}: ADSs and drivers against the drivers"
+    results = compute_points(
+        store.path,
+        jobs,
+        settings.method.anthropomorphic,
+        spread,
+        lambda done: progress(stage, done, len(jobs)),
+    )
+    return Comparison(
+        {case: index for result in results for case, index in result.indexes.items()},
+        {point: result.band for point, result in zip(points, results, strict=True) if result.band is not None},
+        {case: found for result in results for case, found in result.left_out.items()},
+    )
+
+
+def jackknifed(cases: Sequence[Judged]) -> list[Judged]:
+    """The cases, evenly chosen, on which drivers are left out one by one."""
+    chosen = {round(place) for place in np.linspace(0, len(cases) - 1, min(JACKKNIFED, len(cases)))}
+    return [cases[place] for place in sorted(chosen)]
+
+
+def with_people(
+    rows: Sequence[CaseResult],
+    facts: Sequence[Fact],
+    people: Comparison,
+    compared: Mapping[int, PointReference],
+    exposure: Mapping[str, Any],
+    settings: DriverSettings,
+) -> list[CaseResult]:
+    """The rows with what is known of their human reference and of their exposure."""
+    outside = set(exposure.get("outside_support", ()))
+    full = []
+    for row, fact in zip(rows, facts, strict=True):
+        note = ""
+        if fact.point in outside:
+            note = "Outside the data's support: no recorded event is like this concrete scenario."
+        if row.zone == "hazardous":
+            full.append(replace(row, exposure_note=note))
+            continue
+        reference, band = compared.get(fact.point), people.bands.get(fact.point)
+        index = people.indexes.get(fact.case)
+        thin = reference.note if reference else ""
+        if reference is None and settings.source == RECORDED:
+            thin = f"Reference too thin: 0 of at least {settings.least} recorded drivers; left out."
+        full.append(
+            replace(
+                row,
+                drivers=len(reference.cases) if reference else 0,
+                recorded_drivers=reference.recorded if reference else 0,
+                reference_note=thin,
+                human_low=band.low if band else None,
+                human_mean=band.mean if band else None,
+                human_high=band.high if band else None,
+                bimodal=bool(index and any(text.startswith(BIMODAL) for text in index.notes)),
+                manoeuvre=words(index.manoeuvre) if index and index.manoeuvre else "",
+                manoeuvre_share=index.share if index and index.manoeuvre else None,
+                exposure_note=note,
+            )
+        )
+    return full
+
+
+def reference_sentences(rows: Sequence[CaseResult]) -> tuple[str, ...]:
+    """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
+    safe = [row for row in rows if row.zone == "safe"]
+    thin = [row for row in safe if row.reference_note]
+    left_out = sum(row.reference_note.endswith("left out.") for row in thin)
+    outside = sum(bool(row.exposure_note) for row in rows)
+    said = []
+    if thin:
+        said.append(
+            f"Reference too thin in {len(thin)} of {len(safe)} safe cases: {len(thin) - left_out} filled with "
+            f"synthetic drivers, {left_out} left out of D."
+        )
+    if outside:
+        said.append(f"{outside} of {len(rows)} cases lie outside the support of the recorded exposure.")
+    return tuple(said)

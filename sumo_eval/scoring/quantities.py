@@ -1,0 +1,411 @@
+"""From recorded facts to the quantities of the paper: D_i, U, L, Ug and r of every case, then C, D and S."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
+from sumo_eval.method.collision_avoidance import (
+    collision_avoidance_index,
+    collision_loss,
+    collision_weight,
+    impact_severity,
+)
+from sumo_eval.method.measures import CriticalityMeasures, measures
+from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
+from sumo_eval.method.score import combined_score
+from sumo_eval.method.severity import Severity, severity_of
+from sumo_eval.method.zone_partition import ZonePartition, boundary_error
+from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.samples import Sample
+from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
+from sumo_eval.settings import CollisionSettings, MethodSettings
+from sumo_eval.trajectory import BoolArray
+
+
+def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:
+    """A sentence about drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
+    drives = store.facts("human", logical.name)
+    left_out = [fact for fact in drives if fact.status != "ok"]
+    if not left_out:
+        return ()
+    how = ", ".join(f"{number} {status}" for status, number in sorted(Counter(f.status for f in left_out).items()))
+    return (f"{len(left_out)} of {len(drives)} drives of the drivers are left out of the reference ({how}).",)
+
+
+def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[str, ...]:
+    """A sentence about drives that were to be simulated together with others, and had to be done again alone."""
+    reasons = store.simulated_alone(logical.name, ads)
+    if not reasons:
+        return ()
+    why = " ".join(f"{number} x: {reason}" for reason, number in reasons.items())
+    return (f"{_count(sum(reasons.values()), 'drive')} left the pack and had to be simulated alone. {why}",)
+
+
+@dataclass(frozen=True, slots=True)
+class PointTerms:
+    """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
+    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated.
+    """
+
+    weight: float
+    ideal_severity: float | None
+    no_reaction_severity: float | None
+
+
+def point_terms(
+    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity
+) -> dict[int, PointTerms]:
+    """r, Ug and U0 of every concrete scenario of a run, by point. severity: what stands in the place of U."""
+    values = {fact.point: fact.values for fact in store.facts("ideal", logical.name)}
+    ideal, unreacting = (
+        {fact.point: _reference_severity(fact, severity) for fact in store.facts(role, logical.name)}
+        for role in ("ideal", "no_reaction")
+    )
+    weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
+    return {
+        point: PointTerms(weight, ideal[point], unreacting.get(point))
+        for point, weight in zip(values, weights.tolist(), strict=True)
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class DriveMeasures:
+    """What an evaluated case's trajectories tell besides D_i."""
+
+    criticality: CriticalityMeasures
+    plausibility: float
+
+
+def drive_measures(facts: Sequence[Fact], store: Store) -> dict[str, DriveMeasures]:
+    """The criticality measures and the plausibility of every evaluated case, by case."""
+    measured = {}
+    for fact in facts:
+        if fact.status in EVALUATED:
+            actors = store.trajectories(fact.case)
+            ego = actors.pop(EGO)
+            measured[fact.case] = DriveMeasures(
+                measures(ego, actors, fact.collision),
+                plausibility(extremes_of(ego, actors, fact.collision), MOTORWAY_PEOPLE),
+            )
+    return measured
+
+
+def _loss(fact: Fact) -> float | None:
+    """L of a case's collision, None without one."""
+    hit = fact.collision
+    if hit is None:
+        return None
+    return float(collision_loss(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap)))
+
+
+def _severity(fact: Fact, severity: Severity) -> float | None:
+    """U of a case's collision, or what stands in its place, None without one."""
+    return None if fact.collision is None else severity.of(fact.collision, fact.case)
+
+
+def _reference_severity(fact: Fact, severity: Severity) -> float | None:
+    """Ug or U0: U of a reference's drive, 0 where it avoids, None where it could not be evaluated."""
+    return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
+
+
+def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
+    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
+    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
+
+
+def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[str, ...]:
+    """A sentence about collisions outside the range that the severity is known for."""
+    reasons = Counter(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+    reasons.pop("", None)
+    if not reasons:
+        return ()
+    why = "; ".join(f"{number} x {reason}" for reason, number in sorted(reasons.items()))
+    return (f"{_count(sum(reasons.values()), 'collision')} outside the range of `{severity.name}`: {why}.",)
+
+
+def tabulate(
+    facts: Sequence[Fact],
+    hazardous: BoolArray,
+    indexes: Mapping[str, AnthropomorphicIndex],
+    points: Mapping[int, PointTerms],
+    measured: Mapping[str, DriveMeasures],
+    chosen: Severity,
+) -> list[CaseResult]:
+    """One row a case. indexes, measured: by case. points: by point. chosen: what stands in the place of U."""
+    rows = []
+    for fact, dangerous in zip(facts, hazardous, strict=True):
+        index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
+        severity, ideal = _severity(fact, chosen), there.ideal_severity
+        likeness = index.likeness if index else None
+        rows.append(
+            CaseResult(
+                case=fact.case,
+                scenario=fact.scenario,
+                ads=fact.driver,
+                values=fact.values,
+                zone="hazardous" if dangerous else "safe",
+                exposure=fact.exposure,
+                status=fact.status,
+                end_reason=fact.end_reason,
+                error=fact.error,
+                error_place=fact.error_place,
+                wall_time=fact.wall_time,
+                simulated_time=fact.simulated_time,
+                latency_mean=fact.latency_mean,
+                latency_max=fact.latency_max,
+                collided=hit is not None,
+                impact_speed=hit.relative_speed if hit else None,
+                overlap=hit.overlap if hit else None,
+                side=hit.side if hit else None,
+                severity=severity,
+                loss=_loss(fact),
+                ideal_severity=ideal,
+                no_reaction_severity=there.no_reaction_severity,
+                weight=there.weight,
+                beats_ideal=severity is not None and ideal is not None and severity < ideal,
+                index=index.value if index else None,
+                length_factor=index.length_factor if index else None,
+                operation_factor=index.operation_factor if index else None,
+                similarity=index.similarity if index else None,
+                operation_tolerance=likeness.operation_tolerance if likeness else None,
+                mixture_similarity=likeness.similarity if likeness else None,
+                index_note=" ".join(index.notes) if index else "",
+                clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
+                ideal_collided=None if ideal is None else ideal > 0.0,
+            )
+        )
+    return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
+
+
+def _judged(row: CaseResult, index: AnthropomorphicIndex | None, found: DriveMeasures | None) -> CaseResult:
+    """The row with what its trajectories tell."""
+    if found is None:
+        return row
+    likeness: float | None = None
+    if row.zone == "safe" and row.collided and row.ideal_severity == 0.0:
+        likeness = 0.0
+    elif row.counts_for_index and index is not None and index.likeness is not None:
+        likeness = index.likeness.value * found.plausibility
+    return replace(_with_measures(row, found.criticality), plausibility=found.plausibility, human_likeness=likeness)
+
+
+def _with_measures(row: CaseResult, found: CriticalityMeasures) -> CaseResult:
+    return replace(
+        row,
+        min_ttc=_finite(found.min_ttc),
+        max_ittc=_finite(found.max_ittc),
+        min_thw=_finite(found.min_thw),
+        min_gap=_finite(found.min_gap),
+        max_drac=_finite(found.max_drac),
+        pet=_finite(found.pet),
+        max_deceleration=_finite(found.max_deceleration),
+        max_jerk=_finite(found.max_jerk),
+        delta_v=_finite(found.delta_v),
+    )
+
+
+def _finite(value: float) -> float | None:
+    """None for what a table cannot hold: not defined, or unbounded."""
+    return value if math.isfinite(value) else None
+
+
+def combine(
+    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[str] = ()
+) -> ScenarioResult:
+    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them."""
+    notes = list(notes)
+    terms = case_terms(cases, method)
+    values = point_values(terms, method)
+    c, d = values["c"], values["d"]
+    hits = [case for case in cases if case.collided]
+    safe = [case for case in cases if case.zone == "safe"]
+    safe_hits, voiding = sum(case.collided for case in safe), sum(case.voids_index for case in safe)
+    missing = {case.case for case in cases if not case.evaluated or case.ideal_severity is None}
+    missing |= {case.case for case in cases if case.no_reaction_severity is None}
+    if not voiding:
+        missing |= {case.case for case in safe if case.counts_for_index and case.index is None}
+    c_interval = _c_interval(cases, method)
+    d_interval = _d_interval(safe) if safe and not voiding else None
+    s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
+    others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
+    if missing:
+        where = Counter(case.zone for case in cases if case.case in missing)
+        places = " and ".join(f"{number} in the {zone} zone" for zone, number in sorted(where.items()))
+        notes.append(
+            f"{_count(len(missing), 'case')} could not be evaluated ({places}); the scores are means over the others."
+        )
+    if s_interval:
+        notes.append(_interval_sentence(c_interval, d_interval, s_interval))
+    beaten = sum(case.beats_ideal for case in hits)
+    if beaten:
+        notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
+    if safe_hits > voiding:
+        notes.append(
+            f"The ideal vehicle has {safe_hits - voiding} of {_count(safe_hits, 'collision')} in the safe zone as "
+            "well: C and A judge them, and D and H leave them out."
+        )
+    total = combined_score(c, d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6)
+    avoided, human = values["avoided_share"], values["human_likeness"]
+    statuses = Counter(case.status for case in cases)
+    return ScenarioResult(
+        ads=ads,
+        scenario=scenario,
+        c=c,
+        d=d,
+        d_reason="" if d is not None else _without_index(safe, voiding, "D_i", [case.index for case in safe]),
+        s=total.total,
+        c_points=total.c_points,
+        d_points=total.d_points,
+        cases=len(cases),
+        safe_cases=len(safe),
+        hazardous_cases=len(cases) - len(safe),
+        collisions=len(hits),
+        safe_collisions=safe_hits,
+        avoidable_collisions=sum(case.avoidable for case in hits),
+        unavoidable_collisions=sum(case.unavoidable for case in hits),
+        caused_collisions=sum(case.caused for case in hits),
+        collision_probability=_or_nan(values["collision_probability"]),
+        off_road=statuses["off_road"],
+        not_evaluated=len(missing),
+        notes=tuple(notes),
+        c_interval=c_interval,
+        d_interval=d_interval,
+        s_interval=s_interval,
+        avoided_share=avoided,
+        avoided_share_exposure=values["avoided_share_exposure"],
+        regret=values["regret"],
+        human_likeness=human,
+        h_reason=""
+        if human is not None
+        else _without_index(safe, 0, "human-likeness", [case.human_likeness for case in safe]),
+        s_plus=values["s_plus"],
+        a_points=method.score.a * max(avoided or 0.0, 0.0),
+        h_points=method.score.b * (human or 0.0),
+        avoided_share_interval=others.get("avoided_share"),
+        avoided_share_exposure_interval=others.get("avoided_share_exposure"),
+        regret_interval=others.get("regret"),
+        human_likeness_interval=others.get("human_likeness"),
+        s_plus_interval=others.get("s_plus"),
+    )
+
+
+def _without_index(safe: Sequence[CaseResult], voiding: int, what: str, values: Sequence[float | None]) -> str:
+    """Why there is no mean over the safe cases. voiding: collisions that leave none."""
+    if voiding:
+        return f"not computed: {_count(voiding, 'collision')} in the safe zone"
+    if not safe:
+        return "not computed: no case lies in the safe zone"
+    if all(value is None for value in values):
+        return "not computed: no safe case could be evaluated and compared with drivers"
+    return f"not computed: every safe case with a {what} has exposure 0"
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+_SEVEREST = 100.0  # m/s: past every class of severity
+
+
+def _c_interval(cases: Sequence[CaseResult], method: MethodSettings) -> tuple[float, float] | None:
+    """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
+
+    Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
+    """
+    worst, best = [], []
+    open_cases = 0
+    for case in cases:
+        if case.collided and case.severity is not None and case.weight is not None:
+            known = case.ideal_severity is not None
+            open_cases += not known
+            worst.append((case.severity, case.ideal_severity if known else 0.0, case.weight))
+            best.append((case.severity, case.ideal_severity if known else case.severity, case.weight))
+        elif not case.evaluated:
+            weight = 1.0 if case.weight is None else case.weight
+            open_cases += 1
+            worst.append((_SEVEREST, 0.0, weight))
+            best.append((_SEVEREST, _SEVEREST, weight))
+    if not open_cases:
+        return None
+    low, high = (
+        collision_avoidance_index(u, ideal, weights, loss=method.collision.loss)
+        for u, ideal, weights in (np.array(terms, dtype=np.float64).T for terms in (worst, best))
+    )
+    return low, high
+
+
+def _d_interval(safe: Sequence[CaseResult]) -> tuple[float, float] | None:
+    """D with every safe case without a collision that has no D_i as 0, and as 1."""
+    open_to = [case for case in safe if case.counts_for_index]
+    exposures = [case.exposure for case in open_to]
+    if all(case.index is not None for case in open_to) or not any(exposures):
+        return None
+    low, high = (
+        exposure_weighted_index([fill if case.index is None else case.index for case in open_to], exposures)
+        for fill in (0.0, 1.0)
+    )
+    return low, high
+
+
+def _s_interval(
+    c: float | None,
+    d: float | None,
+    c_interval: tuple[float, float] | None,
+    d_interval: tuple[float, float] | None,
+    safe: Sequence[CaseResult],
+    method: MethodSettings,
+) -> tuple[float, float] | None:
+    """S at both ends; a missing safe case may have been a collision, after which there is no D."""
+    if c_interval is None and d_interval is None:
+        return None
+    lowest_d = None if any(not case.evaluated for case in safe) else (d_interval[0] if d_interval else d)
+    points = method.score
+    low, high = (
+        combined_score(at_c, at_d, a=points.a, b=points.b, k5=points.k5, k6=points.k6).total or 0.0
+        for at_c, at_d in (
+            (c_interval[0] if c_interval else c, lowest_d),
+            (c_interval[1] if c_interval else c, d_interval[1] if d_interval else d),
+        )
+    )
+    return low, high
+
+
+def _interval_sentence(
+    c_interval: tuple[float, float] | None, d_interval: tuple[float, float] | None, s_interval: tuple[float, float]
+) -> str:
+    parts = [
+        f"{name} within {interval[0]:.{digits}f}..{interval[1]:.{digits}f}"
+        for name, interval, digits in (("C", c_interval, 3), ("D", d_interval, 3), ("S", s_interval, 1))
+        if interval is not None
+    ]
+    return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
+
+
+def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
+    """What the report says of a partition."""
+    inside = zones.exactly_hazardous(points.points)
+    error = boundary_error(zones)
+    return ZoneResult(
+        scenario=logical.name,
+        zones=len(zones.most_dangerous),
+        hazardous_share=float(np.mean(inside)),
+        most_dangerous=zones.most_dangerous,
+        boundary_error=error.feasible,
+        boundary_error_box=error.box,
+        sampled=len(points.points),
+        refused=len(points.refused),
+        notes=(*zones.notes, *points.notes),
+    )
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

@@ -1,0 +1,146 @@
+"""evaluation.toml to frozen settings and back. Every mistake is named, with its path and the nearest known key."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import tomli_w
+from pydantic import TypeAdapter, ValidationError
+
+from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.settings import Checked, EvaluationSettings
+from sumo_eval.settings.toml_file import read_toml, toml_from
+from sumo_eval.text import shown
+
+PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
+
+Settings = TypeVar("Settings", bound=Checked)
+
+
+def read_evaluation(path: Path) -> EvaluationSettings:
+    """The settings in an evaluation file. Raises InputError naming every mistake in it."""
+    return settings_from(read_toml(path, "evaluation file"), str(path))
+
+
+def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
+    """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
+    return _validated(read_toml(path, what), kind, str(path))
+
+
+def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
+    """Settings from a plain mapping; `where` names it in error sentences."""
+    settings = _validated(content, EvaluationSettings, where)
+    _check(settings, where)
+    return settings
+
+
+def _validated(content: Mapping[str, Any], kind: type[Settings], where: str) -> Settings:
+    try:
+        adapter: TypeAdapter[Settings] = TypeAdapter(kind)
+        settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
+    except ValidationError as error:
+        raise InputError(mistakes(error, where, kind)) from None
+    return settings
+
+
+def _check(settings: EvaluationSettings, where: str) -> None:
+    for what, names in (
+        ("`scenario.use`", [scenario.use for scenario in settings.scenario]),
+        ("`ads.name`", [ads.name for ads in settings.ads]),
+    ):
+        if not names:
+            raise InputError(f"{where} must have at least one [[{what.strip('`').split('.')[0]}]].")
+        if any(name.startswith("~") for name in names):
+            raise InputError(
+                f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and the drivers."
+            )
+        double = {name for name in names if names.count(name) > 1}
+        if double:
+            raise InputError(f"{what} in {where} must differ from each other, got {sorted(double)[0]!r} twice.")
+
+
+def with_changes(settings: EvaluationSettings, changes: Sequence[str]) -> EvaluationSettings:
+    """Settings with `key.path=value` changes applied, e.g. `method.score.a=60`."""
+    content = to_plain(settings)
+    for change in changes:
+        path, equals, text = change.partition("=")
+        if not equals:
+            raise InputError(f"A change must have the form key=value, got {change!r}.")
+        try:
+            value = toml_from(f"value = {text}", f"`--set {shown(change)}`")["value"]
+        except InputError:  # `--set ads.name=mine`: text needs no quotes
+            value = text
+        *parents, last = path.strip().split(".")
+        place: Any = content
+        for index, name in enumerate(parents):
+            if not isinstance(place, dict) or name not in place:
+                known = place if isinstance(place, dict) else ()
+                raise InputError(f"Unknown setting `{'.'.join(parents[: index + 1])}`.{did_you_mean(name, known)}")
+            place = place[name]
+        if not isinstance(place, dict):
+            raise InputError(f"Unknown setting `{path.strip()}`.")
+        place[last] = value
+    return settings_from(content, "--set")
+
+
+def to_plain(settings: EvaluationSettings) -> dict[str, Any]:
+    """Settings as nested dicts and lists, unset values left out."""
+    plain: dict[str, Any] = _without_none(asdict(settings))
+    return plain
+
+
+def to_toml(settings: EvaluationSettings) -> str:
+    """Settings as TOML text, every default written out."""
+    return tomli_w.dumps(to_plain(settings))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return [_without_none(item) for item in value]
+    return value
+
+
+def mistakes(error: ValidationError, where: str, root: type) -> str:
+    """Everything that pydantic found, one sentence a line. `root`: the settings class that was being read."""
+    return "\n".join(_sentence(item, where, root) for item in error.errors())
+
+
+def _sentence(item: Any, where: str, root: type) -> str:
+    """One of pydantic's findings in the project's sentence shape."""
+    location = [part for part in item["loc"] if part not in _UNION_BRANCHES]
+    path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
+    if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
+        return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
+    if item["type"] in {"missing", "missing_argument"}:
+        return f"`{path}` in {where} is missing."
+    if item["type"] == "string_too_short":
+        return f"`{path}` in {where} must not be empty."
+    if item["type"] == "value_error":
+        return str(item["ctx"]["error"])
+    message = str(item["msg"]).removeprefix("Input should be ")
+    return f"`{path}` in {where} must be {message}, got {shown(item['input'])}."
+
+
+_UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}
+
+
+def _keys_beside(location: Sequence[Any], root: type) -> list[str]:
+    """Names of the keys known at the place of the last part of a path."""
+    owner: Any = root
+    for part in location[:-1]:
+        if isinstance(part, str) and owner is not None:
+            owner = _settings_class_in(get_type_hints(owner).get(part))
+    return [item.name for item in fields(owner)] if owner is not None else []
+
+
+def _settings_class_in(annotation: Any) -> Any:
+    """The settings class that an annotation holds, e.g. RunSettings or tuple[AdsSettings, ...]; None without one."""
+    if isinstance(annotation, type) and issubclass(annotation, Checked):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _settings_class_in(part)) is not None), None)

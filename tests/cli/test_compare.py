@@ -1,0 +1,118 @@
+"""A real run beside its repeat, and beside a build that does worse in one case of 200."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import junitparser
+import pytest
+
+from cli.nights import evaluation, sumo_eval
+
+LEVELS = "{ ego_speed = 20, lead_speed = 13 }"
+FAULT = "30, 0"
+LIKE_BASE = "20, 0"
+
+
+@pytest.fixture(scope="module")
+def builds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run folders `base`, `repeat` and `new` over the same cases; `new` does not brake in one of them."""
+    folder = tmp_path_factory.mktemp("builds")
+    for name, fault in (("base", ""), ("repeat", ""), ("new", f"{FAULT}:sleeps")):
+        file = evaluation(folder, LEVELS, fault)
+        done = sumo_eval("run", file, "--out", folder / name)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_a_repeat_of_the_same_build_is_green(builds: Path) -> None:
+    done = sumo_eval("compare", builds / "base", builds / "repeat")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("THE SAME as")
+    assert "9 gates passed." in done.stdout
+
+
+def test_one_planted_regression_among_200_cases_is_found_and_named(builds: Path) -> None:
+    done = sumo_eval("compare", builds / "base", builds / "new", "--junit", builds / "junit.xml", "--report")
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "1 case got worse, 0 better" in done.stdout
+    said = next(line for line in done.stdout.splitlines() if "side by side" in line)
+    assert int(said.split()[-5]) >= 200, said
+    assert "new collision: 1" in done.stdout
+    assert "ego_speed=30, lead_speed=0" in done.stdout
+    assert "FAILED: mine in front_vehicle_low_speed: new_collisions is 1" in done.stdout
+    suites = {suite.name: list(suite) for suite in junitparser.JUnitXml.fromfile(str(builds / "junit.xml"))}
+    beside = suites["mine in front_vehicle_low_speed beside the base"]
+    assert [case.name for case in beside if case.result] == ["ego_speed=30, lead_speed=0"]
+    page = (builds / "new" / "report.html").read_text(encoding="utf-8")
+    assert page.index("WORSE than") < page.index('id="verdict"')
+
+
+def test_the_way_back_is_better_and_green(builds: Path) -> None:
+    done = sumo_eval("compare", builds / "new", builds / "base")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "collision gone: 1" in done.stdout
+
+
+def test_a_gate_file_decides_what_is_let_through(builds: Path, tmp_path: Path) -> None:
+    (tmp_path / "gate.toml").write_text('[[limit]]\nquantity = "new_collisions"\nat_most = 1\n')
+    done = sumo_eval("compare", builds / "base", builds / "new", "--gate", tmp_path / "gate.toml")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "1 gate passed." in done.stdout
+
+
+def test_other_settings_are_refused_and_with_consent_shown(builds: Path, tmp_path: Path) -> None:
+    file = evaluation(tmp_path, "2")
+    assert sumo_eval("run", file, "--out", tmp_path / "other").returncode == 0
+    done = sumo_eval("compare", builds / "base", tmp_path / "other")
+    assert done.returncode == 2
+    assert "scenario.front_vehicle_low_speed.sampling.levels" in done.stderr
+    assert "Traceback" not in done.stderr
+    done = sumo_eval("compare", builds / "base", tmp_path / "other", "--accept-differences")
+    assert "DIFFERS: scenario.front_vehicle_low_speed.sampling.levels" in done.stdout
+    assert "exist in one run only" in done.stdout
+
+
+def test_a_pair_that_is_none_and_a_folder_that_is_no_run_get_a_sentence(builds: Path) -> None:
+    for arguments, sentence in (
+        (("--pair", "mine"), "A pair must have the form BASE=NEW"),
+        (("--pair", "mine=yours"), "Unknown ADS `yours`"),
+        (("--gate", "missing.toml"), "There is no gate file missing.toml."),
+    ):
+        done = sumo_eval("compare", builds / "base", builds / "repeat", *arguments)
+        assert done.returncode == 2
+        assert sentence in done.stderr
+    assert "is no run folder" in sumo_eval("compare", builds, builds / "base").stderr
+
+
+def test_explain_prints_the_arithmetic_that_the_score_is_made_of(builds: Path) -> None:
+    """The planted collision is the only one: r (1 - Ug/U) / sum r is all of 1 - C, 50 points."""
+    key = next(
+        line.split(",")[0]
+        for line in (builds / "new" / "cases.csv").read_text().splitlines()
+        if ",mine,30.0,0.0," in line
+    )
+    done = sumo_eval("explain", builds / "new", key)
+    assert done.returncode == 0, done.stderr
+    for words in ("Eq. 15: U = |(30.000, 0.000) - (0.000, 0.000)| / w = 30.000 / 1.000", "Eq. 14: L = 1.0",
+                  "50.00 points of S", "Eq. 18: S = 0.0"):  # fmt: skip
+        assert words in done.stdout
+    # r = 1 without a hazardous zone; doing nothing hits at the closing speed in every case, here at 30 m/s
+    with (builds / "new" / "cases.csv").open(newline="", encoding="utf-8") as file:
+        closing = sum(float(row["ego_speed"]) - float(row["lead_speed"]) for row in csv.DictReader(file))
+    share = 30.0 / closing
+    for words in (
+        "A: U = 30.000 m/s, ideal vehicle Ug = 0.000 m/s, doing nothing U0 = 30.000 m/s: the collision is avoidable",
+        f"of 1 - A = {share:.4f} this case took {share:.4f}, {50.0 * share:.2f} points of S+",
+        "H: 0, a collision in a safe case",
+    ):
+        assert words in done.stdout
+    safe = sumo_eval("explain", builds / "base", key)
+    assert "H: f_L f_n+ similarity plausibility = " in safe.stdout
+    done = sumo_eval("explain", builds / "base")
+    assert "S, the sum" in done.stdout
+    assert "S+, the sum" in done.stdout
+    misspelt = sumo_eval("explain", builds / "new", key.replace("mine", "mime"))
+    assert misspelt.returncode == 2
+    assert f"Did you mean `{key}`?" in misspelt.stderr

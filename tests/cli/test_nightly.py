@@ -1,0 +1,308 @@
+"""Nights in a row: good, worse, broken, killed, twice at once; the history only grows, folders go by a rule."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import junitparser
+import pytest
+
+from cli.nights import evaluation, plant, sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.nightly.history import Night, open_history
+from sumo_eval.nightly.night import _clear_away, _prune, run_night
+from sumo_eval.report.gate_settings import GateSettings
+
+
+def nights(history: Path) -> list[Night]:
+    with open_history(history) as lines:
+        return lines.nights()
+
+
+@pytest.fixture(scope="module")
+def week(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """Four nights that keep two folders: good, good, worse, and one in which a case could not be evaluated."""
+    folder = tmp_path_factory.mktemp("week")
+    file, outputs = evaluation(folder), []
+    for fault, status in (("", 0), ("", 0), ("30, 0:sleeps", 1), ("20, 0:raises", 1)):
+        plant(folder, fault)
+        done = sumo_eval("nightly", file, "--history", folder / "history", "--keep", "2")
+        assert done.returncode == status, done.stdout + done.stderr
+        outputs.append(done.stdout)
+    return folder, outputs
+
+
+def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[str]]) -> None:
+    folder, outputs = week
+    found = nights(folder / "history")
+    assert [night.exit_status for night in found] == [0, 0, 1, 1]
+    assert [night.base for night in found] == [None, found[0].night, found[1].night, found[1].night]
+    assert "there is no earlier good run to compare with" in outputs[0]
+    assert outputs[1].startswith("THE SAME as")
+    assert outputs[2].startswith("WORSE than")
+    assert "ego_speed=30, lead_speed=0" in outputs[2]
+    assert "not evaluated any more: 1" in outputs[3]
+    assert "no plan here" in outputs[3]
+
+
+def test_a_night_leaves_what_people_and_machines_read(week: tuple[Path, list[str]]) -> None:
+    folder, _ = week
+    last = folder / "history" / nights(folder / "history")[-1].folder
+    for name in ("report.html", "junit.xml", "scores.json", "cases.csv", "facts.sqlite"):
+        assert (last / name).is_file()
+    xml = junitparser.JUnitXml.fromfile(str(last / "junit.xml"))
+    assert xml.errors >= 1
+    assert "no plan here" in (last / "junit.xml").read_text()
+    trend = (folder / "history" / "trend.html").read_text()
+    assert trend.count("<svg viewBox") >= 5
+    assert f'href="{nights(folder / "history")[-1].folder}/report.html"' in trend
+
+
+def test_the_newest_nights_and_the_last_good_one_keep_their_folders(week: tuple[Path, list[str]]) -> None:
+    """Of four nights two folders are kept, the third and the fourth, and the second because it is the last good one."""
+    folder, _ = week
+    found = nights(folder / "history")
+    there = [(folder / "history" / night.folder).is_dir() for night in found]
+    assert there == [False, True, True, True]
+
+
+def test_the_history_cannot_be_changed(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+    copy = tmp_path / "history.sqlite"
+    shutil.copy(week[0] / "history" / "history.sqlite", copy)
+    connection = sqlite3.connect(copy)
+    for table in ("nights", "quantities", "gates", "begun"):
+        for change in (f"UPDATE {table} SET night = 'x'", f"DELETE FROM {table}"):
+            with pytest.raises(sqlite3.IntegrityError, match="only added to"):
+                connection.execute(change)
+    connection.close()
+
+
+def test_a_second_night_is_refused_while_one_is_running(week: tuple[Path, list[str]]) -> None:
+    folder, _ = week
+    before = len(nights(folder / "history"))
+    with (folder / "history" / "lock").open("a+") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        done = sumo_eval("nightly", folder / "evaluation.toml", "--history", folder / "history")
+    assert done.returncode == 2
+    assert "Another night is running" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(nights(folder / "history")) == before
+
+
+def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    left = history / "nights" / "2026-01-01T00-00-00Z"
+    left.mkdir()
+    (left / "facts.sqlite").write_bytes(b"half a night")
+    foreign = history / "nights" / "my_notes"
+    foreign.mkdir()
+    with open_history(history, create=True) as lines:
+        lines.begin(left.name)
+    plant(folder, "")
+    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=5)
+    assert not left.exists()
+    assert any("2026-01-01T00-00-00Z was stopped before its end" in note for note in result.notes)
+    assert foreign.is_dir()
+    assert f"{foreign} is not in the history; it was left as it is." in result.notes
+    assert result.night.exit_status == 0
+
+
+def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> None:
+    file, history = evaluation(tmp_path, "{ ego_speed = 20, lead_speed = 13 }"), tmp_path / "history"
+    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        deadline = time.monotonic() + 120.0
+        while not list(history.glob("nights/*/facts.sqlite")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGKILL)
+    (left,) = (history / "nights").iterdir()
+    assert nights(history) == []
+    evaluation(tmp_path, "2")
+    result = run_night(file, history, GateSettings(resamples=100))
+    assert f"Night {left.name} was stopped before its end; its unfinished folder was removed." in result.notes
+    assert [night.night for night in nights(history)] == [result.night.night]
+    assert not left.exists()
+
+
+def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(
+    week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    before = nights(history)
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sumo_eval.nightly.night.write_junit", full)
+        with pytest.raises(InputError, match="No space left on device"):
+            run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+    assert nights(history) == before
+    assert {path.name for path in (history / "nights").iterdir()} == {night.night for night in before[1:]}
+    monkeypatch.setattr("shutil.disk_usage", lambda _: shutil._ntuple_diskusage(100, 90, 10))
+    with pytest.raises(InputError, match="The night was not begun: it may need"):
+        run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+
+
+def test_with_other_settings_the_night_is_not_compared_and_says_so(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    result = run_night(evaluation(tmp_path, "2"), history, GateSettings(resamples=100))
+    assert result.comparison is None
+    assert any("levels: 3 in the base, 2 in the new run" in note for note in result.notes)
+    assert "levels: 3 in the base, 2 in the new run" in result.report.read_text(encoding="utf-8")
+
+
+def test_a_mistake_in_the_file_is_said_before_anything_is_touched(tmp_path: Path) -> None:
+    file = evaluation(tmp_path)
+    file.write_text(file.read_text().replace("levels", "level"))
+    done = sumo_eval("nightly", file, "--history", tmp_path / "history")
+    assert done.returncode == 2
+    assert "Did you mean `levels`?" in done.stderr
+    assert not (tmp_path / "history").exists()
+
+
+def test_older_runs_are_imported_as_nights_that_are_no_base(week: tuple[Path, list[str]], tmp_path: Path) -> None:
+    folder, _ = week
+    kept = nights(folder / "history")[1]
+    run = folder / "history" / kept.folder
+    done = sumo_eval("trend", tmp_path / "history", "--import", run)
+    assert done.returncode == 0, done.stderr
+    (imported,) = nights(tmp_path / "history")
+    assert imported.imported
+    assert not imported.good
+    again = sumo_eval("trend", tmp_path / "history", "--import", run)
+    assert again.returncode == 2
+    assert "nothing in it is replaced" in again.stderr
+    assert sumo_eval("trend", tmp_path).returncode == 2
+
+
+def nothing(path: Path) -> None:
+    path.unlink()
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def cut_off(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def text(path: Path) -> None:
+    path.write_text("a note that somebody saved under this name " * 40)
+
+
+def flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[100] ^= 0xFF  # the kind of the first page
+    path.write_bytes(data)
+
+
+def another_database(path: Path) -> None:
+    path.unlink()
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE shopping (what)")
+    connection.commit()
+    connection.close()
+
+
+def newer(path: Path) -> None:
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA user_version = 99")
+    connection.commit()
+    connection.close()
+
+
+def a_folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (nothing, "is missing or empty"),
+        (empty, "is missing or empty"),
+        (cut_off, "malformed"),
+        (text, "file is not a database"),
+        (flipped, "malformed"),
+        (another_database, "is a database of something else"),
+        (newer, "has format version 99"),
+        (a_folder, "unable to open"),
+    ],
+)
+def test_a_history_that_cannot_be_read_removes_no_night(
+    week: tuple[Path, list[str]], tmp_path: Path, spoil: Callable[[Path], None], words: str
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    before = sorted(path.relative_to(history) for path in (history / "nights").rglob("*"))
+    spoil(history / "history.sqlite")
+    done = sumo_eval("nightly", folder / "evaluation.toml", "--history", history, "--keep", "1")
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("sumo-eval: ")
+    assert sorted(path.relative_to(history) for path in (history / "nights").rglob("*")) == before
+
+
+def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
+    week: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history" / "nights", history / "nights")
+    before = {path.name for path in (history / "nights").iterdir()}
+    with open_history(history, create=True):
+        pass
+    plant(folder, "")
+    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), keep=1)
+    assert {path.name for path in (history / "nights").iterdir()} == {*before, result.night.night}
+    assert sum("is not in the history; it was left as it is" in note for note in result.notes) == len(before)
+
+
+def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -> None:
+    history, precious = tmp_path / "history", tmp_path / "precious"
+    (history / "nights" / "b").mkdir(parents=True)
+    precious.mkdir()
+    with open_history(history, create=True) as lines:
+        for name, place in (("a", str(precious)), ("b", "nights/b"), ("c", "nights/../../precious"), ("d", "nights/d")):
+            lines._connection.execute(
+                "INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", (name, place)
+            )
+        notes = _prune(history, lines, keep=1)
+    assert precious.is_dir()
+    assert not (history / "nights" / "b").exists()
+    assert sum("it was left" in note for note in notes) == 2
+
+
+def test_a_link_in_place_of_a_stopped_night_is_not_followed(tmp_path: Path) -> None:
+    history, precious = tmp_path / "history", tmp_path / "precious"
+    (history / "nights").mkdir(parents=True)
+    precious.mkdir()
+    (history / "nights" / "a").symlink_to(precious)
+    with open_history(history, create=True) as lines:
+        lines.begin("a")
+        notes = _clear_away(history, lines)
+    assert precious.is_dir()
+    assert notes == ["Night a was stopped before its end; its folder could not be removed."]

@@ -1,0 +1,52 @@
+"""A facts file of any size without a simulation, and the memory that using it takes. Run as a program: one figure."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.record.cases import Case, Outcome
+from sumo_eval.record.store import open_store
+from sumo_eval.scenario import catalogue
+from sumo_eval.trajectory import Collision, Recording, Trajectory
+
+
+def outcomes(rows: int) -> Iterator[Outcome]:
+    """So many drives of one ADS, every tenth with a collision, every hundredth crashed."""
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+    time = np.arange(0.0, 5.0, 0.1)
+    drive = Trajectory(time, 20.0 * time, np.zeros(time.size))
+    pose = (100.0, 0.0, 0.0)
+    hit = Collision(4.9, "lead", (20.0, 0.0), (10.0, 0.0), 1.0, "front", pose, pose)
+    for number in range(rows):
+        case = Case(number, concrete, "ads", "idm", "idm", fingerprint=f"{number:064x}")
+        if number % 100 == 99:
+            yield Outcome(case, "crashed", None, "The process died.")
+        elif number % 10 == 0:
+            yield Outcome(case, "collision", Recording(drive, {"lead": drive}, hit, "contact"))
+        else:
+            yield Outcome(case, "ok", Recording(drive, {"lead": drive}, None, "road_end"))
+
+
+def use(path: Path, rows: int) -> tuple[int, int, int]:
+    """Write so many rows, then ask what a parent asks: each case, the counts, the collisions, the digest."""
+    with open_store(path, create=True) as store:
+        for outcome in outcomes(rows):
+            if not store.holds(outcome.case):
+                store.add(outcome)
+        counted = sum(number for *_, number, _ in store.counts())
+        seen = sum(1 for _ in store.each_fact("ads"))
+        hits = sum(fact.collision is not None for fact in store.each_fact("ads"))
+        store.digest()
+    return counted, seen, hits
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        use(Path(folder) / "facts.sqlite", int(sys.argv[1]))
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, "MB")

@@ -1,0 +1,120 @@
+"""A real Dask scheduler and two workers in processes of their own; one of them is killed in the middle."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from record.runs import sumo_eval_cli, write_evaluation
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.cases import Case, Setup
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.kept import pack
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
+
+pytest.importorskip("distributed")
+HERE = Path(__file__).parent
+
+
+class Cluster:
+    """A scheduler and workers, started and ended by the test."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.file = folder / "scheduler.json"
+        self._start("dask_scheduler", "--port", "0", "--no-dashboard", "--host", "127.0.0.1")
+        self.address = ""
+
+    def worker(self, *options: str) -> subprocess.Popen[bytes]:
+        return self._start("dask_worker", "--nthreads", "1", "--no-dashboard", *options)
+
+    def _start(self, program: str, *options: str) -> subprocess.Popen[bytes]:
+        line = [sys.executable, "-m", f"distributed.cli.{program}", "--scheduler-file", str(self.file), *options]
+        with (self.folder / f"{program}_{len(self.processes)}.log").open("wb") as log:
+            self.processes.append(subprocess.Popen(line, cwd=self.folder, stdout=log, stderr=log))
+        return self.processes[-1]
+
+    def wait_for(self, workers: int) -> None:
+        from distributed import Client
+
+        until = time.monotonic() + 60.0
+        while not self.file.is_file() and time.monotonic() < until:
+            time.sleep(0.05)
+        with Client(scheduler_file=str(self.file), timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(workers, timeout=60)
+            self.address = client.scheduler.address
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        yield cluster
+    finally:
+        for process in reversed(cluster.processes):
+            process.terminate()
+        for process in cluster.processes:
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_every_case_ends_once_when_a_worker_is_killed_in_the_middle(cluster: Cluster) -> None:
+    victim = cluster.worker("--no-nanny")
+    cluster.worker("--nanny")
+    cluster.wait_for(2)
+    space = catalogue.load("front_vehicle_low_speed")
+    concrete = space.concrete(ego_speed=20, lead_speed=10)
+    names = ["idm", "faulty_ads.py:coast", "faulty_ads.py:raises", "faulty_ads.py:vanishes"]
+    cases = [Case(n, concrete, "ads", names[n % 4], names[n % 4]) for n in range(160)]
+    run = RunSettings(engine="dask", scheduler=cluster.address)
+    found = []
+    for outcome in run_cases(cases, Setup(SimulationSettings(), run, HERE)):
+        if len(found) == 1:
+            victim.kill()
+            victim.wait()
+        found.append(outcome)
+    assert sorted(o.case.key for o in found) == sorted(case.key for case in cases)
+    by_name = {name: [o for o in found if o.case.driver == name] for name in names}
+    assert [{o.status for o in by_name[name]} for name in names] == [{"ok"}, {"collision"}, {"ads_error"}, {"crashed"}]
+    (alone,) = run_cases([cases[0]], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
+    assert alone.recording is not None
+    assert {pack(o.recording.ego) for o in by_name["idm"] if o.recording} == {pack(alone.recording.ego)}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster: Cluster, tmp_path: Path) -> None:
+    import sumo_eval
+
+    path = write_evaluation(tmp_path, levels=2)
+    if not cluster.address:
+        cluster.worker("--nanny")
+        cluster.wait_for(1)
+    done = sumo_eval_cli("run", path, "--out", tmp_path / "far", "--engine", "dask", "--scheduler", cluster.address)
+    assert done.returncode == 0, done.stderr
+    sumo_eval.evaluate(path, tmp_path / "near", workers=1)
+    assert sumo_eval.open_run(tmp_path / "far").digest() == sumo_eval.open_run(tmp_path / "near").digest()
+
+
+def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:
+    setup = Setup(SimulationSettings(), RunSettings(engine="dask"), HERE)
+    with pytest.raises(InputError, match="needs the address of a scheduler"):
+        next(run_cases([], setup))
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sumo_eval.record.cluster._CONNECT_TIME", 0.5)
+    setup = Setup(SimulationSettings(), RunSettings(engine="dask", scheduler="tcp://127.0.0.1:9"), HERE)
+    with pytest.raises(InputError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
+        next(run_cases([], setup))

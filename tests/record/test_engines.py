@@ -1,0 +1,240 @@
+"""Real SUMO runs in child processes: one fault costs one case, the rest is untouched, every case ends once."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time as clock
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import run_cases
+from sumo_eval.record.kept import pack
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
+
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
+LIMITS = {"case_timeout": 4.0, "step_timeout": 0.2, "memory_limit": 700.0}
+
+FAULTS = {
+    "raises": ("ads_error", "The ADS raised at 0.00 s: ValueError: no path found."),
+    "gives_nan": ("ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s."),
+    "wrong_type": ("ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
+    "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
+    "interrupts": ("ads_error", "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt."),
+    "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
+    "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
+    "hangs": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
+    "hangs_in_c": ("timeout", "The case took longer than 4 s of wall time."),
+    "slow": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),
+    "fills_memory": ("ads_error", "MemoryError: more than the 700 MB of `run.memory_limit`."),
+    "chatters": ("collision", ""),
+    "leaves_threads": ("collision", ""),
+    "leaves_a_process": ("collision", ""),
+    "NeedsArguments": ("rejected", "making one without arguments failed"),
+    "RaisesInClose": ("collision", "The ADS raised in close: RuntimeError: late."),
+}
+INNOCENT = ("coast", "idm")
+
+
+@pytest.fixture(scope="module")
+def outcomes() -> dict[str, Outcome]:
+    names = [name for fault in FAULTS for name in (fault, *INNOCENT)]
+    cases = [
+        Case(number, CONCRETE, "ads", name, name if name == "idm" else f"faulty_ads.py:{name}")
+        for number, name in enumerate(names)
+    ]
+    setup = Setup(SimulationSettings(), RunSettings(workers=2, **LIMITS), HERE)
+    found = list(run_cases(cases, setup))
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), "each exactly once"
+    by_name = {outcome.case.driver: outcome for outcome in found if outcome.case.driver not in INNOCENT}
+    innocent = [outcome for outcome in found if outcome.case.driver in INNOCENT]
+    return by_name | {outcome.case.key: outcome for outcome in innocent}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_faulty_ads_costs_its_own_case_and_the_row_says_why(outcomes: dict[str, Outcome], name: str) -> None:
+    status, sentence = FAULTS[name]
+    assert outcomes[name].status == status
+    assert sentence in (outcomes[name].error or "")
+
+
+def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Outcome]) -> None:
+    alone = {"coast": simulate(CONCRETE, lambda *_: Command(0.0)), "idm": simulate(CONCRETE, "idm")}
+    innocent = [outcome for key, outcome in outcomes.items() if key.startswith("front_vehicle")]
+    assert len(innocent) == len(FAULTS) * len(INNOCENT)
+    for outcome in innocent:
+        expected = alone[outcome.case.driver]
+        assert outcome.recording is not None
+        assert (outcome.status, outcome.error) == ("ok" if outcome.case.driver == "idm" else "collision", None)
+        assert pack(outcome.recording.ego) == pack(expected.ego), "bit for bit"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("raises", 'faulty_ads.py", line'),
+        ("hangs", "in hangs"),
+        ("segfaults", "Fatal Python error: Segmentation fault"),
+        ("hangs_in_c", "in hangs_in_c"),
+        ("vanishes", "last words before vanishing"),
+    ],
+)
+def test_the_log_shows_where_it_happened(outcomes: dict[str, Outcome], name: str, words: str) -> None:
+    assert words in outcomes[name].log
+
+
+def test_what_a_case_prints_is_its_own_log_bounded_and_never_on_our_stdout(
+    outcomes: dict[str, Outcome], capfd: pytest.CaptureFixture[str]
+) -> None:
+    log = outcomes["chatters"].log
+    assert "xxxx" in log
+    assert "zzzz" in log
+    assert "bytes left out" in log
+    assert len(log) < 20_000
+    assert all(not outcome.log for key, outcome in outcomes.items() if key.startswith("front_vehicle"))
+    setup = Setup(SimulationSettings(), RunSettings(workers=1), HERE)
+    (outcome,) = run_cases([Case(0, CONCRETE, "ads", "loud", "faulty_ads.py:chatters")], setup)
+    assert outcome.status == "collision"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_a_case_has_started_ends_with_it(outcomes: dict[str, Outcome]) -> None:
+    commands = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            commands.append(path.read_bytes())
+        except OSError:  # it has just gone
+            continue
+    assert commands
+    assert not any(b"3600.25" in command for command in commands)
+
+
+def test_no_child_is_left_and_no_zombie() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=2), HERE)
+    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(6)]
+    outcomes = run_cases(cases, setup)
+    next(outcomes)
+    assert _pool_children()
+    outcomes.close()
+    assert not _pool_children()
+
+
+def _pool_children() -> list[int]:
+    """Processes that multiprocessing's fork server has made for this process."""
+    from multiprocessing import forkserver
+
+    server = forkserver._forkserver._forkserver_pid
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == server:
+            found.append(int(path.parent.name))
+    return found
+
+
+def drives(workers: int, numbers: list[int], controller: str = "synthetic") -> dict[str, bytes]:
+    role = "human" if controller == "synthetic" else "ads"
+    cases = [
+        Case(number, SPACE.concrete(ego_speed=10 + 5 * number, lead_speed=5), role, "x", controller, 0, 4, 11)
+        for number in numbers
+    ]
+    setup = Setup(SimulationSettings(), RunSettings(workers=workers), HERE)
+    return {o.case.key: pack(o.recording.ego) for o in run_cases(cases, setup) if o.recording is not None}
+
+
+@pytest.mark.parametrize("controller", ["synthetic", "faulty_ads.py:random_driver"])
+def test_neither_the_number_of_workers_nor_the_order_changes_a_byte(
+    controller: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = drives(2, [0, 1, 2], controller)
+    assert len(set(two.values())) == 3, "three different drives"
+    assert drives(1, [2, 1, 0], controller) == two
+    assert drives(8, [1, 0, 2], controller) == two
+
+
+def test_a_child_is_replaced_after_its_share_of_cases() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=1, cases_per_child=2), HERE)
+    cases = [Case(n, CONCRETE, "ads", "pid", "faulty_ads.py:PrintsPid") for n in range(5)]
+    pids = [outcome.log for outcome in run_cases(cases, setup)]
+    assert [pids.count(pid) for pid in dict.fromkeys(pids)] == [2, 2, 1]
+    assert str(os.getpid()) not in pids
+
+
+def test_the_serial_engine_gives_the_same_without_children() -> None:
+    case = Case(0, CONCRETE, "ads", "idm", "idm")
+    (here,) = run_cases([case], Setup(SimulationSettings(), RunSettings(engine="serial"), HERE))
+    (there,) = run_cases([case], Setup(SimulationSettings(), RunSettings(), HERE))
+    assert here.recording is not None
+    assert there.recording is not None
+    assert pack(here.recording.ego) == pack(there.recording.ego)
+
+
+def test_stopping_lets_running_cases_end_and_begins_no_more() -> None:
+    setup = Setup(SimulationSettings(), RunSettings(workers=2, cases_per_pack=1), HERE)
+    asked: list[bool] = []
+
+    def stopping() -> bool:
+        asked.append(True)
+        return len(asked) > 5
+
+    cases = [Case(n, CONCRETE, "ads", "idm", "idm") for n in range(50)]
+    assert len(list(run_cases(cases, setup, stopping))) == 5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_from_it():
+    code = (
+        "from multiprocessing import forkserver\n"
+        "from sumo_eval.record.children import child_context, warm_up\n"
+        "if __name__ == '__main__':\n"
+        "    warm_up()\n"
+        "    begun = forkserver._forkserver._forkserver_pid\n"
+        "    child = child_context().Process(target=print, args=('a child',))\n"
+        "    child.start()\n"
+        "    child.join()\n"
+        "    assert begun is not None and begun == forkserver._forkserver._forkserver_pid\n"
+        "    assert child.exitcode == 0\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
+def test_ctrl_c_while_the_simulator_is_being_loaded_shows_no_traceback(tmp_path):
+    command = [sys.executable, "-m", "sumo_eval", "run", "--out", str(tmp_path / "run")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as running:
+        family = Path(f"/proc/{running.pid}/task/{running.pid}/children")
+        while len(family.read_text().split()) < 2:  # the process that makes the children, and the one that watches it
+            clock.sleep(0.01)
+        clock.sleep(0.1)  # it has begun to import
+        os.killpg(running.pid, signal.SIGINT)
+        _, said = running.communicate(timeout=60)
+    # Python ends itself by the signal where it came amid the making of a dataclass; a shell says 130 of that, too.
+    assert running.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in said
+    assert "Stopped" in said
+
+
+def test_a_child_imports_no_more_than_it_needs():
+    # Every child of every run pays for it: numpy, libsumo and numba, whose loops drive, and none of the packages that
+    # only scoring needs. numba imports scipy's outermost package, which holds nothing.
+    code = (
+        "import sys, sumo_eval.record.worker\n"
+        "heavy = {'pandas', 'sklearn', 'pydantic', 'covertable', 'fmpy', 'plotly', 'jinja2'}\n"
+        "heavy |= {f'scipy.{part}' for part in ('linalg', 'optimize', 'sparse', 'spatial', 'special', 'stats')}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,129 @@
+"""What is computed once a point: equal to each D_i alone; what a run's folder keeps of it is taken over only while it
+is what computing it again would give.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.record import human_reference
+from sumo_eval.record.human_reference import KEPT, PointJob, PointResult, compute_points
+from sumo_eval.record.store import open_store
+from sumo_eval.scenario.catalogue import load
+from sumo_eval.settings import (
+    AdsSettings,
+    AnthropomorphicSettings,
+    DriverSettings,
+    EvaluationSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
+
+SETTINGS = AnthropomorphicSettings(slice_spacing=5.0)
+Job = tuple[Path, PointJob]
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    folder = tmp_path_factory.mktemp("bands") / "run"
+    one_point = SamplingSettings(steps={"ego_speed": 100.0, "lead_speed": 100.0})
+    evaluation = EvaluationSettings(
+        name="bands",
+        scenario=(ScenarioSettings("front_vehicle_low_speed", one_point),),
+        ads=(AdsSettings("idm", "idm"),),
+        drivers=DriverSettings(count=4),
+    )
+    sumo_eval.evaluate(evaluation, folder)
+    with open_store(folder / "facts.sqlite") as store:
+        point = store.facts("human")[0].point
+        (ads,) = (fact.case for fact in store.facts("ads") if fact.point == point)
+        drivers = tuple(fact.case for fact in store.facts("human") if fact.point == point)
+    return folder / "facts.sqlite", PointJob(drivers, load("front_vehicle_low_speed").road, left_out=(ads,), band=True)
+
+
+def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointResult:
+    (result,) = compute_points(job[0], [job[1]], settings, map, lambda done: None)
+    return result
+
+
+@pytest.mark.parametrize("mode", ["gaussian", "mixture"])
+def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> None:
+    facts, wanted = job
+    (ads,) = wanted.left_out
+    settings = replace(SETTINGS, slice_spacing=3.0, band_slice_spacing=4.0, mode=mode)
+    found = computed((facts, replace(wanted, ads=(ads,))), settings)
+    coarse = replace(settings, slice_spacing=4.0)
+    with open_store(facts) as store:
+        own, drivers = store.trajectory(ads), [store.trajectory(case) for case in wanted.drivers]
+    others = [[*drivers[:place], *drivers[place + 1 :]] for place in range(len(drivers))]
+    alone = anthropomorphic_index(own, drivers, wanted.road, settings)
+    assert found.indexes[ads].value == pytest.approx(alone.value, rel=1e-9)
+    assert (found.indexes[ads].notes, found.indexes[ads].share) == (alone.notes, alone.share)
+    expected = [anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)]
+    left_out = found.left_out[ads]
+    assert [left_out.everyone, *left_out.without] == pytest.approx(expected, rel=1e-9)
+    among = [anthropomorphic_index(one, fewer, wanted.road, coarse) for one, fewer in zip(drivers, others, strict=True)]
+    assert found.band is not None
+    assert found.band.values == pytest.approx([index.value for index in among], rel=1e-9)
+    assert found.band.similarities == pytest.approx([index.similarity for index in among], rel=1e-9)
+
+
+def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
+    facts, wanted = job
+    found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
+    (left_out,) = found.left_out.values()
+    assert (left_out.without, found.band) == ((), None)
+    assert 0.0 < left_out.everyone <= 1.0
+
+
+def test_a_kept_band_is_what_was_computed_to_the_last_digit(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = computed(job)
+
+    def nothing_to_do(*_: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(human_reference, "indexes_by_group", nothing_to_do)
+    assert computed(job) == first
+    facts, wanted = job
+    assert computed((facts, replace(wanted, band=False))).left_out == first.left_out
+    with pytest.raises(AssertionError, match="computed again"):
+        computed(job, replace(SETTINGS, slice_spacing=10.0))
+
+
+@pytest.mark.parametrize("spacing", [0.5, 2.5])
+def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(job: Job, spacing: float) -> None:
+    # At 2.5 m boxes pay for the band and not for the index alone; at 0.5 m they pay for both.
+    facts, whole = job
+    wanted, settings = replace(whole, ads=whole.left_out), replace(SETTINGS, slice_spacing=spacing)
+    apart = computed((facts, replace(wanted, left_out=(), band=False)), settings)
+    fresh, kept = computed((facts, wanted), settings), computed((facts, wanted), settings)
+    assert kept.band == fresh.band
+    (ads,) = whole.left_out
+    found = [result.indexes[ads] for result in (apart, fresh, kept)]
+    assert len({(index.value, index.slice_similarity.tobytes()) for index in found}) == 1
+
+
+def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) -> None:
+    facts, whole = job
+    assert computed(job) != computed(job, replace(SETTINGS, centre_deviation_floor=0.5))
+    fewer = computed((facts, replace(whole, drivers=whole.drivers[1:])))
+    assert fewer.band is not None
+    assert len(fewer.band.values) == len(whole.drivers) - 1
+    assert fewer.left_out != computed(job).left_out
+
+
+@pytest.mark.parametrize(
+    "damage", ["", "[1, 2]", '{"a": {"values": 3}}', '{"bands": {"a": {"values": 3}}, "left_out": {}}', '{"half": ']
+)
+def test_a_damaged_file_of_bands_costs_only_the_time_to_compute_them(job: Job, damage: str) -> None:
+    first = computed(job)
+    (job[0].parent / KEPT).write_text(damage, encoding="utf-8")
+    assert computed(job) == first
+    kept = json.loads((job[0].parent / KEPT).read_text(encoding="utf-8"))
+    assert [len(kept[what]) for what in ("bands", "left_out")] == [1, 1]

@@ -1,0 +1,309 @@
+"""Attacks from inside of the process that serves an ADS: its own row is lost at most, and every other is as without."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time as clock
+from collections import Counter
+from collections.abc import Callable
+from itertools import count
+from pathlib import Path
+
+import pytest
+from record import hostile_ads
+from record.runs import command, write_evaluation
+
+from sumo_eval.errors import InputError
+from sumo_eval.record import hygiene
+from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.engines import identify, run_cases
+from sumo_eval.record.frames import FrameError, FrameReader, Message, Ticket, frame
+from sumo_eval.record.kept import keep
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.trajectory import Recording
+
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
+LIMITS = {"case_timeout": 8.0, "step_timeout": 0.5, "memory_limit": 600.0}
+INNOCENT = ("faulty_ads.py:coast", "idm", "faulty_ads.py:random_driver")
+ATTACKS = {**hostile_ads.PROTOCOL, **hostile_ads.STATE, **hostile_ads.LEFTOVERS}
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervisors need Linux")
+
+
+def facts(outcome: Outcome) -> tuple[object, ...]:
+    """What the store keeps of it as facts."""
+    found = outcome.recording
+    kept = keep(found) if isinstance(found, Recording) else found
+    return outcome.status, outcome.error, kept and (kept.drives, kept.collision, kept.end_reason, kept.clips)
+
+
+def attacked(attacks: list[str], workers: int) -> list[Outcome]:
+    """Outcomes of attackers with innocent ADSs between them."""
+    numbers = count()
+    cases = [
+        Case(next(numbers), CONCRETE, "ads", locator.partition(":")[2] or locator, locator)
+        for attack in attacks
+        for locator in (INNOCENT[0], f"hostile_ads.py:{attack}", *INNOCENT[1:])
+    ]
+    found = list(run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers, **LIMITS), HERE)))
+    assert sorted(outcome.case.key for outcome in found) == sorted(case.key for case in cases), "each exactly once"
+    return found
+
+
+def untouched(found: list[Outcome]) -> None:
+    """Check that every innocent row is what it is alone."""
+    for locator in INNOCENT:
+        case = Case(0, CONCRETE, "ads", locator.partition(":")[2] or locator, locator)
+        (alone,) = run_cases([case], Setup(SimulationSettings(), RunSettings(workers=1), HERE))
+        rows = [facts(outcome) for outcome in found if outcome.case.controller == locator]
+        assert rows
+        assert all(row == facts(alone) for row in rows), locator
+
+
+def nothing_left() -> bool:
+    """Whether no process is left that an attacker has started."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            if hostile_ads.DAEMON.encode() in path.read_bytes():
+                return False
+        except OSError:
+            continue
+    return True
+
+
+@pytest.fixture(scope="module")
+def outcomes() -> list[Outcome]:
+    return attacked(list(ATTACKS), workers=2)
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_an_attack_costs_the_attackers_row_at_most_and_the_row_says_so(outcomes: list[Outcome], attack: str) -> None:
+    (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == attack]
+    assert outcome.status in ATTACKS[attack], outcome.error
+    assert outcome.error or outcome.status in ("ok", "collision", "off_road")
+
+
+def test_every_row_beside_attacks_is_what_it_is_alone(outcomes: list[Outcome]) -> None:
+    untouched(outcomes)
+
+
+def test_no_attack_ran_code_where_facts_are_collected(outcomes: list[Outcome]) -> None:
+    assert outcomes
+    assert not Path("/tmp/sumo_eval_a_pickle_ran").exists()
+
+
+def test_processes_in_sessions_of_their_own_end_with_the_child_that_left_them(outcomes: list[Outcome]) -> None:
+    assert outcomes
+    assert nothing_left()
+
+
+@pytest.mark.parametrize("attack", ["fills_shared_memory", "lets_another_fill_memory"])
+def test_memory_that_is_shared_or_anothers_counts_and_the_row_says_how_much(
+    outcomes: list[Outcome], attack: str
+) -> None:
+    (outcome,) = [outcome for outcome in outcomes if outcome.case.driver == attack]
+    assert "more than the 600 MB of `run.memory_limit`" in (outcome.error or "")
+
+
+# --- one process, one locator -----------------------------------------------------------------------------------------
+
+PLANNER = "from sumo_eval import Command\nimport os\n\ndef plan():\n    print(os.getpid())\n    return Command({})\n"
+MINE = "from planner import plan\n\ndef drive(traci, ego, now):\n    return plan()\n"
+
+
+def two_planners(folder: Path) -> list[Case]:
+    """Cases of `a/my.py` and `b/my.py`, each with a `planner.py` of its own beside it, one after the other."""
+    for name, acceleration in (("a", -1.0), ("b", -2.0)):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "planner.py").write_text(PLANNER.format(acceleration))
+        (folder / name / "my.py").write_text(MINE)
+    return [
+        Case(point, SPACE.concrete(ego_speed=20, lead_speed=speed), "ads", name, f"{name}/my.py:drive")
+        for point, speed in enumerate((5, 10))
+        for name in ("a", "b")
+    ]
+
+
+def bytes_of(cases: list[Case], folder: Path, workers: int) -> dict[str, tuple[object, ...]]:
+    found = run_cases(cases, Setup(SimulationSettings(), RunSettings(workers=workers), folder))
+    return {outcome.case.key: facts(outcome) for outcome in found}
+
+
+def test_two_adss_that_import_a_helper_of_one_name_drive_with_their_own(tmp_path: Path) -> None:
+    cases = two_planners(tmp_path)
+    alone = {key: row for case in cases for key, row in bytes_of([case], tmp_path, 1).items()}
+    assert len({repr(row) for row in alone.values()}) == len(cases), "four different drives"
+    for workers in (1, 2, 8):
+        assert bytes_of(cases, tmp_path, workers) == alone
+        assert bytes_of(cases[::-1], tmp_path, workers) == alone
+
+
+def test_a_process_serves_one_locator_in_its_life(tmp_path: Path) -> None:
+    cases = two_planners(tmp_path)
+    served: dict[str, set[str]] = {}
+    setup = Setup(SimulationSettings(), RunSettings(workers=2), tmp_path)
+    for outcome in run_cases(cases * 2, setup):
+        for pid in outcome.log.split():
+            served.setdefault(pid, set()).add(outcome.case.controller)
+    assert served
+    assert all(len(locators) == 1 for locators in served.values())
+
+
+def test_the_serial_engine_refuses_a_second_ads_of_the_users_and_takes_one(tmp_path: Path) -> None:
+    cases = two_planners(tmp_path)
+    setup = Setup(SimulationSettings(), RunSettings(engine="serial"), tmp_path)
+    with pytest.raises(InputError, match=r"one ADS of yours, got ADS `a/my.py:drive` and ADS `b/my.py:drive`"):
+        list(run_cases(cases, setup))
+    with pytest.raises(InputError, match="one ADS of yours"):
+        identify([("ADS", "a/my.py:drive"), ("ADS", "b/my.py:drive")], setup)
+    assert len(identify([("ADS", "a/my.py:drive"), ("ADS", "idm")], setup)) == 2
+
+
+# --- frames -----------------------------------------------------------------------------------------------------------
+
+NONCE = bytes(range(16))
+
+
+def test_a_frame_is_read_byte_by_byte_as_it_was_written() -> None:
+    message = Message([1, "two", None, 0.1], (b"three", b""))
+    reader = FrameReader(Ticket(NONCE, 4, 1000))
+    data = frame(message, NONCE, 4)
+    found = [reader.feed(data[i : i + 1]) for i in range(len(data))]
+    assert found[:-1] == [None] * (len(data) - 1)
+    assert found[-1] == message
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda data: b"x" + data, "no result"),
+        (lambda data: data + b"x", "more than one"),
+        (lambda data: data[:-1] + b"x", "checksum"),
+        (lambda data: frame(Message(None), NONCE, 5), "another case"),
+        (lambda data: frame(Message(None), NONCE[::-1], 4), "another case"),
+        (lambda data: frame(Message("x" * 2000), NONCE, 4), "at most 1000"),
+    ],
+)
+def test_anything_else_is_no_frame(change: Callable[[bytes], bytes], says: str) -> None:
+    with pytest.raises(FrameError, match=says):
+        FrameReader(Ticket(NONCE, 4, 1000)).feed(change(frame(Message([1]), NONCE, 4)))
+
+
+def test_no_bit_of_a_frame_can_flip_unseen() -> None:
+    data = frame(Message(["ok"], (b"abc",)), NONCE, 4)
+    for i in range(len(data)):
+        changed = data[:i] + bytes([data[i] ^ 0x10]) + data[i + 1 :]
+        reader = FrameReader(Ticket(NONCE, 4, 1000))
+        try:
+            found = reader.feed(changed)
+        except FrameError:
+            continue
+        assert found is None, "a longer length waits for what does not come"
+
+
+# --- process hygiene --------------------------------------------------------------------------------------------------
+
+
+def test_no_process_of_the_pool_holds_a_descriptor_of_the_owner(tmp_path: Path) -> None:
+    (tmp_path / "ads.py").write_text(
+        "import os, json\nfrom sumo_eval import Command\n\n"
+        "def held(pid):\n"
+        "    found = []\n"
+        "    for name in os.listdir(f'/proc/{pid}/fd'):\n"
+        "        try:\n"
+        "            found.append(os.readlink(f'/proc/{pid}/fd/{name}'))\n"
+        "        except OSError:\n"
+        "            pass\n"
+        "    return found\n\n"
+        "def drive(traci, ego, now):\n"
+        "    if now == 0.0:\n"
+        "        supervisor = os.getppid()\n"
+        "        server = int(open(f'/proc/{supervisor}/stat').read().rpartition(')')[2].split()[1])\n"
+        "        print(json.dumps([held(pid) for pid in (os.getpid(), supervisor, server)]))\n"
+        "    return Command(0.0)\n"
+    )
+    with (tmp_path / "facts.sqlite").open("w") as store:
+        os.set_inheritable(store.fileno(), True)
+        case = Case(0, CONCRETE, "ads", "x", "ads.py:drive")
+        (outcome,) = run_cases([case], Setup(SimulationSettings(), RunSettings(workers=1), tmp_path))
+    child, supervisor, server = json.loads(outcome.log.splitlines()[0])
+    assert child
+    assert supervisor
+    assert not any("facts" in name for name in child + supervisor + server)
+    ours = ("pipe:", "/memfd:", "/dev/null", "/proc/")
+    assert all(name.startswith(ours) for name in child), child
+
+
+def test_folders_of_owners_that_have_gone_are_removed_and_others_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    mine = hygiene.scratch_folder()
+    owner = mine.name.removeprefix("sumo_eval_pool_").partition("_")[0]
+    pid, begun, space = owner.split("-")
+    gone = [f"{pid}-{int(begun) + 1}-{space}", f"4194304-1-{space}"]
+    kept = [f"{pid}-1-77", "notes", f"{pid}"]
+    for name in gone + kept:
+        (tmp_path / f"sumo_eval_pool_{name}_x").mkdir()
+    other = hygiene.scratch_folder()
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {mine.name, other.name, *(f"sumo_eval_pool_{name}_x" for name in kept)}
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: signal.Signals) -> None:
+    ads = (
+        "import os, time\nfrom sumo_eval import Command\n\n"
+        "class MyAds:\n"
+        "    def reset(self, scenario, traci, ego):\n"
+        "        if scenario.step:\n"
+        f"            open({str(tmp_path / 'begun')!r}, 'w').close()\n"
+        "            if os.fork() == 0:\n"
+        "                os.setsid()\n"
+        f"                os.execvp('sleep', ['sleep', '{hostile_ads.DAEMON}'])\n"
+        "        sum(range(10**18))\n"
+        "    def step(self, traci, ego, now):\n"
+        "        return Command(0.0)\n"
+    )
+    path = write_evaluation(tmp_path, ads=ads, case_timeout=10_000.0)
+    with subprocess.Popen(command("run", path, "--out", tmp_path / "run"), stderr=subprocess.PIPE) as run:
+        while not (tmp_path / "begun").exists():
+            assert run.poll() is None
+            clock.sleep(0.02)
+        run.send_signal(number)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode == (130 if number == signal.SIGTERM else -signal.SIGKILL)
+    assert b"Traceback" not in said
+    for _ in range(500):
+        if nothing_left():
+            break
+        clock.sleep(0.02)
+    assert nothing_left()
+
+
+# --- the campaign -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("kind", ["PROTOCOL", "STATE", "LEFTOVERS"])
+def test_attacks_again_and_again(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    share = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
+    attacks = [name for name in getattr(hostile_ads, kind) for _ in range(max(1, round(20 * share)))]
+    found = attacked(attacks, workers=2)
+    untouched(found)
+    ends = Counter(outcome.status for outcome in found if outcome.case.controller not in INNOCENT)
+    beside = sum(outcome.case.controller in INNOCENT for outcome in found)
+    with capsys.disabled():
+        print(f"\n{kind:<10}{len(attacks):>6} attacks {dict(ends)}; {beside} rows beside them, all as alone")
+    late = {"timeout", "ads_timeout"}  # who has answered in advance and goes on is not there for its own next case
+    for outcome in found:
+        allowed = ATTACKS.get(outcome.case.driver)
+        assert allowed is None or outcome.status in allowed | late | hostile_ads.LOST, (outcome.case, outcome.error)
+    assert nothing_left()

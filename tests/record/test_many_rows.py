@@ -1,0 +1,28 @@
+"""A hundred thousand rows: what the parent holds does not grow with them."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import pytest
+from record.synthetic_store import use
+
+
+def peak(path: Path, rows: int) -> float:
+    tracemalloc.start()
+    try:
+        assert use(path, rows) == (rows, rows, rows // 10)
+        return tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_memory_of_the_parent_is_bounded(tmp_path: Path) -> None:
+    small, large = peak(tmp_path / "a", 300), peak(tmp_path / "b", 3_000)
+    assert large - small < 2.0, "MB for ten times the rows; the numbers of the struck points are all that grows"
+
+
+@pytest.mark.campaign
+def test_the_memory_of_the_parent_is_bounded_at_100_000_rows(tmp_path: Path) -> None:
+    assert peak(tmp_path / "c", 100_000) < 20.0, "MB"

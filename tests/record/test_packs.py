@@ -1,0 +1,285 @@
+"""Cases that run together are what they are alone, whatever the size of the packs, and a fault costs its own case."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import sumo_eval
+from sumo_eval.record.cases import ALONE, Case, Outcome, Setup
+from sumo_eval.record.engines import run_cases, run_packs
+from sumo_eval.record.identity import with_fingerprint
+from sumo_eval.record.kept import KeptRecording
+from sumo_eval.record.packs import LEAST, Packs
+from sumo_eval.record.store import open_store
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+    SimulationSettings,
+)
+
+HERE = Path(__file__).parent
+SPACE = catalogue.load("front_vehicle_low_speed")
+CUT_IN = catalogue.load("cut_in")
+SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
+FAULTY = 5  # number of the case in which the ego starts at 20 m/s
+LIMITS: dict[str, Any] = {"case_timeout": 3.0, "step_timeout": 0.2, "memory_limit": 700.0}
+
+
+def setup(**run: Any) -> Setup:
+    return Setup(SIMULATION, RunSettings(**run), HERE)
+
+
+def cases(controller: str, count: int = 9) -> list[Case]:
+    """Drives at one ego speed each, 15, 16 ... m/s."""
+    return [
+        Case(number, SPACE.concrete(ego_speed=15.0 + number, lead_speed=5.0), "ads", "mine", controller)
+        for number in range(count)
+    ]
+
+
+def facts(outcomes: list[Outcome]) -> dict[str, tuple[object, ...]]:
+    """All that is no circumstance, by case."""
+    found = {}
+    for outcome in outcomes:
+        recording = outcome.recording
+        assert recording is None or isinstance(recording, KeptRecording)
+        drives = None if recording is None else (recording.drives, recording.collision, recording.clips)
+        found[outcome.case.key] = (outcome.status, outcome.error, drives)
+    assert len(found) == len(outcomes), "each exactly once"
+    return found
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "breaks"),
+    [
+        ("Exits", "crashed", True),
+        ("Hangs", "ads_timeout", False),
+        ("HangsInC", "timeout", True),
+        ("Raises", "ads_error", False),
+        ("Interrupts", "ads_error", False),
+        ("FillsMemory", "ads_error", False),
+    ],
+)
+def test_a_faulty_case_costs_itself_alone_and_the_log_says_when_it_broke_its_pack(
+    fault: str, status: str, breaks: bool
+) -> None:
+    drives = cases(f"faulty_policies.py:{fault}")
+    assert drives[FAULTY].concrete.ego.speed == 20.0
+    together = list(run_cases(drives, setup(workers=1, **LIMITS)))
+    alone = list(run_cases(drives, setup(workers=1, cases_per_pack=1, **LIMITS)))
+    assert facts(together) == facts(alone)
+    statuses = {outcome.case.point: outcome.status for outcome in together}
+    assert statuses.pop(FAULTY) == status
+    assert set(statuses.values()) == {"collision"}
+    assert {outcome.log.startswith(ALONE) for outcome in together} == {breaks}
+    assert not any(outcome.log.startswith(ALONE) for outcome in alone)
+
+
+@pytest.mark.parametrize("ads", ["Gambles", "ImportsTraci", "Steps"])
+def test_what_cannot_ride_is_driven_alone_and_is_what_it_is_alone(ads: str) -> None:
+    """Global random numbers have to come case by case; who asks SUMO needs its case alone, and so does TraCI code."""
+    together = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1)))
+    alone = list(run_cases(cases(f"faulty_policies.py:{ads}"), setup(workers=1, cases_per_pack=1)))
+    assert facts(together) == facts(alone)
+    assert {outcome.status for outcome in together} == {"collision"}
+    assert [outcome.case.point for outcome in together if outcome.log] == ([FAULTY] if ads == "ImportsTraci" else [])
+
+
+def test_what_a_pack_prints_and_how_it_ended_stands_in_the_logs() -> None:
+    (first, *others) = run_cases(cases("faulty_policies.py:Chatters"), setup(workers=1))
+    assert first.log.startswith("Printed by its pack of 9 cases:\na word from the faulty point\n")
+    assert not any(outcome.log for outcome in others)
+    (first, *others) = run_cases(cases("faulty_policies.py:Exits"), setup(workers=1))
+    why = f"{ALONE}Its pack was lost. The process that ran it died with exit code 7.\n"
+    assert first.log == f"{why}Printed by its pack of 9 cases:\nlast words before leaving\n"
+    assert {outcome.log for outcome in others if outcome.case.point != FAULTY} == {why}
+
+
+def test_an_ads_that_cannot_be_loaded_is_rejected_case_by_case() -> None:
+    outcomes = list(run_cases(cases("faulty_policies.py:Missing"), setup(workers=1)))
+    assert [outcome.status for outcome in outcomes] == ["rejected"] * 9
+
+
+def kinds() -> list[Case]:
+    """ADSs, the ideal vehicle; two scenarios; mixed."""
+    found: list[Case] = []
+    for number, (gap, speed) in enumerate([(20.0, 8.0), (40.0, 12.5), (60.0, 16.0), (30.0, 6.0), (50.0, 10.0)]):
+        concrete = CUT_IN.concrete(ego_speed=20.0, cut_in_speed=speed, gap=gap, lateral_speed=0.9)
+        found += [Case(number, concrete, "ads", name, name) for name in ("careful_driver", "no_reaction")]
+        found.append(Case(number, concrete, "ideal", "ideal", "ideal_braking"))
+        low = SPACE.concrete(ego_speed=15.0 + number, lead_speed=speed)
+        found += [Case(number, low, "ads", name, name) for name in ("careful_driver", "rss")]
+    return [with_fingerprint(case, SIMULATION, "", "") for case in found]
+
+
+def stored(path: Path, run: Setup) -> str:
+    with open_store(path, create=True) as store:
+        for outcomes in run_packs(kinds(), run):
+            store.add(*outcomes)
+        return store.digest()
+
+
+def test_neither_the_size_of_packs_nor_workers_nor_the_engine_changes_a_byte(tmp_path: Path) -> None:
+    alone = stored(tmp_path / "alone", setup(workers=1, cases_per_pack=1))
+    for number, run in enumerate(
+        [
+            setup(workers=1),
+            setup(workers=2),
+            setup(workers=3, cases_per_pack=2),
+            setup(workers=2, cases_per_child=3),
+            setup(engine="serial"),
+            setup(engine="serial", cases_per_pack=3),
+        ]
+    ):
+        assert stored(tmp_path / str(number), run) == alone
+
+
+def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_ideal_vehicle(tmp_path: Path) -> None:
+    noisy = replace(SIMULATION, conditions=replace(SIMULATION.conditions, reveal_scenario=True))
+    found = [
+        stored(tmp_path / str(size), Setup(noisy, RunSettings(workers=1, cases_per_pack=size), HERE)) for size in (1, 9)
+    ]
+    assert found[0] == found[1]
+
+
+# --- which cases go together ------------------------------------------------------------------------------------------
+
+
+def taken(packs: Packs) -> list[int]:
+    sizes = []
+    while pack := packs.take():
+        sizes.append(len(pack))
+        packs.look_ahead()
+    return sizes
+
+
+@pytest.mark.parametrize(("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)])
+def test_packs_are_few_and_towards_the_end_equally_large(count: int, workers: int) -> None:
+    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
+    drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
+    sizes = taken(Packs(drives, workers, 256))
+    assert sum(sizes) == count
+    assert max(sizes) <= 256
+    assert len(sizes) <= -(-count // 256) + 2 * workers, "each costs something of its own"
+    assert max(sizes[-workers:]) - min(sizes[-workers:]) <= LEAST, "all workers have work to the end"
+
+
+def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
+    packs = Packs(kinds(), 1, 3)
+    seen = 0
+    while pack := packs.take():
+        assert len({(case.role, case.controller, case.concrete.scenario) for case in pack}) == 1
+        assert len(pack) <= 3
+        seen += len(pack)
+    assert seen == len(kinds())
+
+
+def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None:
+    slow, quick = (SPACE.concrete(ego_speed=20.0, lead_speed=speed) for speed in (5.0, 15.0))
+    drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
+    drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
+    packs = Packs(drives, 1, 4)
+    found = []
+    while pack := packs.take():
+        found.append((pack[0].role, {case.concrete.label for case in pack}))
+    assert found == [
+        ("ads", {slow.label}),
+        ("ads", {quick.label}),
+        ("human", {slow.label}),
+    ]
+
+
+def test_all_roles_of_all_scenarios_are_one_piece_of_work_with_a_progress_of_each(tmp_path: Path) -> None:
+    coarse = {
+        "front_vehicle_low_speed": {"ego_speed": 5.0, "lead_speed": 10.0},
+        "front_vehicle_cut_out": {"ego_speed": 10.0, "obstacle_speed": 10.0, "gap": 90.0},
+    }
+    settings = EvaluationSettings(
+        name="two",
+        simulation=replace(SIMULATION, end_when_decided=False),
+        scenario=tuple(ScenarioSettings(name, SamplingSettings(steps=steps)) for name, steps in coarse.items()),
+        ads=(AdsSettings("idm", "idm"),),
+        drivers=DriverSettings(count=2),
+        run=RunSettings(engine="serial"),
+    )
+    shown: dict[str, tuple[int, int]] = {}
+
+    def progress(stage: str, done: int, total: int, failed: int = 0) -> None:
+        assert done >= shown.get(stage, (0, 0))[0]
+        shown[stage] = done, total
+
+    sumo_eval.evaluate(settings, tmp_path / "run", progress=progress)
+    kinds = ["ADSs", "ideal vehicle", "no reaction", "drivers"]
+    found = [kind for stage in shown if (kind := stage.rpartition(": ")[2]) in kinds]
+    references = ["ideal vehicle", "no reaction"]
+    assert found == ["ADSs", "ADSs", *references, *references, "drivers", "drivers"]
+    assert all(done == total for done, total in shown.values())
+
+
+@pytest.mark.parametrize(("too_slow", "expected"), [(False, [16, 32, 64, 64]), (True, [16, 16, 16, 16])])
+def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_hold(
+    too_slow: bool, expected: list[int]
+) -> None:
+    concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
+    packs = Packs([Case(number, concrete, "ads", "a", "a") for number in range(4000)], 1, 64)
+    pack = packs.take()
+    assert pack is not None
+    assert len(pack) == 64
+    packs.did_not_come_through(pack, "it broke", "", too_slow=too_slow)
+    packs.look_ahead()
+    alone = [packs.take() for _ in range(64)]
+    assert [case for one in alone if one is not None for case in one] == list(pack)
+    sizes = []
+    for _ in range(4):
+        pack = packs.take()
+        assert pack is not None
+        sizes.append(len(pack))
+        packs.came_through(pack)
+        packs.look_ahead()
+    assert sizes == expected
+
+
+def test_an_evaluation_with_millions_of_cases_is_not_planned_before_it_begins() -> None:
+    asked = []
+
+    def many() -> Any:
+        for number in range(10**6):
+            asked.append(number)
+            yield Case(number, SPACE.concrete(ego_speed=20.0, lead_speed=10.0), "ads", "a", "a")
+
+    Packs(many(), 2, 256).take()
+    assert len(asked) <= 2 * 4 * 256
+
+
+def test_settings_that_reject_a_case_alone_reject_it_in_a_pack() -> None:
+    odd = replace(SIMULATION, step=0.03, record_interval=0.1)
+    for ads in ("careful_driver", "idm"):
+        found = [list(run_cases(cases(ads, 3), Setup(odd, RunSettings(cases_per_pack=size), HERE))) for size in (1, 3)]
+        assert facts(found[0]) == facts(found[1])
+        assert {outcome.status for outcome in found[1]} == {"rejected"}
+
+
+def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
+    sampling = SamplingSettings(steps={"ego_speed": 5.0, "lead_speed": 10.0})
+    settings = EvaluationSettings(
+        name="packs",
+        simulation=SIMULATION,
+        scenario=(ScenarioSettings("front_vehicle_low_speed", sampling),),
+        ads=(AdsSettings("mine", f"{HERE / 'faulty_policies.py'}:Exits"), AdsSettings("idm", "idm")),
+        drivers=DriverSettings(count=2),
+    )
+    mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores
+    (note,) = (note for note in mine.notes if "pack" in note)
+    lost = "Its pack was lost. The process that ran it died with exit code 7."
+    assert note == f"{mine.cases} drives left the pack and had to be simulated alone. {mine.cases} x: {lost}"
+    assert mine.not_evaluated >= 1
+    assert not any("pack" in note for note in idm.notes)

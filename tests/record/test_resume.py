@@ -1,0 +1,298 @@
+"""Nothing recorded is lost or simulated twice: kill -9, Ctrl-C, a full disk, a changed ADS, a second writer, shards."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from record.edited_store import edit
+from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
+
+import sumo_eval
+from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.record.facts import parse_shard, record_facts
+from sumo_eval.record.run_folder import only_writer
+from sumo_eval.settings.config import read_evaluation
+
+HANGS = "def MyAds(traci, ego, time):\n    sum(range(10**18))\n"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An uninterrupted run: 6 points, 2 ADSs, 2 drivers, with one worker."""
+    folder = tmp_path_factory.mktemp("whole")
+    path = write_evaluation(folder)
+    sumo_eval.evaluate(path, folder / "run", workers=1)
+    return folder / "run"
+
+
+def rows(run: Path) -> int:
+    """Rows in the facts of a run that may still be in the making."""
+    try:
+        with sqlite3.connect(f"file:{run / 'facts.sqlite'}?mode=ro", uri=True) as connection:
+            return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
+    except sqlite3.OperationalError:
+        return 0
+
+
+def started(run: Path, path: Path, *options: str, at_rows: int = 1) -> subprocess.Popen[str]:
+    process = subprocess.Popen(
+        command("run", path, "--out", run, *options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    until = time.monotonic() + 60.0
+    while rows(run) < at_rows and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.005)
+    return process
+
+
+def test_a_killed_run_goes_on_to_the_same_content(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    process = started(tmp_path / "run", path, at_rows=4)
+    process.kill()
+    process.communicate()
+    before = rows(tmp_path / "run")
+    assert sumo_eval_cli("score", tmp_path / "run").returncode == 2, "a part of a run is not scored"
+    done = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume", "--workers", "1")
+    assert done.returncode == 0, done.stderr
+    assert before < rows(whole), "it was killed in the middle"
+    assert digest(tmp_path / "run") == digest(whole)
+    assert len(json.loads((tmp_path / "run" / "manifest.json").read_text())["resumed"]) == 1
+
+
+def test_resuming_a_complete_run_simulates_nothing(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = digest(whole)
+    simulated = []
+    from sumo_eval.record import recording
+
+    def run_packs(cases, setup, stopping):  # type: ignore[no-untyped-def]
+        for case in cases:
+            simulated.append(case.key)
+            yield from ()
+
+    monkeypatch.setattr(recording, "run_packs", run_packs)
+    evaluation = sumo_eval.evaluate(None, whole, resume=True)
+    assert simulated == []
+    assert digest(whole) == before
+    assert evaluation.name == "batch"
+
+
+def test_a_changed_ads_runs_again_and_an_unchanged_one_does_not(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    sumo_eval.evaluate(path, tmp_path / "run")
+    assert digest(tmp_path / "run") == digest(whole), "another folder is the same run"
+
+    def walls() -> dict[str, float]:
+        drives = sumo_eval.open_run(tmp_path / "run").drives
+        return dict(zip(drives["case"], drives["wall_time"], strict=True))
+
+    before = walls()
+    (tmp_path / "my_ads.py").write_text(MY_ADS.replace("-2.0", "-3.0"))
+    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    after = walls()
+    again = {case for case in after if after[case] != before.get(case)}
+    assert again == {case for case in after if case.endswith("-mine")}
+
+
+def test_a_module_that_the_ads_imports_is_part_of_it(tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path, "from gains import GAIN\n" + MY_ADS)
+    (tmp_path / "gains.py").write_text("GAIN = 1.0\n")
+    (tmp_path / "unrelated.py").write_text("x = 1\n")
+    from sumo_eval.record.recording import planner
+
+    settings = read_evaluation(path)
+    first = planner(settings, tmp_path).identities
+    (tmp_path / "unrelated.py").write_text("x = 2\n")
+    assert planner(settings, tmp_path).identities == first
+    (tmp_path / "gains.py").write_text("GAIN = 2.0\n")
+    second = planner(settings, tmp_path).identities
+    assert second["idm"] == first["idm"]
+    assert second["my_ads.py:MyAds"] != first["my_ads.py:MyAds"]
+
+
+def test_resuming_with_fewer_cases_is_refused_and_loses_none(whole: Path) -> None:
+    before = digest(whole)
+    settings = read_evaluation(whole / "evaluation.toml")
+    source = whole.parent
+    fewer = replace(settings, ads=settings.ads[:1])
+    with pytest.raises(InputError, match="a run keeps its cases"):
+        record_facts(fewer, source, whole, resume=True)
+    record_facts(settings, source, whole, resume=True)
+    assert digest(whole) == before
+
+
+def test_a_second_writer_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    with only_writer(tmp_path / "run", resume=False):
+        second = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--resume")
+    assert second.returncode == 2
+    assert f"is being written by another process (process {os.getpid()}" in second.stderr
+    with only_writer(tmp_path / "run", resume=False):
+        pass
+
+
+def test_ctrl_c_once_ends_the_running_cases_and_says_how_to_go_on(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    process = started(tmp_path / "run", path, at_rows=2)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Ctrl-C once more stops at once" in errors
+    assert "the same command with --resume goes on" in errors
+    assert "Traceback" not in errors
+    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    assert digest(tmp_path / "run") == digest(whole)
+
+
+def children_of_fork_servers(root: int) -> set[int]:
+    """All living processes below `root`."""
+    parents = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            continue
+    found, grown = {root}, True
+    while grown:
+        more = {pid for pid, parent in parents.items() if parent in found} | found
+        grown, found = more != found, more
+    return found - {root}
+
+
+@pytest.mark.parametrize("how", ["twice", "killed"])
+def test_hanging_children_are_gone_after_ctrl_c_twice_and_after_kill_9(how: str, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path, HANGS, case_timeout=300.0)
+    process = started(tmp_path / "run", path, at_rows=1)
+    time.sleep(0.5)
+    family = children_of_fork_servers(process.pid)
+    assert len(family) >= 3, "fork server, resource tracker, hanging child"
+    if how == "twice":
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+        assert process.poll() is None, "it waits for the case that hangs"
+        process.send_signal(signal.SIGINT)
+    else:
+        process.kill()
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == (130 if how == "twice" else -9)
+    assert "Traceback" not in errors
+    until = time.monotonic() + 10.0
+    while alive(family) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not alive(family)
+    assert rows(tmp_path / "run") >= 1
+
+
+def alive(pids: set[int]) -> set[int]:
+    return {pid for pid in pids if Path(f"/proc/{pid}").exists()}
+
+
+def test_a_run_whose_disk_fills_up_stops_with_a_sentence_and_goes_on_later(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (110_000, 110_000))
+
+    done = subprocess.run(
+        command("run", path, "--out", tmp_path / "run"),
+        capture_output=True, text=True, timeout=120, check=False, preexec_fn=small_files,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert "cannot be written" in done.stderr
+    assert "Traceback" not in done.stderr
+    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    assert digest(tmp_path / "run") == digest(whole)
+
+
+def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_never(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    (tmp_path / "run" / "networks").mkdir(parents=True)
+    (tmp_path / "run" / "evaluation.toml.half").write_text("nam")
+    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    assert digest(tmp_path / "run") == digest(whole)
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "thesis.txt").write_text("three years of work")
+    with pytest.raises(InputError, match="is no run folder"):
+        sumo_eval.evaluate(path, tmp_path / "foreign", resume=True)
+
+
+def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    for part in ("1/3", "2/3", "3/3"):
+        done = sumo_eval_cli("run", path, "--out", tmp_path / part[0], "--shard", part)
+        assert done.returncode == 0, done.stderr
+        assert f"Shard {part}" in done.stdout
+    lone = sumo_eval_cli("score", tmp_path / "1")
+    assert lone.returncode == 2
+    assert "is shard 1/3 of an evaluation; put the shards together first" in lone.stderr
+    for parts, sentence in (
+        (("1", "2"), "missing: 3/3"),
+        (("1", "2", "2", "3"), "are both shard 2/3"),
+    ):
+        refused = sumo_eval_cli("merge", *(tmp_path / part for part in parts), "--out", tmp_path / "merged")
+        assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
+    done = sumo_eval_cli("merge", *(tmp_path / part for part in "312"), "--out", tmp_path / "merged")
+    assert done.returncode == 0, done.stderr
+    assert digest(tmp_path / "merged") == digest(whole)
+    assert (tmp_path / "merged" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])
+def test_a_shard_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="must have the form i/n"):
+        parse_shard(text)
+
+
+def test_verify_passes_on_the_same_and_fails_on_a_bit(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    sumo_eval.evaluate(path, tmp_path / "run")
+    done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"{rows(tmp_path / 'run')} drives" in done.stdout
+    change = "UPDATE facts SET simulated_time = simulated_time + 1e-9 WHERE \"case\" LIKE '%-0002-idm'"
+    edit(tmp_path / "run" / "facts.sqlite", change, hashes=True)
+    done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
+    assert done.returncode == 1
+    assert "-0002-idm is not the same again: simulated_time" in done.stdout
+    (tmp_path / "my_ads.py").write_text(MY_ADS.replace("-2.0", "-3.0"))
+    done = sumo_eval_cli("verify", tmp_path / "run", "--share", "1")
+    assert done.returncode == 1
+    assert "depends on something that has changed since" in done.stdout
+
+
+def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    done = sumo_eval_cli("run", path, "--dry-run", "--out", tmp_path / "run")
+    assert done.returncode == 0, done.stderr
+    assert "12 drives of the ADSs, 12 of human drivers and 12 of the ideal vehicle and of `no_reaction`" in done.stdout
+    assert "with 2 workers" in done.stdout
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_hash_seed_of_the_interpreter_changes_nothing(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    environment = {**os.environ, "PYTHONHASHSEED": "77"}
+    code = f"import sumo_eval; sumo_eval.evaluate({str(path)!r}, {str(tmp_path / 'run')!r}, workers=8)"
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True, timeout=120)
+    assert digest(tmp_path / "run") == digest(whole)
+
+
+def test_a_caller_can_stop_a_run_and_go_on(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path)
+    seen: list[int] = []
+
+    def count(stage: str, done: int, total: int, failed: int = 0) -> None:
+        seen.append(done)
+
+    with pytest.raises(StoppedError, match="goes on"):
+        sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
+    sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    assert digest(tmp_path / "run") == digest(whole)

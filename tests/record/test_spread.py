@@ -1,0 +1,45 @@
+"""Work beside other work."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.record.spread import beside
+
+
+class Writing:
+    """Work that leaves a file behind, importable by a child."""
+
+    def __init__(self, path: Path, after: float = 0.0) -> None:
+        self.path, self.after = path, after
+
+    def __call__(self) -> None:
+        self.path.with_suffix(".pid").write_text(str(os.getpid()))
+        time.sleep(self.after)
+        self.path.write_text("done")
+
+
+def test_what_is_done_beside_is_done_at_the_end(tmp_path: Path) -> None:
+    with beside(Writing(tmp_path / "file")):
+        pass
+    assert (tmp_path / "file").read_text() == "done"
+
+
+def _interrupted(work: Writing, began: Path) -> None:
+    with beside(work):
+        while not began.exists() or not began.read_text():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+
+def test_what_ends_early_ends_what_is_done_beside(tmp_path: Path) -> None:
+    began = tmp_path / "file.pid"
+    with pytest.raises(KeyboardInterrupt):
+        _interrupted(Writing(tmp_path / "file", after=60.0), began)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(began.read_text()), 0)
+    assert not (tmp_path / "file").exists()

@@ -1,0 +1,331 @@
+"""The facts file: what goes in comes out, a case whole or not at all, foreign files refused."""
+
+from __future__ import annotations
+
+import sqlite3
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from record.edited_store import edit
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.cases import Case, Outcome
+from sumo_eval.record.kept import pack, unpack
+from sumo_eval.record.store import FORMAT_VERSION, open_store
+from sumo_eval.scenario import catalogue
+from sumo_eval.trajectory import CHANNELS, Clip, Collision, Recording, Trajectory
+
+
+def drive(n: int = 40, seed: int = 3) -> Trajectory:
+    rng = np.random.default_rng(seed)
+    time = np.arange(n) * 0.1
+    return Trajectory(
+        time, 20.0 * time, rng.normal(size=n), rng.normal(size=n), 20 + rng.normal(size=n), rng.normal(size=n),
+        np.where(rng.random(n) < 0.3, np.nan, rng.normal(size=n)), length=4.3, width=1.9,
+    )  # fmt: skip
+
+
+def case(point: int = 7, driver: str = "idm") -> Case:
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(ego_speed=20, obstacle_speed=5, gap=60)
+    return Case(point, concrete, "ads", driver, driver)
+
+
+def collision() -> Collision:
+    return Collision(1.25, "obstacle", (12.0, 0.5), (5.0, 0.0), 0.75, "front", (1.0, 2.0, 0.1), (5.0, 2.0, 0.0))
+
+
+def test_a_packed_trajectory_comes_back_time_and_x_exact_the_rest_to_single_precision() -> None:
+    before = drive()
+    after = unpack(pack(before))
+    assert np.array_equal(after.time, before.time)
+    assert np.array_equal(after.x, before.x)
+    for name in CHANNELS:
+        np.testing.assert_allclose(getattr(after, name), getattr(before, name), rtol=1e-7, atol=0, equal_nan=True)
+    assert (after.length, after.width) == (4.3, 1.9)
+
+
+def test_packing_what_was_unpacked_changes_no_byte() -> None:
+    data = pack(drive())
+    assert pack(unpack(data)) == data
+
+
+def test_a_case_comes_back_as_it_was_recorded(tmp_path: Path) -> None:
+    clips = (Clip("friction", 3, 0.5, -12.0, -9.0),)
+    recording = Recording(drive(), {"lead": drive(seed=4)}, collision(), "contact", clips, None, "", (1e-5, 2e-5), 0.01)
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "collision", recording))
+        (fact,) = store.facts("ads")
+        assert set(store.trajectories(fact.case)) == {"ego", "lead"}
+    assert fact.case == "front_vehicle_cut_out-0007-idm"
+    assert fact.collision == collision()
+    assert fact.clips == clips
+    assert fact.values == {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}
+    assert (fact.status, fact.end_reason, fact.latency_max) == ("collision", "contact", 2e-5)
+
+
+def test_a_case_without_a_recording_is_kept_with_its_sentence(tmp_path: Path) -> None:
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "crashed", None, "The process died."))
+        (fact,) = store.facts("ads")
+    assert (fact.status, fact.error, fact.end_reason, fact.collision) == ("crashed", "The process died.", None, None)
+
+
+def test_a_case_that_cannot_be_stored_whole_leaves_nothing_behind(tmp_path: Path) -> None:
+    recording = Recording(drive(), {}, None, "road_end")
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "ok", recording))
+        with pytest.raises(sqlite3.IntegrityError):
+            store.add(Outcome(case(), "ok", recording))
+        broken = Recording(drive(), {"ego2": None}, None, "road_end")  # type: ignore[dict-item]
+        with pytest.raises(AttributeError):
+            store.add(Outcome(case(point=8), "ok", broken))
+        assert [fact.point for fact in store.facts("ads")] == [7]
+
+
+def test_facts_are_selected_by_role_scenario_and_driver_in_the_order_of_points(tmp_path: Path) -> None:
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        for point in (9, 2, 5):
+            for driver in ("b", "a"):
+                store.add(Outcome(case(point, driver), "ok", Recording(drive(), {}, None, "road_end")))
+        assert [(f.point, f.driver) for f in store.facts("ads")] == [
+            (2, "a"), (2, "b"), (5, "a"), (5, "b"), (9, "a"), (9, "b"),
+        ]  # fmt: skip
+        assert [fact.point for fact in store.facts("ads", driver="a")] == [2, 5, 9]
+        assert store.facts("human") == []
+        assert store.facts("ads", "front_vehicle_low_speed") == []
+
+
+def test_a_file_that_is_no_facts_file_is_refused_with_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no run folder"), open_store(tmp_path / "facts.sqlite"):
+        pass
+    (tmp_path / "facts.sqlite").write_text("not a database, but long enough to be mistaken for one " * 30)
+    with pytest.raises(InputError, match="is no facts file"), open_store(tmp_path / "facts.sqlite"):
+        pass
+
+
+def test_a_newer_format_is_refused_with_both_versions(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    with open_store(path, create=True):
+        pass
+    connection = sqlite3.connect(path)
+    connection.execute("PRAGMA user_version = 99")
+    connection.commit()
+    connection.close()
+    with (
+        pytest.raises(InputError, match=f"format version 99; this sumo_eval reads version {FORMAT_VERSION}"),
+        open_store(path),
+    ):
+        pass
+
+
+def test_a_finished_store_is_one_file_that_can_be_read_where_nothing_can_be_written(tmp_path: Path) -> None:
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    with open_store(folder / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+    assert [path.name for path in folder.iterdir()] == ["facts.sqlite"]
+    connection = sqlite3.connect(f"file:{folder / 'facts.sqlite'}?immutable=1", uri=True)
+    assert connection.execute("SELECT count(*) FROM facts").fetchone() == (1,)
+    connection.close()
+
+
+def test_reading_a_store_cannot_change_it(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    with open_store(path, create=True):
+        pass
+    with open_store(path) as store, pytest.raises(InputError, match="readonly"):
+        store.add(Outcome(case(), "crashed", None, "late"))
+
+
+def filled(path: Path, order: list[int], log: str = "") -> str:
+    with open_store(path, create=True) as store:
+        for point in order:
+            recording = Recording(drive(seed=point), {}, None, "road_end", (), None, "", (0.1 * len(order), 0.2), 0.3)
+            store.add(Outcome(case(point), "ok", recording, None, log))
+        return store.digest()
+
+
+def test_the_digest_hangs_on_the_facts_alone_not_on_order_times_or_printed_text(tmp_path: Path) -> None:
+    forth = filled(tmp_path / "a", [1, 2, 3])
+    assert filled(tmp_path / "b", [3, 1, 2], "printed at 12:00") == forth
+    assert filled(tmp_path / "c", [1, 2]) != forth
+    assert filled(tmp_path / "d", [1, 2, 4]) != forth
+
+
+def test_a_case_with_another_fingerprint_takes_the_place_of_the_old_one(tmp_path: Path) -> None:
+    first, second = replace(case(), fingerprint="a"), replace(case(), fingerprint="b")
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(first, "ok", Recording(drive(), {"lead": drive(seed=4)}, None, "road_end")))
+        assert (store.holds(first), store.holds(second)) == (True, False)
+        store.add(Outcome(second, "crashed", None, "The process died."))
+        assert (store.holds(first), store.holds(second)) == (False, True)
+        (fact,) = store.facts("ads")
+        assert fact.status == "crashed"
+        assert store.trajectories(fact.case) == {}
+
+
+def test_a_full_disk_is_a_sentence_and_what_was_recorded_stays(tmp_path: Path) -> None:
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(), "ok", Recording(drive(), {}, None, "road_end")))
+        store._connection.execute("PRAGMA max_page_count = 12")
+        big = {f"actor_{n}": drive(400, seed=n) for n in range(9)}
+        with pytest.raises(InputError, match=r"cannot be written: database or disk is full"):
+            store.add(Outcome(case(8), "ok", Recording(drive(), big, None, "road_end")))
+        kept = len(store.facts("ads"))
+    with open_store(tmp_path / "facts.sqlite") as store:
+        assert len(store.facts("ads")) == kept == 1
+
+
+# --- damage -----------------------------------------------------------------------------------------------------------
+
+
+def reads(path: Path) -> str:
+    """What reading the whole of a file says: nothing, or the sentence it is refused with."""
+    try:
+        with open_store(path) as store:
+            for fact in store.facts("ads"):
+                store.trajectories(fact.case)
+            return ""
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE facts SET simulated_time = 12.5 WHERE point = 2",
+        "UPDATE facts SET status = 'collision' WHERE point = 2",
+        "UPDATE facts SET exposure = exposure * 1.0000000000000002 WHERE point = 2",
+        "UPDATE circumstances SET log = 'nothing' WHERE \"case\" LIKE '%-0002-%'",
+        "UPDATE circumstances SET hash = x'00' WHERE \"case\" LIKE '%-0002-%'",
+        "DELETE FROM circumstances WHERE \"case\" LIKE '%-0002-%'",
+        "DELETE FROM facts WHERE point = 2",
+        "DELETE FROM trajectories WHERE \"case\" LIKE '%-0002-%' AND vehicle = 'ego'",
+        "UPDATE trajectories SET vehicle = 'lead' WHERE \"case\" LIKE '%-0002-%'",
+        "UPDATE trajectories SET data = (SELECT data FROM trajectories WHERE \"case\" LIKE '%-0001-%') "
+        "WHERE \"case\" LIKE '%-0002-%'",
+    ],
+)
+def test_an_edited_row_is_a_sentence_that_names_its_case(tmp_path: Path, change: str) -> None:
+    filled(tmp_path / "facts.sqlite", [1, 2, 3])
+    assert reads(tmp_path / "facts.sqlite") == ""
+    edit(tmp_path / "facts.sqlite", change)
+    said = reads(tmp_path / "facts.sqlite")
+    assert "front_vehicle_cut_out-0002-idm" in said
+    with pytest.raises(InputError, match="0002"), open_store(tmp_path / "facts.sqlite", create=True):
+        pass
+
+
+def test_a_case_that_was_taken_out_of_a_complete_run_breaks_its_seal(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1, 2, 3])
+    with open_store(path, create=True) as store:
+        store.seal()
+    assert reads(path) == ""
+    with open_store(path, create=True) as store:
+        store.remove(["front_vehicle_cut_out-0002-idm"])
+    assert "it was complete with 3 cases and holds 2 now" in reads(path)
+    edit(path, "DELETE FROM about")
+    assert reads(path) == ""
+
+
+def test_every_flipped_bit_is_a_sentence_or_changes_nothing(tmp_path: Path) -> None:
+    """Of 300 bits all over a file: each is either refused, or the file says the same to the last bit."""
+    path = tmp_path / "facts.sqlite"
+    filled(path, list(range(12)))
+    with open_store(path, create=True) as store:
+        store.seal()
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    with open_store(path) as store:
+        before = (store.digest(), [fact.log for fact in store.facts("ads")])
+    refused = 0
+    for number, place in enumerate(rng.integers(0, len(whole), 300).tolist()):
+        broken = bytearray(whole)
+        broken[place] ^= 1 << int(rng.integers(8))
+        copy = tmp_path / f"{number}.sqlite"
+        copy.write_bytes(broken)
+        try:
+            with open_store(copy) as store:
+                assert (store.digest(), [fact.log for fact in store.facts("ads")]) == before, place
+        except InputError as error:
+            refused += str(copy) in str(error)
+        copy.unlink()
+    assert refused > 80  # most of so small a file is unused room in its pages
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.1, 0.5, 0.9, 0.999])
+def test_a_file_that_was_cut_off_is_a_sentence(tmp_path: Path, share: float) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, list(range(12)))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    assert str(path) in reads(path)
+
+
+def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1])
+    edit(path, "PRAGMA user_version = 2")
+    said = reads(path)
+    assert "has format version 2; this sumo_eval reads version 3" in said
+    assert "carry no hash" in said
+    assert "run its evaluation again into a new folder" in said
+
+
+def test_a_locked_file_is_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "facts.sqlite"
+    filled(path, [1])
+    other = sqlite3.connect(path)
+    other.execute("BEGIN EXCLUSIVE")
+    assert "database is locked" in reads(path)
+    other.close()
+
+
+def test_a_folder_in_place_of_the_file_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "facts.sqlite").mkdir()
+    assert "is no run folder" in reads(tmp_path / "facts.sqlite")
+    with pytest.raises(InputError, match="unable to open"), open_store(tmp_path / "facts.sqlite", create=True):
+        pass
+
+
+def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path: Path) -> None:
+    """A process that is killed leaves the write-ahead log; with the log cut off, what is left is whole cases."""
+    path = tmp_path / "facts.sqlite"
+    program = (
+        "import os, sys; sys.path.insert(0, 'tests'); from pathlib import Path\n"
+        "from batch.test_store import case, drive\n"
+        "from sumo_eval.record.cases import Outcome; from sumo_eval.record.store import open_store\n"
+        "from sumo_eval.trajectory import Recording\n"
+        f"with open_store(Path({str(path)!r}), create=True) as store:\n"
+        "    for point in range(6):\n"
+        "        store.add(Outcome(case(point), 'ok', Recording(drive(seed=point), {}, None, 'road_end')))\n"
+        "    os._exit(9)\n"
+    )
+    root = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", program], cwd=root, check=False)
+    log = path.with_name("facts.sqlite-wal")
+    assert done.returncode == 9
+    assert log.is_file()
+    main, written = path.read_bytes(), log.read_bytes()
+    for share in (1.0, 0.7, 0.4):
+        path.write_bytes(main)
+        log.write_bytes(written[: int(share * len(written))])
+        path.with_name("facts.sqlite-shm").unlink(missing_ok=True)
+        with open_store(path) as store:
+            found = [fact.point for fact in store.facts("ads")]
+        assert found == list(range(len(found)))
+        assert len(found) == 6 or share < 1.0
+
+
+def test_what_no_number_or_its_sign_is_comes_back_with_a_hash_that_fits(tmp_path: Path) -> None:
+    recording = Recording(
+        drive(), {"b": drive(), "a": drive()}, None, "road_end", (), None, "", (float("nan"), np.float64(-0.0)),
+        float("inf"),
+    )  # fmt: skip
+    with open_store(tmp_path / "facts.sqlite", create=True) as store:
+        store.add(Outcome(case(np.int64(3)), "ok", recording, None, "a\x00b"))  # type: ignore[arg-type]
+    assert reads(tmp_path / "facts.sqlite") == ""

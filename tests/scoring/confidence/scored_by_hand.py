@@ -1,0 +1,28 @@
+"""The hand-made evaluation scored, with the intervals of its scores."""
+
+from dataclasses import replace
+
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
+from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.quantities import combine
+
+
+def with_intervals_of(evaluation: Evaluation, partitions: dict[str, ZonePartition], ads: str) -> Evaluation:
+    """The evaluation with the scores of one of its ADSs alone, as `score` makes them of its rows."""
+    finished = []
+    for name, zones in partitions.items():
+        rows = [case for case in evaluation.cases if (case.ads, case.scenario) == (ads, name)]
+        unit = zones.logical.to_unit([zones.logical.row(case.values) for case in rows])
+        done, _ = with_intervals(
+            [combine(ads, name, rows, evaluation.settings.method)],
+            [rows],
+            [range(len(rows))],
+            [NO_DEVIATIONS],
+            unit,
+            "grid",
+            evaluation.settings,
+        )
+        finished += done
+    return replace(evaluation, scores=tuple(finished))

@@ -1,0 +1,273 @@
+"""Intervals hold what they promise, on a problem whose answer is known, and follow from worked numbers."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sumo_eval.scoring.case_terms import CaseTerms
+from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, stratified_deviations
+from sumo_eval.scoring.confidence.intervals import Judged, draw_counts, score_intervals, strata
+from sumo_eval.settings import MethodSettings
+
+METHOD = MethodSettings()
+
+
+def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes):
+    plain = {
+        "exposure": np.ones(n),
+        "weight": np.ones(n),
+        "severity": np.zeros(n),
+        "ideal": np.zeros(n),
+        "unreacting": np.full(n, 10.0),
+        "ratio": np.full(n, np.nan),
+        "collided": np.zeros(n, dtype=bool),
+        "evaluated": np.ones(n, dtype=bool),
+        "index": np.linspace(0.2, 0.8, n),
+        "likeness": np.linspace(0.2, 0.8, n),
+        "voids": np.zeros(n, dtype=bool),
+    }
+    marked = np.ones(n, dtype=bool) if hazardous is None else hazardous
+    return Judged(ads, CaseTerms(**(plain | changes)), np.arange(n), marked, drivers)
+
+
+def by_chance(n):
+    return [np.arange(n)]
+
+
+def intervals(one, groups=None, *, seed=3, replicates=2_000):
+    (found,) = score_intervals([one], groups or by_chance(len(one.points)), METHOD, seed, "s", replicates=replicates)
+    return found
+
+
+def half(limits):
+    return (limits[1] - limits[0]) / 2.0
+
+
+# --- the known answer -------------------------------------------------------------------------------------------------
+
+DRIVERS, CASES = 10, 90
+THRESHOLD = 0.3  # x above it is safe
+DRIVER_SPREAD = 0.06
+
+
+def expected_index(x):
+    return 0.35 + 0.4 * x
+
+
+def truth_d():
+    # exposure 1 + x over x in U(0, 1), safe where x > t = 0.3: D = int (1+x)(0.35+0.4x) / int (1+x) from t to 1
+    def upper(x):
+        return 0.35 * x + 0.75 * x**2 / 2 + 0.4 * x**3 / 3
+
+    def lower(x):
+        return x + x**2 / 2
+
+    return (upper(1.0) - upper(THRESHOLD)) / (lower(1.0) - lower(THRESHOLD))
+
+
+def truth_c():
+    # nine of ten cases at x < 0.14 collide; Ug/U = 0.2 + 0.6 u, u in U(0, 1), and r = 1 + u:
+    # int (1+u)(0.2+0.6u) du / int (1+u) du = (0.2 + 0.8/2 + 0.6/3) / 1.5
+    return 0.8 / 1.5
+
+
+def truth_a():
+    # U = 10, Ug = 10 (0.2 + 0.6 u), U0 = 20 where x < 0.3. Lost: 0.126 int (1+u) 10 (0.8-0.6u) du = 0.126 * 7;
+    # at stake: 0.3 int (1+u)(18-6u) du = 0.3 * 22
+    return 1.0 - 0.126 * 7.0 / (0.3 * 22.0)
+
+
+def one_experiment(random):
+    x = random.uniform(size=CASES)
+    shifts = DRIVER_SPREAD * random.standard_normal(DRIVERS)
+    own = np.clip(0.08 * random.standard_normal(CASES), -0.2, 0.2)
+    index = expected_index(x) + own + shifts.mean()
+    hit = (x < 0.14) & (random.uniform(size=CASES) < 0.9)
+    u = random.uniform(size=CASES)
+    exposure, safe = 1.0 + x, x > THRESHOLD
+
+    def weighted(values):
+        return float(np.sum((exposure * values)[safe]) / np.sum(exposure[safe]))
+
+    left_out = np.array([weighted(index - shifts.mean() + (shifts.sum() - shift) / (DRIVERS - 1)) for shift in shifts])
+    errors = stratified_deviations(left_out, weighted(index), [None] * DRIVERS)
+    names = tuple(f"{number}" for number in range(DRIVERS + 1))
+    ideal = np.where(safe, 0.0, 10.0 * (0.2 + 0.6 * u))
+    return judged(
+        CASES,
+        hazardous=~safe,
+        drivers=DriverDeviations(names, errors, errors, DRIVERS - 1),
+        exposure=exposure,
+        weight=1.0 + u,
+        severity=np.where(hit, 10.0, 0.0),
+        ideal=ideal,
+        unreacting=np.where(safe, 0.0, 20.0),
+        ratio=np.where(hit, ideal / 10.0, np.nan),
+        collided=hit,
+        index=np.where(safe, index, np.nan),
+        likeness=np.where(safe, index, np.nan),
+    )
+
+
+def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions():
+    random = np.random.default_rng(2026)
+    truth = {"c": truth_c(), "d": truth_d(), "human_likeness": truth_d(), "avoided_share": truth_a()}
+    truth["s"] = 50.0 * truth["c"] + 50.0 * truth["d"]
+    truth["s_plus"] = 50.0 * truth["avoided_share"] + 50.0 * truth["human_likeness"]
+    held = dict.fromkeys(truth, 0)
+    for seed in range(200):
+        found = intervals(one_experiment(random), seed=seed, replicates=400)
+        for name, value in truth.items():
+            low, high = found.limits[name]
+            held[name] += low <= value <= high
+    shares = {name: count / 200 for name, count in held.items()}
+    assert all(0.93 <= shares[name] <= 0.97 for name in ("c", "d", "human_likeness", "s")), shares
+    # Unseen collisions, as hard as doing nothing, are twice as hard here as those that were seen: A's end is too low.
+    assert all(0.93 <= shares[name] <= 0.995 for name in ("avoided_share", "s_plus")), shares
+
+
+# --- the points' part -------------------------------------------------------------------------------------------------
+
+
+def test_an_interval_of_a_mean_is_students():
+    # 60 equal weights, index evenly spread over 0.2..0.8: sd = 0.6 * sqrt((60 + 1) / (12 * 59)) = 0.17611,
+    # se = 0.17611 / sqrt(60) = 0.022736, t(59) at 97.5 % = 2.0010: half-width 0.0455
+    found = intervals(judged(), replicates=20_000)
+    assert half(found.limits["d"]) == pytest.approx(0.0455, rel=0.03)
+    assert found.sources["s"]["cases"] == pytest.approx(50 * 0.0455, rel=0.03)
+    assert found.sources["s"]["drivers"] == 0.0
+
+
+def test_points_of_an_even_sample_stand_only_for_their_neighbours():
+    unit = np.column_stack([np.repeat(np.arange(8) / 8, 4), np.tile(np.arange(4) / 4, 8)])
+    groups = strata(unit, "grid")
+    assert sorted(np.concatenate(groups).tolist()) == list(range(32))
+    assert {len(group) for group in groups} == {2}
+    assert max(float(np.ptp(unit[group], axis=0).max()) for group in groups) <= 0.25
+    assert [group.tolist() for group in strata(unit, "latin_hypercube")] == [list(range(32))]
+
+
+def test_each_replicate_holds_as_many_points_of_every_group_as_the_group_has():
+    groups = [np.array([0, 3]), np.array([1, 2, 4]), np.array([5])]
+    counts = draw_counts(groups, 4_000, np.random.default_rng(1))
+    for group in groups:
+        assert counts[:, group].sum(axis=1) == pytest.approx(np.full(4_000, len(group)))
+    # Of two, one is drawn and counts twice: the mean (a + b)/2 becomes a or b, with the variance (a - b)^2 / 4, which
+    # is s^2 / 2 = ((a - b)^2 / 2) / 2
+    assert set(np.unique(counts[:, [0, 3]])) == {0.0, 2.0}
+    assert np.var(counts[:, [0, 3]] @ np.array([1.0, 5.0]) / 2.0) == pytest.approx(4.0, rel=0.05)
+    assert np.all(counts[:, 5] == 1.0)
+
+
+def test_an_even_sample_of_a_smooth_score_has_a_narrower_interval_than_one_by_chance():
+    unit = np.linspace(0.0, 1.0, 60)[:, None]
+    even = intervals(judged(), strata(unit, "sobol"))
+    assert half(even.limits["d"]) < 0.15 * half(intervals(judged()).limits["d"])
+
+
+# --- what was not seen ------------------------------------------------------------------------------------------------
+
+
+def test_with_no_collision_seen_the_rule_of_three_gives_the_end_on_the_bad_side():
+    # 30 hazardous points (U0 - Ug = 10 - 4 = 6), 30 others (10 - 8 = 2); 3/30 = 0.1 of the hazardous ones may hold one.
+    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s. C: 1 - 0.1 * (1 - 4/10) = 0.94.
+    hazardous = np.arange(60) < 30
+    found = intervals(judged(hazardous=hazardous, ideal=np.where(hazardous, 4.0, 8.0)))
+    assert found.limits["avoided_share"] == (pytest.approx(0.925), 1.0)
+    assert found.limits["avoided_share_exposure"] == (pytest.approx(0.925), 1.0)
+    assert found.limits["regret"] == (0.0, pytest.approx(0.3))
+    assert found.limits["c"] == (pytest.approx(0.94), 1.0)
+    assert found.limits["s"][0] < 50.0 + 50.0 * 0.5
+    assert found.limits["s_plus"][0] < 50.0 + 50.0 * 0.5
+
+
+def test_where_nothing_is_hazardous_all_points_count_and_where_nothing_is_at_stake_nothing_is_lost():
+    none = np.zeros(60, dtype=bool)
+    assert intervals(judged(hazardous=none)).limits["avoided_share"][0] == pytest.approx(1.0 - 3.0 / 60.0)
+    calm = intervals(judged(hazardous=none, unreacting=np.zeros(60)))
+    assert calm.limits["avoided_share"] == (1.0, 1.0)
+    assert calm.limits["c"] == (1.0, 1.0)
+
+
+def test_fewer_points_than_three_prove_nothing():
+    found = intervals(judged(hazardous=np.arange(60) < 2))
+    assert found.limits["c"][0] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("hits", [1, 2, 5, 12])
+def test_unseen_collisions_never_lift_the_lower_end_and_seen_ones_stay_inside(hits):
+    hit = np.arange(60) % (60 // hits) == 0
+    one = judged(severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.0, np.nan))
+    low, high = intervals(one).limits["avoided_share"]
+    share = 1.0 - hit.sum() / 60.0
+    assert low < share <= high
+    assert low < intervals(judged()).limits["avoided_share"][0]
+
+
+# --- the drivers' part ------------------------------------------------------------------------------------------------
+
+
+def drivers(error):
+    return DriverDeviations(("a", "b"), np.array([0.6, 0.8]) * error, np.zeros(2), 9)
+
+
+def test_drivers_alone_widen_d_by_students_t_of_their_number():
+    # 0.6^2 + 0.8^2 = 1: t(9) at 97.5 % = 2.2622 times 0.05, for 60 points widened by t(59)/z = 2.0010/1.9600
+    one = judged(index=np.full(60, 0.5), drivers=drivers(0.05))
+    found = intervals(one, replicates=40_000)
+    assert found.sources["s"]["cases"] == pytest.approx(0.0, abs=1e-9)
+    assert half(found.limits["d"]) == pytest.approx(2.2622 * 0.05, rel=0.06)
+    assert found.sources["s"]["drivers"] == pytest.approx(50 * 2.2622 * 0.05, rel=0.06)
+    assert found.limits["human_likeness"] == pytest.approx(intervals(judged()).limits["human_likeness"], abs=0.01)
+
+
+def test_the_drivers_errors_of_one_group_are_the_jackknifes():
+    values = np.array([1.0, 2.0, 4.0, 9.0])
+    left_out = np.array([(values.sum() - value) / 3 for value in values])
+    errors = stratified_deviations(left_out, values.mean(), [None] * 4)
+    assert math.sqrt(np.sum(errors**2)) == pytest.approx(values.std(ddof=1) / math.sqrt(4))
+
+
+def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
+    # 3 followers, 5 overtakers. Variance of the mean: sum over groups of n_h s_h^2 / n^2; the difference between the
+    # groups has no part in it, but for the rounding: 8 * 0.6 = 4.8 overtakers are 4 or 5, a deviation of
+    # sqrt(0.8 * 0.2) = 0.4 drivers; one more in place of a follower moves the mean by (the means' difference)/8.
+    groups = [True] * 5 + [False] * 3
+    values = np.array([5.0, 6.0, 5.5, 7.0, 6.5, 1.0, 0.5, 2.0])
+    left_out = (values.sum() - values) / 7
+    errors = stratified_deviations(left_out, values.mean(), groups, share=0.6)
+    over, follow = values[:5], values[5:]
+    variance = (5 * over.var(ddof=1) + 3 * follow.var(ddof=1)) / 64
+    assert np.sum(errors[:-1] ** 2) == pytest.approx(variance)
+    assert errors[-1] == pytest.approx(-0.4 * (over.mean() - follow.mean()) / 8), "a follower for an overtaker"
+    other = stratified_deviations(left_out, values.mean(), groups, share=0.65)  # 5.2 overtakers: they are rounded down
+    assert other[-1] == pytest.approx(0.4 * (over.mean() - follow.mean()) / 8), "an overtaker for a follower"
+    assert stratified_deviations(left_out, values.mean(), groups, share=1.0)[-1] == 0.0
+    assert np.sum(errors**2) < np.sum(stratified_deviations(left_out, values.mean(), [None] * 8) ** 2)
+
+
+# --- one ADS's own ----------------------------------------------------------------------------------------------------
+
+
+def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
+    hit = np.arange(60) == 7
+    one = judged(drivers=drivers(0.05))
+    other = judged(ads="other", severity=10.0 * hit, collided=hit, ratio=np.where(hit, 0.0, np.nan))
+    alone = intervals(one)
+    first, _ = score_intervals([one, other], by_chance(60), METHOD, 3, "s")
+    _, last = score_intervals([other, one], by_chance(60), METHOD, 3, "s")
+    for found in (first, last):
+        assert found.limits == alone.limits
+        assert found.sources == alone.sources
+        assert np.array_equal(found.worse, alone.worse)
+    assert intervals(replace(one, ads="renamed")).limits["s_plus"] != alone.limits["s_plus"]
+
+
+def test_many_cases_are_drawn_in_parts_that_are_one_interval():
+    # 3,000 points: 2,000 replicates do not fit at once
+    n = 3_000
+    found = intervals(judged(n), strata(np.linspace(0, 1, n)[:, None], "halton"))
+    assert len(found.worse) == 2_000
+    assert found.limits["d"][0] <= 0.5 <= found.limits["d"][1]

@@ -1,0 +1,132 @@
+"""ADSs in the order of S+: told apart by differences over the same points, not by intervals that overlap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.tables import scores_json
+from sumo_eval.report.terminal import plain_table, ranking_lines
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
+from sumo_eval.scoring.confidence.intervals import ScoreIntervals
+from sumo_eval.scoring.confidence.ranking import rank
+from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.settings import AdsSettings, EvaluationSettings, RankingSettings, ScenarioSettings
+
+SETTINGS = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
+UNIFORM = np.random.default_rng(4).uniform(size=80)
+
+
+def drives(ads: str, shift: float, scenario: str = "s", own: float = 0.0) -> list[CaseResult]:
+    """80 safe cases whose human-likeness differs from point to point, alike for every ADS, but for a shift."""
+    noise = np.random.default_rng(len(ads)).uniform(-own, own, 80)
+    return [
+        replace(SAFE, case=f"{ads}{n}", ads=ads, scenario=scenario, exposure=1.0, weight=1.0, no_reaction_severity=0.0,
+                human_likeness=0.2 + 0.5 * x + shift + e)
+        for n, (x, e) in enumerate(zip(UNIFORM.tolist(), noise.tolist(), strict=True))
+    ]  # fmt: skip
+
+
+def scored(*tables: list[CaseResult]) -> tuple[list[ScenarioResult], dict[tuple[str, str], ScoreIntervals | None]]:
+    scores = [replace(combined(*rows), ads=rows[0].ads, scenario=rows[0].scenario) for rows in tables]
+    done, found = with_intervals(
+        scores, tables, [range(len(rows)) for rows in tables], [NO_DEVIATIONS] * len(tables),
+        np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", SETTINGS,
+    )  # fmt: skip
+    return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
+
+
+def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not() -> None:
+    scores, found = scored(drives("low", 0.0), drives("high", 0.02))
+    low, high = (score.s_plus_interval for score in scores)
+    assert low is not None
+    assert high is not None
+    assert low[1] > high[0], "the intervals overlap"
+    ranking = rank(scores, found, RankingSettings())
+    assert [(one.ads, one.place) for one in ranking.ads] == [("high", 1), ("low", 2)]
+    pair = ranking.pair("high", "low")
+    assert pair.told_apart
+    assert pair.difference == pytest.approx(50 * 0.02)
+    assert pair.interval == (pytest.approx(1.0), pytest.approx(1.0)), "what both have in common cancels"
+
+
+def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on() -> None:
+    scores, found = scored(drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1))
+    ranking = rank(scores, found, RankingSettings())
+    assert {(one.ads, one.place) for one in ranking.ads} == {("a", 1), ("bb", 1), ("ccc", 3)}
+    evaluation = Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), (), ranking=ranking)
+    text = "\n".join(ranking_lines(ranking))
+    assert "not told apart, the place is shared" in text
+    assert text.index("ccc") > text.index("bb")
+    plain = scores_json(evaluation)["ranking"]
+    assert [row["place"] for row in plain["ads"]] == [1, 1, 3]
+    assert {"above", "below", "difference", "interval", "told_apart"} == set(plain["pairs"][0])
+    assert len(plain["pairs"]) == 3
+
+
+def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean() -> None:
+    one, found = scored(drives("a", 0.1), drives("bb", 0.0))
+    two, others = scored(drives("a", 0.0, "t"), drives("bb", 0.04, "t"))
+    both = rank([*one, *two], found | others, RankingSettings())
+    assert [row.ads for row in both.ads] == ["a", "bb"]
+    weighed = rank([*one, *two], found | others, RankingSettings({"t": 4.0}))
+    assert [row.ads for row in weighed.ads] == ["bb", "a"]
+    assert weighed.weights == {"s": 1.0, "t": 4.0}
+    # (0.1 - 0)/5 of S+ from s, (0 - 0.04) 4/5 from t, 50 points each: 1.0 - 1.6
+    assert weighed.pair("bb", "a").difference == pytest.approx(0.6)
+    only = rank([*one, *two], found | others, RankingSettings({"s": 0.0}))
+    assert only.ads[0].interval == two[1].s_plus_interval
+
+
+def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
+    scores, found = scored(drives("a", 0.0))
+    with pytest.raises(InputError, match=r"Unknown scenario in `method.ranking.weights` `z`"):
+        rank(scores, found, RankingSettings({"z": 2.0}))
+    with pytest.raises(InputError, match="at least one scenario a weight above 0"):
+        rank(scores, found, RankingSettings({"s": 0.0}))
+    with pytest.raises(InputError, match=r"`weights.s` of the ranking must be a number of at least 0, got -1"):
+        RankingSettings({"s": -1.0})
+
+
+def test_an_ads_without_an_s_plus_has_no_place() -> None:
+    scores, found = scored(drives("a", 0.0), drives("bb", 0.0))
+    gone = [replace(scores[0], s_plus=None), scores[1]]
+    ranking = rank(gone, found, RankingSettings())
+    assert [(one.ads, one.place) for one in ranking.ads] == [("bb", 1), ("a", None)]
+    assert "not ranked: a has no S+ in some scenario" in "\n".join(ranking_lines(ranking))
+
+
+def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart() -> None:
+    whole, lost = drives("low", 0.0), drives("high", 0.02)
+    lost[:8] = [replace(LOST_SAFE, ads="high", exposure=1.0, weight=1.0, no_reaction_severity=0.0) for _ in range(8)]
+    scores, found = scored(whole, lost)
+    high = scores[1]
+    alone, worst, best = combined(*lost), 0.0, 0.0
+    assert alone.human_likeness_interval is not None
+    worst, best = alone.human_likeness_interval
+    assert worst == pytest.approx(sum(row.human_likeness or 0.0 for row in lost) / 80)
+    assert best == pytest.approx((sum(row.human_likeness or 0.0 for row in lost) + 8) / 80)
+    assert high.human_likeness_interval is not None
+    assert high.human_likeness_interval[0] < worst < best < high.human_likeness_interval[1]
+    assert not rank(scores, found, RankingSettings()).pairs[0].told_apart
+
+
+def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> None:
+    # U0 - Ug: 6 at the hit (U - Ug = 6), 10 at the lost one; A = 1 - 6/6 = 0, worst 1 - 16/16, best 1 - 6/16
+    hit = replace(HIT, weight=1.0, no_reaction_severity=10.0)
+    lost = replace(LOST_SAFE, zone="hazardous", weight=1.0, no_reaction_severity=10.0)
+    made = combined(hit, lost)
+    assert made.avoided_share_interval == (pytest.approx(0.0), pytest.approx(1.0 - 6.0 / 16.0))
+    assert made.regret_interval == (pytest.approx(3.0), pytest.approx(8.0)), "6/2 and 16/2 m/s"
+
+
+def test_the_table_shows_an_interval_beside_every_score() -> None:
+    scores, _ = scored(drives("a", 0.0))
+    text = plain_table(Evaluation("e", Path(), SETTINGS, {}, (), tuple(scores), ()))
+    assert text.splitlines()[1].count("..") == 6

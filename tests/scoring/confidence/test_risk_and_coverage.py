@@ -1,0 +1,96 @@
+"""Risk, coverage and further cases, against numbers worked by hand."""
+
+import numpy as np
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.zone_partition import partition
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.scoring.confidence.coverage import space_coverage
+from sumo_eval.scoring.confidence.further_cases import further_cases
+from sumo_eval.scoring.confidence.risk import risk
+
+LOW_SPEED, CUT_OUT = catalogue.load("front_vehicle_low_speed"), catalogue.load("front_vehicle_cut_out")
+
+
+def stream():
+    return np.random.default_rng(5)
+
+
+def test_probability_and_loss_are_weighted_by_exposure():
+    # collisions with p = 1 and 3 of 10 in all, losses 0.4 and 1: (0.4 + 3) / 10
+    found = risk(np.array([1.0, 3.0, 2.0, 4.0]), np.array([0.4, 1.0, 0.0, 0.0]), stream())
+    assert found.collision_probability.value == pytest.approx(0.4)
+    assert found.expected_loss.value == pytest.approx(0.34)
+    # Kish: 10^2 / (1 + 9 + 4 + 16)
+    assert found.effective_cases == pytest.approx(100 / 30)
+
+
+def test_the_interval_of_a_probability_is_about_the_binomial_one():
+    # 60 of 200: 0.3 +- 1.96 sqrt(0.21 / 200) = 0.0635
+    loss = np.where(np.arange(200) < 60, 0.7, 0.0)
+    found = risk(np.ones(200), loss, stream()).collision_probability
+    assert found.half_width == pytest.approx(0.0635, rel=0.1)
+
+
+def test_no_collision_in_100_cases_does_not_exclude_3_per_cent():
+    found = risk(np.ones(100), np.zeros(100), stream())
+    # 1 - 0.025^(1/100) = 0.0362
+    assert found.collision_probability.high == pytest.approx(1 - 0.025**0.01)
+    assert (found.collision_probability.low, found.expected_loss.value) == (0.0, 0.0)
+
+
+def test_without_exposure_there_is_no_risk():
+    with pytest.raises(InputError, match="exposure above 0"):
+        risk(np.zeros(3), np.zeros(3), stream())
+
+
+@pytest.fixture(scope="module")
+def zones():
+    return partition(CUT_OUT)
+
+
+def test_a_grid_hits_every_bucket_and_pair_and_resolves_the_boundary(zones):
+    covered = space_coverage(zones, sample(CUT_OUT).points)
+    assert covered.buckets == {"ego_speed": (5, 5), "obstacle_speed": (5, 5), "gap": (5, 5)}
+    hit, possible = covered.pairs_hit
+    assert 0.9 * possible < hit <= possible  # beside a constraint a bucket may have no point of the grid
+    # of steps of a quarter, a quarter and a tenth the cell's half diagonal is sqrt(2 * 0.125^2 + 0.05^2) = 0.184;
+    # beside a constraint a corner of a cell can be missing
+    assert 0.15 < covered.empty_radius < 0.36
+    assert covered.exposure_inside is None
+
+
+def test_one_point_leaves_nearly_everything_open(zones):
+    covered = space_coverage(zones, np.array([[10.0, 0.0, 120.0]]))
+    assert covered.buckets["gap"] == (1, 5)
+    assert covered.pairs_hit[0] == 3
+    assert covered.empty_radius > 1.2  # the far corner of a unit cube is sqrt(3) away
+    assert covered.boundary_resolved == 0.0
+
+
+def test_pairs_that_no_point_can_have_are_not_missing():
+    zones = partition(LOW_SPEED)
+    covered = space_coverage(zones, sample(LOW_SPEED).points)
+    # ego_speed 10..14 with lead_speed 16..20 does not exist: the lead is slower
+    assert covered.pairs[0].counts[4, 0] == -1.0
+    assert covered.boundary_resolved is None
+
+
+def test_further_cases_go_where_neighbours_differ():
+    points = sample(LOW_SPEED, levels=9).points
+    influence = np.where(points[:, 0] > 25.0, np.where(np.arange(len(points)) % 2, 1.0, -1.0), 0.0)
+    found = further_cases(LOW_SPEED, points, influence, 12, seed=1)
+    assert len(found.points) == 12
+    assert LOW_SPEED.feasible(found.points).all()
+    assert (found.points[:, 0] > 21.0).all()
+    assert 0.5 < found.shrink < 1.0
+    more = further_cases(LOW_SPEED, points, influence, 60, seed=1)
+    assert more.shrink < found.shrink
+
+
+def test_where_all_cases_agree_further_ones_tell_nothing():
+    points = sample(LOW_SPEED).points
+    found = further_cases(LOW_SPEED, points, np.zeros(len(points)), 5, seed=1)
+    assert (len(found.points), found.shrink) == (0, 1.0)

@@ -1,0 +1,97 @@
+"""The search through SUMO: a small one, whose answer the closed form knows."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+from sumo_eval.errors import InputError
+from sumo_eval.method.criticality import required_gap
+from sumo_eval.record.cases import Setup
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.studies.boundary import find_boundary
+from sumo_eval.studies.boundary_page import summary, write_boundary
+from sumo_eval.studies.slices import slice_of
+
+CUT_OUT = catalogue.load("front_vehicle_cut_out")
+SETUP = Setup(SimulationSettings(), RunSettings(workers=2), Path.cwd())
+
+
+def test_a_slice_is_the_scenario_with_parameters_held():
+    at_25 = slice_of(CUT_OUT, {"ego_speed": 25.0})
+    assert at_25.names == ("obstacle_speed", "gap")
+    held, free = (
+        at_25.concrete(obstacle_speed=5.0, gap=60.0),
+        CUT_OUT.concrete(ego_speed=25.0, obstacle_speed=5.0, gap=60.0),
+    )
+    assert (held.ego, held.actors, held.road) == (free.ego, free.actors, free.road)
+    points = sample(at_25, levels=5).points
+    full = np.column_stack([np.full(len(points), 25.0), points])
+    assert CUT_OUT.feasible(full).all()
+    assert slice_of(CUT_OUT, {}) is CUT_OUT
+    for fixed, sentence in (
+        ({"ego_sped": 25.0}, "Did you mean `ego_speed`?"),
+        ({"ego_speed": 99.0}, "within 10..30 m/s"),
+        ({"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 60.0}, "at least one parameter free"),
+    ):
+        with pytest.raises(InputError) as caught:
+            slice_of(CUT_OUT, fixed)
+        assert sentence in str(caught.value)
+
+
+def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_path):
+    # a slower vehicle ahead that is seen from the start, through the one that hides it: braking at 9 m/s2 with 0.15 s
+    # of build-up needs `required_gap`
+    sees_through = replace(SETUP, simulation=replace(SETUP.simulation, ideal_visible_share=0.0))
+    logical = slice_of(catalogue.load("front_vehicle_cut_out"), {"ego_speed": 30.0})
+    found = find_boundary(logical, "ideal_braking", sees_through, budget=80, seed=2)
+    middle = (np.arange(60) + 0.5) / 60
+    points = logical.from_unit(np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2))
+    points = points[logical.feasible(points)]
+    needed = required_gap(30.0 - points[:, 0], deceleration=9.0, build_up=0.15)
+    assert found.rounds[-1].trials <= 80
+    assert np.mean(found.collides(points) == (points[:, 1] < needed)) >= 0.98
+    told = summary(found)
+    assert told["collision_share_of_space"] == pytest.approx(np.mean(points[:, 1] < needed), abs=0.02)
+    paths = write_boundary(found, tmp_path)
+    assert [path.name for path in paths] == ["trials.csv", "boundary.json", "boundary.html"]
+    rows = paths[0].read_text().splitlines()
+    assert rows[0] == "obstacle_speed,gap,collided"
+    assert len(rows) == 1 + len(found.points)
+    assert json.loads(paths[1].read_text())["simulations"] == found.rounds[-1].trials
+    assert "http" not in paths[2].read_text().split("<script", 1)[0]
+
+
+def test_an_ads_that_never_answers_is_no_boundary():
+    with pytest.raises(InputError, match="None of 16 cases"):
+        find_boundary(slice_of(CUT_OUT, {"ego_speed": 30.0}), "broken.py:drive", broken(), budget=16)
+
+
+def broken():
+    import tempfile
+
+    folder = Path(tempfile.mkdtemp())
+    (folder / "broken.py").write_text("def drive(traci, ego, time):\n    raise RuntimeError('no')\n")
+    return Setup(SimulationSettings(), RunSettings(workers=1), folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["cut_in", "careful_drivr", "--fix", "ego_speed=30"], "Did you mean `careful_driver`?"),
+        (["cut_inn", "idm"], "Did you mean `cut_in`?"),
+        (["cut_in", "idm", "--fix", "ego_speed"], "--fix must have the form NAME=VALUE"),
+        (["cut_in", "idm", "--fix", "ego_sped=3"], "Did you mean `ego_speed`?"),
+        (["cut_in", "idm", "--tolerance", "2"], "a share of the space"),
+    ],
+)
+def test_the_command_refuses_in_a_sentence(tmp_path, arguments, sentence):
+    result = CliRunner().invoke(main, ["boundary", *arguments, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert sentence in result.stderr
