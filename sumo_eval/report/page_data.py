@@ -344,7 +344,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
     """
     logical = zones.logical
     ticks = np.linspace(0.0, 1.0, cells + 1)
-    points = _slice(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
+    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
     rows = points.reshape(-1, points.shape[-1])
     return {
         "x": _axis(logical, view.x, ticks),
@@ -355,7 +355,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
     }
 
 
-def _slice(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
+def slice_points(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
     """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
     unit = np.zeros((len(y), len(x), len(logical.parameters)))
     unit[..., view.x] = x
@@ -378,7 +378,7 @@ def _impossible(logical: LogicalScenario, view: View, panel: int, x: FloatArray)
     """Polygons [[x, y], ...] of points that a constraint rules out: a strip between each two neighbouring x."""
     assert view.y is not None
     y = np.linspace(0.0, 1.0, FINE_CELLS + 1)
-    holds = logical.feasible(_slice(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
+    holds = logical.feasible(slice_points(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
     columns = [_runs(~column, y) for column in holds.reshape(len(y), len(x)).T]
     low, span = logical.low, logical.high - logical.low
     polygons = []
