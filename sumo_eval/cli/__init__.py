@@ -19,7 +19,7 @@ from sumo_eval.text import clean, clean_log
 
 TASKS: Final = {
     "Evaluate": {"run": "run", "score": "run", "merge": "run", "verify": "run"},
-    "Look at a run": {"report": "look", "explain": "look", "replay": "look", "export": "look"},
+    "Look at a run": {"report": "look", "explain": "look", "replay": "look", "plot": "look", "export": "look"},
     "Compare runs": {"compare": "compare", "nightly": "compare", "trend": "compare"},
     "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
     "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
@@ -37,6 +37,7 @@ MEANT: Final = {
     "report": "html page show open result results",
     "explain": "why case ledger arithmetic",
     "replay": "watch view animate animation gui video play",
+    "plot": "figure figures draw chart svg pdf png picture",
     "export": "csv parquet table tables dump xosc sumocfg",
     "compare": "diff gate regression versus",
     "nightly": "night cron schedule ci",

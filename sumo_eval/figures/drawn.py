@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.figures import of_runs, of_studies
-from sumo_eval.figures.style import Width
 from sumo_eval.results import Evaluation
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 
 def draw(
     evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None, ads: str | None = None,
-    case: str | None = None, width: Width = "page",
+    case: str | None = None, width: str = "page",
 ) -> Figure:  # fmt: skip
     """A figure by its name, of an evaluation or of a folder.
 

@@ -17,7 +17,6 @@ from sumo_eval.figures.style import (
     INK,
     MUTED,
     SAFE,
-    Width,
     label,
     line_of,
     look_of,
@@ -48,9 +47,7 @@ INDEXES = {
 """Scores of the intervals' figure by their symbol; the last two are of 100."""
 
 
-def zone_map(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
-) -> Figure:
+def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
     """The paper's Fig. 8 or 9: the zones of a space, the boundary that was learnt and the exact one, and every case's
     outcome in it; one map for each value of a third parameter. `case` says the ADS and scenario, where it is given.
     """
@@ -77,7 +74,9 @@ def zone_map(
                 x = [one.values[view.names[view.x]] for one in dots]
                 y = [0.0 if view.y is None else one.values[view.names[view.y]] for one in dots]
                 marker = {"avoided": "o", "better": "P"}.get(verdict, "X")
-                ax.scatter(x, y, s=9, marker=marker, c=look.colour, edgecolors=INK, linewidths=0.3, zorder=3)
+                ax.scatter(
+                    x, y, s=9, marker=marker, c=look.colour, edgecolors=INK, linewidths=0.3, zorder=3, clip_on=False
+                )
             if view.panel is not None:
                 parameter = zones.logical.parameters[view.panel]
                 ax.set_title(f"{label(parameter.name, '')} {view.panels[panel]:g} {parameter.unit}")
@@ -136,7 +135,7 @@ def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=2 if figure.get_figwidth() < 5.0 else 4)
 
 
-def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width) -> Figure:
+def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
     """The paper's Fig. 6: the field of a driven trajectory over the road, Eqs. 9-10; below it a human driver's."""
     row = case_of(evaluation, case, scenario)
     who = row.ads if ads is None else ads_of(evaluation, ads)[0]
@@ -152,7 +151,7 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
         points, list(drives.values()), k1=settings.k1, k2=settings.k2, sample_interval=settings.sample_interval,
         superposition=settings.superposition,
     )  # fmt: skip
-    tallest = float(values.max())
+    tallest = float(np.quantile(values, 0.998))  # next to a vehicle that stands the field has no bound worth a colour
     with styled():
         figure, axes = new_figure(width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
@@ -164,13 +163,13 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
             ax.set_ylabel(label("y", "m"))
             ax.set_xlim(x[0], x[-1])
         axes[-1].set_xlabel(label("x", "m"))
-        figure.colorbar(image, ax=axes, label="field strength S")
+        figure.colorbar(image, ax=axes, label="field strength S", extend="max")
         figure.suptitle(f"{row.case}\n{scene.words}", fontsize=7.0)
     return figure
 
 
 def trajectories(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
+    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> Figure:
     """Everybody's way over the road in one concrete scenario: every ADS, the human drivers, the other vehicles."""
     row = case_of(evaluation, case, scenario)
@@ -201,7 +200,7 @@ def _name_the_grey(ax: Axes, people: bool, others: bool) -> None:
 
 
 def time_history(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
+    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> Figure:
     """Speed, acceleration and lateral place over time in one concrete scenario: every ADS and the human drivers."""
     row = case_of(evaluation, case, scenario)
@@ -228,7 +227,7 @@ def time_history(
 
 
 def collisions(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
+    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> Figure:
     """Severity U of every collision, Eq. 15, beside that of the ideal vehicle in the same concrete scenario: on the
     line no better could have been done. One panel a scenario.
@@ -267,9 +266,7 @@ def collisions(
     return figure
 
 
-def intervals(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
-) -> Figure:
+def intervals(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
     """Every score with its 95 % interval: one panel a score, one line for each ADS in each scenario."""
     names = ads_of(evaluation, ads)
     if case is not None:
@@ -306,7 +303,7 @@ def _interval(ax: Axes, one: ScenarioResult, name: str, place: int, names: list[
                     color=MUTED)  # fmt: skip
 
 
-def points(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width) -> Figure:
+def points(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
     """Where the points of S+ and S went: what each ADS kept of its hundred and what each term cost, scenario by
     scenario.
     """
@@ -344,8 +341,9 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
     kept = max(found.total, 0.0)
     ax.barh([place], [kept], color=KEPT, height=0.6)
     drawn["kept"] = KEPT
-    ax.annotate(f"{found.total:.1f}", (kept, place), xytext=(-2, 0), textcoords="offset points", ha="right",
-                va="center", fontsize=5.5, color="white" if kept > 12.0 else INK)  # fmt: skip
+    wide = kept > 12.0
+    ax.annotate(f"{found.total:.1f}", (kept, place), xytext=(-2 if wide else 2, 0), textcoords="offset points",
+                ha="right" if wide else "left", va="center", fontsize=5.5, color="white")  # fmt: skip
     at = kept
     for term in dict.fromkeys(line.term for line in found.lines):
         lost = -math.fsum(line.points for line in found.lines if line.term == term and line.points < 0.0)
@@ -355,9 +353,7 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
             at += lost
 
 
-def boundary(
-    evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: Width
-) -> Figure:
+def boundary(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
     """How the share of collisions grows with nearness to the exact boundary of the zones: every ADS, by the signed
     criticality of the concrete scenario, on the scale in which the zones are learnt.
     """

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.figures.style import FAINT, INK, MUTED, Width, line_of, look_of, new_figure, styled
+from sumo_eval.figures.style import FAINT, INK, MUTED, line_of, look_of, new_figure, styled
 from sumo_eval.nightly.history import open_history
 from sumo_eval.report.opinion_section import opinion_content
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-QUANTITIES = {"s_plus": "S+", "s": "S", "c": "C", "d": "D"}
-"""What the trend shows of the quantities that nights keep, by the names in the history."""
+QUANTITIES = ("S+", "A", "H", "S", "C", "D")
+"""What the trend shows of the quantities that nights keep."""
 
 
-def trend(history: Path, *, scenario: str | None, ads: str | None, width: Width) -> Figure:
+def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -> Figure:
     """The scores of every ADS over the nights, one panel a score; nights that failed a gate are marked.
 
     Raises InputError where the folder has no history, or the history no such scenario or ADS.
@@ -39,7 +39,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: Width)
     shown = [name for name in QUANTITIES if any(value.quantity == name for value in values)]
     at = {night.night: number for number, night in enumerate(nights)}
     with styled():
-        figure, axes = new_figure(width, 0.35 * len(shown) + 0.25, len(shown))
+        figure, axes = new_figure(width, (0.35 if width == "column" else 0.17) * len(shown) + 0.2, len(shown))
         for ax, quantity in zip(axes, shown, strict=True):
             for who in names:
                 own = [v for v in values if (v.ads, v.scenario, v.quantity) == (who, place, quantity)]
@@ -50,7 +50,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: Width)
             for night in nights:
                 if not night.good:
                     ax.axvline(at[night.night], color=FAINT, linewidth=3.0, zorder=0)
-            ax.set_ylabel(QUANTITIES[quantity])
+            ax.set_ylabel(quantity)
             ax.set_xticks(range(len(nights)))
             ax.tick_params(labelbottom=ax is axes[-1])
         axes[-1].set_xticklabels([night.night[:10] for night in nights], rotation=45, ha="right")
@@ -61,7 +61,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: Width)
     return figure
 
 
-def opinion(run: Path, *, width: Width) -> Figure:
+def opinion(run: Path, *, width: str) -> Figure:
     """The paper's Fig. 11: scores against people's mean opinion, one panel a score, with Spearman's rho.
 
     Raises InputError where nobody has been asked (`sumo-eval humans opinion`).

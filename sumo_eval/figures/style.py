@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 from sumo_eval.errors import InputError, said, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Width = Literal["column", "page"]
 
 MM: Final = 1.0 / 25.4  # inches
 WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
@@ -76,14 +74,20 @@ def styled() -> Iterator[None]:
         yield
 
 
-def new_figure(width: Width, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def width_of(width: str) -> float:
+    """A named width, inches. Raises InputError for a name that is none."""
+    if width not in WIDTHS:
+        raise unknown("width", width, list(WIDTHS))
+    return WIDTHS[width]
+
+
+def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """A figure of `rows` x `columns` panels and its panels, row by row. height: of all, as a share of the width."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Drawing
 
-    if width not in WIDTHS:
-        raise unknown("width", str(width), list(WIDTHS))
-    figure = Drawing(figsize=(WIDTHS[width], WIDTHS[width] * height), layout="constrained")
+    across = width_of(width)
+    figure = Drawing(figsize=(across, across * height), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False)
     return figure, [panel for row in panels for panel in row]
