@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_visible
 from sumo_eval.ads.r157 import (
     HUMAN_BRAKING,

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,

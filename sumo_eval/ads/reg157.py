@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import is_visible, lateral_overlap
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,

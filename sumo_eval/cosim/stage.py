@@ -52,10 +52,8 @@ class Stage:
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        self._fronts = [
-            tuple(float(at[0]) for at in map_places(road.line, [it.start.x + 0.5 * it.length], [it.y(0.0)])[:2])
-            for it in world.cases[0].actors
-        ]
+        fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
+        self._fronts = [(float(x), float(y)) for x, y, _ in (map_places(road.line, *front) for front in fronts)]
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -111,12 +109,12 @@ class Stage:
 
     def _tell_lanes(self, world: World, count: int) -> None:
         """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step."""
-        calls, road, end = self.calls, self._road, self._road.length + self._road.run_out
+        calls, end = self.calls, self._road.length + self._road.run_out
         for vehicle, _, _, _, _, s, d, along in world.tell[:count].tolist():
             number = int(vehicle)
             name = self._flat[number]
             before = s - 0.5 * (self._told.get(name, along) + along) * self._step
-            if not (0.0 <= before and s < end):  # there are no lanes
+            if not (before >= 0.0 and s < end):  # there are no lanes
                 continue
             calls.setSpeed(name, along)
             calls.moveTo(name, f"{self._edge[number // self._width]}_0", before)
@@ -209,7 +207,7 @@ class Stage:
                 if j and not (body["present"] and body["told"] == 2):
                     continue
                 name = self._flat[row * self._width + j]
-                if not (0.0 <= body["x"] - 0.5 * body["length"] and body["x"] + 0.5 * body["length"] < end):
+                if not (body["x"] - 0.5 * body["length"] >= 0.0 and body["x"] + 0.5 * body["length"] < end):
                     continue
                 x, y = self.calls.getPosition(name)
                 off = math.hypot(x - float(body["front_x"]), y - float(body["front_y"]))

@@ -26,7 +26,6 @@ from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
-from sumo_eval.scenario.road.reference_line import knots_of, line_at, to_frame, to_map
 from sumo_eval.scenario.motion import (
     along_heading,
     braked_distance_at,
@@ -36,6 +35,7 @@ from sumo_eval.scenario.motion import (
     lateral_acceleration,
     lateral_speed,
 )
+from sumo_eval.scenario.road.reference_line import curvatures, knots_of, line_at, map_places, to_frame, to_map
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
@@ -142,13 +142,28 @@ def show(mover: Any, x: float, y: float, heading: float, speed: float, length: f
 
 
 @kernel
-def show_body(mover: Any, body: Any, line: Any) -> None:
-    """Write into `mover` what a sensor shows of an ego or another vehicle. line: the road's, of no knots if straight."""
-    show(mover, body.x, body.y, body.heading, body.speed, body.length, body.width)
+def show_bend(mover: Any, length: float, width: float, line: Any, rear: float) -> None:
+    """Add to what `show` has written what the road's bend is to it. line: the road's, of no knots if straight.
+
+    rear: m from the centre back to the axle that runs along the lane. A body that follows a bend leans out of it there
+    by atan(rear * curvature), which takes no more of the road from others than on a straight.
+    """
     if len(line):
-        _, _, _, curvature = line_at(line, body.x)
-        inner = 1.0 - curvature * body.y
+        _, _, _, curvature = line_at(line, mover.x)
+        inner = 1.0 - curvature * mover.y
         mover.along, mover.curvature = mover.along / inner, curvature / inner
+        lean = mover.heading + math.atan(rear * mover.curvature)
+        c, s = abs(math.cos(lean)), abs(math.sin(lean))
+        if s < _ALONG:
+            c, s = 1.0, 0.0
+        mover.half_length, mover.half_width = 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+
+
+@kernel
+def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
+    """Write into `mover` what a sensor shows of a vehicle. line, rear: as in `show_bend`."""
+    show(mover, body.x, body.y, body.heading, body.speed, body.length, body.width)
+    show_bend(mover, body.length, body.width, line, rear)
 
 
 @kernel
@@ -285,21 +300,22 @@ def _sample_row(ego: Any, others: Any, moves: Any, samples: Any) -> None:
 
 @rows
 def begin_rows(
-    egos: Records, others: Records, moves: Records, seen: Records, samples: FloatArray, line: Records
-) -> None:
+    egos: Records, others: Records, moves: Records, seen: Records, samples: FloatArray, scenario: Records,
+    line: Records,
+) -> None:  # fmt: skip
     """Show and record every vehicle at its start."""
     for i in range(len(egos)):
         ego = egos[i]
         if len(line):
             put_on_map(ego, line)
             _keep_map(ego)
-        show_body(ego.seen, ego, line)
+        show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i][j]
             if len(line):
                 put_on_map(other, line)
                 _keep_map(other)
-            show_body(seen[i][j], other, line)
+            show_body(seen[i][j], other, line, 0.0)
         _sample_row(ego, others[i], moves[i], samples[i])
 
 
@@ -395,6 +411,8 @@ def move_rows(
             along, across = _script_speed(other, now), _script_across(other, moves[i][j], now)
             ground = along
             if bent:
+                if not _is_scripted(other, moves[i][j], now, step):
+                    across = 0.0  # as where SUMO drives it
                 _, _, _, curvature = line_at(line, other.x)
                 ground = along * (1.0 - curvature * other.y)
             if other.slides:
@@ -405,7 +423,8 @@ def move_rows(
             if bent:
                 put_on_map(other, line)
                 if closely or (
-                    _is_scripted(other, moves[i][j], now, step) and not _is_scripted(other, moves[i][j], now + step, step)
+                    _is_scripted(other, moves[i][j], now, step)
+                    and not _is_scripted(other, moves[i][j], now + step, step)
                 ):
                     other.told = 2
                     _put_front(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
@@ -582,10 +601,10 @@ def see_rows(
         else:
             ego.time = now
             ego.reason = _end(ego, others[i], scenario[0], now)
-            show_body(ego.seen, ego, line)
+            show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
             for j in range(len(others[i])):
                 other = others[i][j]
-                show_body(seen[i][j], other, line)
+                show_body(seen[i][j], other, line, 0.0)
                 if other.present == 0:
                     seen[i][j].x = math.nan
         if sampling or ego.reason != 0:
@@ -654,7 +673,7 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, len(CHANNELS), self._room))
-        begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.line)
+        begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
     @property
@@ -770,7 +789,7 @@ class World:
         found = Body(*vehicle.tolist()[:7])
         if not len(self.line):
             return found
-        line_x, line_y, along, _ = line_at(self.line, x)
+        line_x, line_y, along = (float(it) for it in map_places(self.cases[0].road.line, x, 0.0))
         at, c, s = vehicle["map"], math.cos(along), math.sin(along)
         ahead, left = float(at["x"]) - line_x, float(at["y"]) - line_y
         return found._replace(
@@ -792,9 +811,22 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
     egos["length"], egos["width"] = vehicle.length, vehicle.width
     egos["live"], egos["placed"], egos["scripted_until"] = 1, placed, -math.inf
+    egos["heading"] = [concrete.ego.heading for concrete in cases]
+    egos["before"]["heading"] = egos["heading"]
     egos["front_x"], egos["front_y"] = egos["x"] + 0.5 * vehicle.length, egos["y"]
     egos["lane_y"] = egos["y"]
+    if placed == MODEL and cases[0].road.bent:
+        _put_on_bend(egos, cases[0].road, vehicle)
     return egos
+
+
+def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
+    """Put egos that begin on a bend as those stand who drive it: the rear axle along it, the wheel turned."""
+    line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
+    bend = line / (1.0 - line * egos["y"])
+    egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
+    egos["heading"] -= np.arctan(bend * half)
+    egos["steering"] = vehicle.steering_ratio * np.arctan(vehicle.wheelbase * bend)
 
 
 def leaves_the_lanes_at(actor: Actor, road: Road) -> float:

@@ -71,11 +71,20 @@ class Road:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road."""
+    """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
+
+    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way.
+    """
 
     x: float
     y: float
     speed: float
+    lateral_speed: float = 0.0
+
+    @property
+    def heading(self) -> float:
+        """Where it heads, rad to the left of the road."""
+        return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:

@@ -224,7 +224,7 @@ def check_start(
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         tolerance = POSITION_TOLERANCE
         if concrete.road.bent:
-            (x,), (y,), _ = frame_places(concrete.road.line, [x], [y])
+            x, y = (float(it) for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2])
             tolerance = CHORD_TOLERANCE
         ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
         if not (ahead <= tolerance and left <= tolerance):  # which no nan is

@@ -201,23 +201,25 @@ def map_places(
 
 
 def frame_places(
-    pieces: tuple[Piece, ...], x: ArrayLike, y: ArrayLike, heading: ArrayLike = 0.0
+    pieces: tuple[Piece, ...], x: ArrayLike, y: ArrayLike, heading: ArrayLike = 0.0, near: float | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast to one shape.
 
-    Of several feet of a perpendicular the one that is nearest to the place; the line is looked through every 5 m.
+    Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest to the place, for
+    which the line is looked through every 5 m.
     """
     places = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in (x, y, heading)))
     if not pieces:
         return places[0].copy(), places[1].copy(), places[2].copy()
     stacked = np.stack([it.ravel() for it in places], axis=1)
-    grid = np.arange(0.0, sum(piece.length for piece in pieces) + 5.0, 5.0)
-    grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
-    near = np.array([
-        grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))] for place_x, place_y, _ in stacked
-    ])  # fmt: skip
+    begins = np.full(len(stacked), 0.0 if near is None else near)
+    if near is None:
+        grid = np.arange(0.0, sum(piece.length for piece in pieces) + 5.0, 5.0)
+        grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
+        for i, (place_x, place_y, _) in enumerate(stacked):
+            begins[i] = grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))]
     found = np.empty((len(stacked), 4))
-    _to_frame_rows(knots_of(pieces), stacked, near, found)
+    _to_frame_rows(knots_of(pieces), stacked, begins, found)
     s, d, turned = (found[:, k].reshape(places[0].shape) for k in range(3))
     return s, d, turned
 
