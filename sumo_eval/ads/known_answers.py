@@ -10,6 +10,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import switched
 from sumo_eval.ads.foresight import foresee
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import lateral_overlap
 from sumo_eval.cosim.compiled import Compiled, records
 from sumo_eval.cosim.world import Records, fields
@@ -21,13 +22,15 @@ from sumo_eval.settings import SimulationSettings
 
 @rows
 def no_reaction_rows(egos: Records, seen: Records, scenario: Records, time: float) -> None:
-    """No acceleration, no steering, for every row."""
+    """No acceleration and no steering but the road's own, for every row."""
     for i in range(len(egos)):
+        if egos[i].live:
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
         egos[i].settled = 1
 
 
 class NoReaction(Compiled):
-    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead."""
+    """ADS `no_reaction`: keeps its speed and its wheel straight, whatever is ahead; where the road bends, its lane."""
 
     loop = staticmethod(no_reaction_rows)
 
@@ -78,6 +81,7 @@ def ideal_braking_rows(
             egos[i].command.acceleration = ideal_braking(
                 egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time
             )
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
             egos[i].settled = 1
 
 

@@ -33,7 +33,9 @@ from sumo_eval.report.words import (
     unevaluated,
 )
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -168,6 +170,7 @@ def _scenario(
             "left": logical.road.left_edge,
             "lanes": logical.road.lanes,
             "laneWidth": logical.road.lane_width,
+            "line": drawn_line(logical.road),
         },
         "view": {
             "x": view.x,
@@ -444,6 +447,11 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
     if hit is None or ego is None:
         return None
     return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+
+
+def drawn_line(road: Road) -> list[list[float]]:
+    """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; [] for none."""
+    return [[float(f"{value:.9g}") for value in row] for row in knots_of(road.line).tolist()]
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
