@@ -83,8 +83,9 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             sampling = (world.steps + 1) % every == 0
             world.room_for_samples(sampling)
             count = move_rows(
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, now, int(closely)
-            )
+                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.steps + 1,
+                int(closely),
+            )  # fmt: skip
             moved = 1
             _tell(world, stage, count)
             stage.step()
@@ -95,7 +96,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, now, int(sampling), as_read,
+                world.scenario, world.steps + 1, int(sampling), as_read,
             )  # fmt: skip
             world.steps += 1
             if ended:

@@ -62,12 +62,12 @@ EGO = np.dtype(
         *_BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
-        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples"),
+        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
     ]
 )  # fmt: skip
 """The ego of a case. The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
 stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of the step at which
-it touched number `struck`. samples: how many there are."""
+it touched number `struck`. samples: how many there are. begun: the step of the world at which the case began."""
 
 OTHER = np.dtype(
     [
@@ -251,9 +251,9 @@ def stop_rows(egos: Records, others: Records, moves: Records, samples: FloatArra
 @rows
 def move_rows(
     egos: Records, others: Records, moves: Records, clips: Records, tell: FloatArray, scenario: Records,
-    now: float, closely: int,
+    steps: int, closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded and the others as their scripts say to the time `now`, s.
+    """Move the egos as they are commanded and the others as their scripts say to the end of so many steps.
 
     What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of the front bumper's
     centre, angle and speed. closely: SUMO hears of everybody; else of those that it takes over in the next step.
@@ -265,6 +265,7 @@ def move_rows(
         ego = egos[i]
         if ego.live == 0 or ego.reason != 0:
             continue
+        now = (steps - ego.begun) * step
         before = ego.before
         before.x, before.y, before.heading, before.speed = ego.x, ego.y, ego.heading, ego.speed
         if ego.placed == MODEL:
@@ -389,9 +390,9 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 @rows
 def see_rows(
     egos: Records, others: Records, moves: Records, clips: Records, seen: Records, samples: FloatArray,
-    shown: FloatArray, scenario: Records, now: float, sampling: int, as_read: int,
+    shown: FloatArray, scenario: Records, steps: int, sampling: int, as_read: int,
 ) -> int:  # fmt: skip
-    """Take in what SUMO shows at the end of a step, `now`: places, contact, ends, samples, what rules see next.
+    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what rules see next.
 
     shown: (n, m, 4), x and y of the front bumper, angle and speed; the last two count if `as_read`. Returns how many
     cases have ended.
@@ -406,6 +407,7 @@ def see_rows(
             _sample_row(ego, others[i], moves[i], samples[i])
             ended += 1
             continue
+        now = (steps - ego.begun) * step
         was = ego.before
         before = Body(was.x, was.y, was.heading, was.speed, ego.length, ego.width, 0.0)
         body = Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0)
