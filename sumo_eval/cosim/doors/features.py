@@ -211,9 +211,9 @@ def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
     if name in ("time", "lane_offset", "left_edge", "right_edge"):
         return cast("dict[str, Callable[[Observations, str], Floats]]", _ALONE)[name], 0.0
     if what == "ego" and rest in _EGO:
-        return lambda seen, frame: getattr(seen.ego, rest), 0.0
+        return lambda seen, frame: np.asarray(getattr(seen.ego, rest)), 0.0
     if what == "lead" and rest in _LEAD:
-        return lambda seen, frame: getattr(seen.lead, rest), _IN_PLACE.get(rest, 0.0)
+        return lambda seen, frame: np.asarray(getattr(seen.lead, rest)), _IN_PLACE.get(rest, 0.0)
     number, _, value = rest.partition(".")
     if what == "vehicles" and number.isdigit() and int(number) > 0 and value in _VEHICLE:
         place = int(number) - 1
@@ -237,7 +237,7 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
     rows, them = np.arange(len(nearest)), nearest[:, place]
     there = np.isfinite(seen.vehicles.gap[rows, them])
     if what == "present":
-        return there.astype(np.float64)
+        return np.asarray(there, dtype=np.float64)
     if what in ("x", "y", "vx", "vy"):
         it, me = seen.vehicles, seen.ego
         if what in ("x", "y"):
