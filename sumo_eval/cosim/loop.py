@@ -83,8 +83,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             sampling = (world.steps + 1) % every == 0
             world.room_for_samples(sampling)
             count = move_rows(
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, now,
-                int(closely),
+                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
+                world.steps + 1, int(closely),
             )  # fmt: skip
             moved = 1
             _tell(world, stage, count)
@@ -96,7 +96,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, world.line, now, int(sampling), as_read,
+                world.scenario, world.line, world.steps + 1, int(sampling), as_read,
             )  # fmt: skip
             world.steps += 1
             if ended:
@@ -525,8 +525,10 @@ class Batch(Policies):
     together is part of what it is given.
     """
 
-    def __init__(self, policy: PolicyController, step_timeout: float, seeds: Sequence[int]) -> None:
-        super().__init__(step_timeout, seeds)
+    def __init__(
+        self, policy: PolicyController, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None
+    ) -> None:
+        super().__init__(step_timeout, seeds, plant)
         self._policy = policy
         self._act: Callable[[Any], Any] = policy.act
         self._held = 0
@@ -534,6 +536,9 @@ class Batch(Policies):
     def begin(self, world: World, stage: Stage) -> None:
         """Reset it once for all rows."""
         self._begin(world, stage)
+        if not self._usual:
+            for case in range(len(world.cases)):
+                world.note(case, "perception_not_limited", 1.0, 0.0)  # arrays are of the world as it is
         self._held = len(world.cases)
         briefing = told(world.cases[0], world.settings, self._step_timeout)
         try:
@@ -574,3 +579,5 @@ class Batch(Policies):
         self._held -= 1
         if self._held == 0:
             let_go(world, row, "The ADS", self._policy.close, "ads_error")
+        if self._plant is not None:
+            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")

@@ -122,8 +122,8 @@ def _policies(
     ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
     folder: Path | None = None,
 ) -> Driver:  # fmt: skip
-    if getattr(ads[0].target, "batch", False) is True and plant is None:
-        return Batch(ads[0], step_timeout, seeds)
+    if getattr(ads[0].target, "batch", False) is True:
+        return Batch(ads[0], step_timeout, seeds, plant)
     return OneEach(ads, step_timeout, seeds, plant, folder)
 
 

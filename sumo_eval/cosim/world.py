@@ -69,13 +69,14 @@ EGO = np.dtype(
         *_BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
-        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples"),
+        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
         ("map", _MAP), *fields("lane_y"),
     ]
 )  # fmt: skip
 """The ego of a case. The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
 stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of the step at which
-it touched number `struck`. samples: how many there are. lane_y: where it began, across the road, m."""
+it touched number `struck`. samples: how many there are. begun: the step of the world at which the case began.
+lane_y: where it began, across the road, m."""
 
 OTHER = np.dtype(
     [
@@ -342,9 +343,9 @@ def stop_rows(egos: Records, others: Records, moves: Records, samples: FloatArra
 @rows
 def move_rows(
     egos: Records, others: Records, moves: Records, clips: Records, tell: FloatArray, scenario: Records,
-    line: Records, now: float, closely: int,
+    line: Records, steps: int, closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded and the others as their scripts say to the time `now`, s.
+    """Move the egos as they are commanded and the others as their scripts say to the end of so many steps.
 
     What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of the front bumper's
     centre on the map, angle and speed; on a road that bends its place along and across the line and dx/dt besides.
@@ -358,6 +359,7 @@ def move_rows(
         ego = egos[i]
         if ego.live == 0 or ego.reason != 0:
             continue
+        now = (steps - ego.begun) * step
         before = ego.before
         before.x, before.y, before.heading, before.speed = ego.x, ego.y, ego.heading, ego.speed
         if bent:
@@ -552,9 +554,9 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 @rows
 def see_rows(
     egos: Records, others: Records, moves: Records, clips: Records, seen: Records, samples: FloatArray,
-    shown: FloatArray, scenario: Records, line: Records, now: float, sampling: int, as_read: int,
+    shown: FloatArray, scenario: Records, line: Records, steps: int, sampling: int, as_read: int,
 ) -> int:  # fmt: skip
-    """Take in what SUMO shows at the end of a step, `now`: places, contact, ends, samples, what rules see next.
+    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what rules see next.
 
     shown: (n, m, 4), x and y of the front bumper, angle and speed; the last two count if `as_read`. line: the road's,
     of no knots if it is straight. Returns how many cases have ended.
@@ -570,6 +572,7 @@ def see_rows(
             _sample_row(ego, others[i], moves[i], samples[i])
             ended += 1
             continue
+        now = (steps - ego.begun) * step
         was = ego.before
         if bent:
             before = _map_body(was.map, was.speed, 0.0, ego)

@@ -73,7 +73,10 @@ class ConditionSettings(Checked):
 class FmuSettings(Checked):
     """Which variables of an FMU carry what; names that are not mapped are looked for as they are."""
 
-    inputs: Annotated[dict[str, str], About("input of the FMU = signal that it is given")] = field(default_factory=dict)
+    inputs: Annotated[
+        dict[str, str | float],
+        About("input of the FMU = signal that it is given, a number, or `start`: it keeps its start value"),
+    ] = field(default_factory=dict)
     outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(default_factory=dict)
     parameters: Annotated[
         dict[str, float | int | bool | str], About("parameter of the FMU = its value, or a signal at the start")

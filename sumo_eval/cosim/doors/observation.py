@@ -257,6 +257,16 @@ class Observations:
             offset=of_lead(it.offset, 0.0),
         )
 
+    @cached_property
+    def distances(self) -> NDArray[Any]:
+        """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where there is none."""
+        return np.asarray(self._seen["x"] - self._egos["seen"]["x"][:, None])
+
+    @cached_property
+    def nearest(self) -> NDArray[np.intp]:
+        """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road first."""
+        return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
+
     @property
     def curvature(self) -> NDArray[Any]:
         """The curvature of the road's line beside each ego, 1/m, positive to the left, (n,)."""

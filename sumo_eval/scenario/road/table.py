@@ -55,7 +55,7 @@ def line_of(
 def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
     if radius is None:
         return 0.0
-    found = checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options)
+    found = float(checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options))
     if math.isnan(found) or found == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", found)
     return 1.0 / found  # 0 where an option that nobody gives is infinite
