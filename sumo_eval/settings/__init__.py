@@ -19,6 +19,7 @@ from urllib.parse import urlencode
 from annotated_types import Ge, Gt, Le, Lt, MinLen
 
 from sumo_eval.errors import must_be
+from sumo_eval.text import clean
 
 
 @dataclass(frozen=True, slots=True)
@@ -599,6 +600,10 @@ class AdsSettings(Checked):
     ]
     fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
 
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))
+
     @property
     def locator(self) -> str:
         """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
@@ -625,3 +630,7 @@ class EvaluationSettings(Checked):
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     method: MethodSettings = field(default_factory=MethodSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))
