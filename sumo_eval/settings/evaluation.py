@@ -16,6 +16,7 @@ from sumo_eval.settings.method import MethodSettings
 from sumo_eval.settings.report import ReportSettings
 from sumo_eval.settings.run import RunSettings
 from sumo_eval.settings.simulation import FmuSettings, SimulationSettings
+from sumo_eval.text import clean
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +96,10 @@ class AdsSettings(Checked):
     ]
     fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
 
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))
+
     @property
     def locator(self) -> str:
         """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
@@ -121,3 +126,7 @@ class EvaluationSettings(Checked):
     simulation: SimulationSettings = field(default_factory=SimulationSettings)
     method: MethodSettings = field(default_factory=MethodSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))
