@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.method import score_terms
-from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
+from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
 from sumo_eval.method.shared_fields import SharedFields, Stretch
 from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.scenario.concrete import Road
@@ -47,9 +47,38 @@ MANOEUVRE_SHIFT = 1.0  # m; and less far
 OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
 MIXTURE: Mode = "mixture"
 MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
-BIMODAL = "Bimodal:"  # begins the note on drivers who did two different things
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
+
+
+NoteKind = Literal[
+    "manoeuvre_made_by",  # in mixture mode: by `count` of `of` drivers
+    "manoeuvre_made_by_nobody",
+    "centre_floor",  # deviation floors: at `count` of `of` slices, or points
+    "field_floor",
+    "two_groups",  # slices at which one Gaussian spans two groups of drivers
+    "driver_not_so_far",  # slices that not all drivers, or fewer than two, reached
+    "drivers_hold_last_y",
+    "ads_off_road",  # slices at which its centre is
+    "past_the_road",  # trajectories that go on past the road's end
+    "drivers_start_late",  # drivers who begin beyond the ADS's start
+    "drivers_still_driving",
+    "ads_still_driving",
+    "ads_left_the_road",
+    "drivers_without_operation",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class IndexNote:
+    """Where a reading or a floor had to step in for a D_i: what, at how many of how many slices, points, trajectories
+    or drivers; manoeuvre: the ADS's, of the first two kinds.
+    """
+
+    kind: NoteKind
+    count: int = 0
+    of: int = 0
+    manoeuvre: Manoeuvre = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +104,8 @@ class AnthropomorphicIndex:
 
     value: D_i = length_factor * operation_factor * similarity, 0..1. similarity: the mean over all sample points of
     centre term times field term; centre_similarity and field_similarity: the mean of each alone. slices: x of the m
-    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: whole sentences on where a
-    reading or a floor had to step in.
+    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: where a reading or a
+    floor had to step in.
 
     In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
     most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
@@ -95,7 +124,7 @@ class AnthropomorphicIndex:
     driver_lengths: tuple[float, ...]
     ads_operations: int
     driver_operations: tuple[int, ...]
-    notes: tuple[str, ...]
+    notes: tuple[IndexNote, ...]
     manoeuvre: Manoeuvre = ()
     share: float = 1.0
     usual: float = 1.0
@@ -247,7 +276,7 @@ class _Judged:
     centre_similarity: float
     field_similarity: float
     terms: FloatArray
-    notes: tuple[str, ...]
+    notes: tuple[IndexNote, ...]
 
 
 def _judge(
@@ -309,9 +338,7 @@ def _index(
             *_choice_notes(choice),
             *judged.notes,
             *_trajectory_notes(ads, drivers, settings),
-            *_note(
-                operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
-            ),
+            *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
         manoeuvre=() if choice is None else choice.manoeuvre,
         share=1.0 if choice is None else choice.share,
@@ -595,7 +622,7 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 def _centre_term(
     centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings, choice: Choice | None
-) -> tuple[FloatArray, list[str]]:
+) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. centres: y of the ADS and of the k drivers,
     (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
     """
@@ -625,19 +652,17 @@ def _centre_term(
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
     outside = (ads < road.right_edge) | (ads > road.left_edge)
     return term, [
-        *_note(deviation < floor, "Deviation floor of the centre applied at {} of {} slices."),
-        *_note(
-            split, f"{BIMODAL} at {{}} of {{}} slices one Gaussian spans two groups of drivers over half a lane apart."
-        ),
-        *_note(~got_there.all(axis=0), "At {} of {} slices some drivers had not got that far."),
-        *_note(alone, "At {} of {} slices fewer than two drivers had got that far; the others hold their last y."),
-        *_note(outside, "At {} of {} slices the ADS's centre is off the road; that side's points collapse on it."),
+        *_note(deviation < floor, "centre_floor"),
+        *_note(split, "two_groups"),
+        *_note(~got_there.all(axis=0), "driver_not_so_far"),
+        *_note(alone, "drivers_hold_last_y"),
+        *_note(outside, "ads_off_road"),
     ]
 
 
 def _field_term(
     own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
-) -> tuple[FloatArray, list[str]]:
+) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. own: the ADS's field there, (m, 7). humans: the
     k drivers', (k, m, 7).
     """
@@ -649,18 +674,17 @@ def _field_term(
         )
     floor = settings.field_deviation_floor * mean
     term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
-    return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
+    return term, _note(deviation < floor, "field_floor")
 
 
-def _choice_notes(choice: Choice | None) -> list[str]:
+def _choice_notes(choice: Choice | None) -> list[IndexNote]:
     """What mixture mode compared with."""
     if choice is None:
         return []
-    done = words(choice.manoeuvre)
     if choice.usual == 0.0:
-        return [f"No driver made the ADS's manoeuvre ({done}), so its similarity is 0."]
+        return [IndexNote("manoeuvre_made_by_nobody", manoeuvre=choice.manoeuvre)]
     number = int(np.count_nonzero(choice.members))
-    return [f"Compared with the {number} of {choice.members.size} drivers who made the same manoeuvre ({done})."]
+    return [IndexNote("manoeuvre_made_by", number, choice.members.size, choice.manoeuvre)]
 
 
 # --- what is known of a trajectory ------------------------------------------------------------------------------------
@@ -694,28 +718,25 @@ def _steering_is_known(trajectory: Trajectory) -> bool:
     return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
 
 
-def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[str]:
+def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[IndexNote]:
     """Where a reading had to step in for a trajectory as a whole."""
     late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
     beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]
     driving = [driver.still_driving for driver in drivers]
     return [
-        *_note(beyond, "{} of {} trajectories go on past the road's end and are read up to it."),
-        *_note(late, "{} of {} drivers start beyond the ADS's start and hold their first y up to there."),
-        *_note(driving, "{} of {} drivers were still driving when last seen: their length counts to the road's end."),
-        *_note(
-            ads.still_driving,
-            "The ADS was still driving when last seen: its length counts to the road's end, and slices end there.",
-        ),
-        *_note(ads.left_the_road, "The ADS left the road: its length is what it drove."),
+        *_note(beyond, "past_the_road"),
+        *_note(late, "drivers_start_late"),
+        *_note(driving, "drivers_still_driving"),
+        *_note(ads.still_driving, "ads_still_driving"),
+        *_note(ads.left_the_road, "ads_left_the_road"),
     ]
 
 
-def _note(cases: ArrayLike, sentence: str) -> list[str]:
-    """The sentence with how many of how many cases it is about; nothing where it is about none."""
+def _note(cases: ArrayLike, kind: NoteKind) -> list[IndexNote]:
+    """The note with how many of how many cases it is about; nothing where it is about none."""
     flags = np.asarray(cases)
     count = int(np.count_nonzero(flags))
-    return [sentence.format(count, flags.size)] if count else []
+    return [IndexNote(kind, count, flags.size)] if count else []
 
 
 def _capped_ratio(value: float | np.floating, reference: float | np.floating) -> float:
