@@ -9,8 +9,8 @@ OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
 
 # The formulas, the files and the words, without a simulator; what is slow in these files is left out by name.
-QUICK := tests/test_errors.py tests/test_settings.py tests/test_config.py tests/test_trajectory.py tests/test_text.py \
-  tests/test_glossary.py tests/test_documents.py tests/tools/test_house_check.py tests/method/test_criticality.py \
+QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/test_config.py tests/test_trajectory.py tests/test_text.py \
+  tests/docs/test_glossary.py tests/docs/test_documents.py tests/tools/test_house_check.py tests/method/test_criticality.py \
   tests/method/test_score.py tests/method/test_score_terms.py tests/method/test_collision_avoidance.py \
   tests/method/test_trajectory_field.py tests/method/test_measures.py tests/method/test_severity.py \
   tests/method/test_plausibility.py tests/scenario/test_expression.py tests/scenario/test_sampling.py \

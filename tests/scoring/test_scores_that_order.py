@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
+from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
 from sumo_eval.method.criticality import max_inverse_ttc
