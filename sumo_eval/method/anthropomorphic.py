@@ -1,6 +1,6 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same concrete scenario.
 
-Readings of the paper (docs/METHOD.md) that this file is built on:
+Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
 - What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at or past the end.
 - A length ends where the vehicle stopped, else at the road's end, also for who was still driving when the time was up
@@ -9,19 +9,14 @@ Readings of the paper (docs/METHOD.md) that this file is built on:
   road's end has reached it.
 - A driver who did not get as far as a slice has no centre there. Where fewer than two got there, the others stand in
   with their last lateral position, as a deviation needs two.
-- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
-  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre (`method.manoeuvres`), and the
   similarity is multiplied by how usual that manoeuvre is.
-- One rule counts the steering operations of both sides. By default an operation is a lateral manoeuvre: a move to one
-  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway speed a lane change
-  turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none there.
+- What an operation is stands in `method.operations`.
 - Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture mode in any mode.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -29,11 +24,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
 from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
+from sumo_eval.method.operations import count_operations as count_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
-from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
@@ -42,11 +37,8 @@ DEFAULTS = AnthropomorphicSettings()
 Mode = Literal["gaussian", "mixture"]
 
 SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
-MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
-MANOEUVRE_SHIFT = 1.0  # m; and less far
 OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
 MIXTURE: Mode = "mixture"
-MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
 
@@ -401,38 +393,6 @@ def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
     return max(float(last - trajectory.x[0]), 0.0)
 
 
-def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
-
-    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for 0.5 s, so drive and
-    then brake is one; one that still runs at the end counts. One of steering is a lateral manoeuvre, or, with
-    `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or what gives a lateral acceleration) likewise.
-    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
-    at all.
-    """
-    time = trajectory.time
-    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
-    if settings.steering_rule == "manoeuvre":
-        return pedals + _lateral_manoeuvres(trajectory, settings)
-    if not _steering_is_known(trajectory):
-        raise InputError(
-            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
-            'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
-        )
-    known = np.isfinite(trajectory.steering_wheel_angle)
-    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
-    return pedals + len(_operations(turned, time[known], settings))
-
-
-def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
-    """Eq. 12: the steering wheel angle above which an operation begins at each speed (n,), rad."""
-    lateral = settings.steering_lateral_acceleration
-    if lateral is None:
-        return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
-    curvature = np.divide(lateral, speed**2, out=np.full(speed.shape, np.inf), where=speed > 0.0)
-    return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
-
-
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
 
@@ -442,33 +402,6 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
-
-
-def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
-    samples = np.flatnonzero(active)
-    if samples.size == 0:
-        return []
-    neutral_from = time[samples[:-1] + 1]
-    ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
-    first = samples[np.append(True, ended)]
-    last = samples[np.append(ended, True)]
-    return list(zip(first.tolist(), last.tolist(), strict=True))
-
-
-def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
-    """Moves to one side that are too fast and too far for keeping a lane."""
-    time, y = trajectory.time, trajectory.y
-    if time.size < 2:
-        return 0
-    before = np.maximum(time - MANOEUVRE_WINDOW / 2, time[0])
-    after = np.minimum(time + MANOEUVRE_WINDOW / 2, time[-1])
-    rate = (np.interp(after, time, y) - np.interp(before, time, y)) / (after - before)
-    return sum(
-        bool(side * (y[last] - y[first]) >= MANOEUVRE_SHIFT)
-        for side in (-1.0, 1.0)
-        for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
-    )
 
 
 # --- what is computed once --------------------------------------------------------------------------------------------
@@ -712,10 +645,6 @@ def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> b
 def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     """Whether the vehicle's centre was last seen beside the road."""
     return bool(not road.right_edge <= trajectory.y[-1] <= road.left_edge)
-
-
-def _steering_is_known(trajectory: Trajectory) -> bool:
-    return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
 
 
 def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[IndexNote]:
