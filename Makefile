@@ -2,6 +2,7 @@
 #   make score   runs the paper's evaluation
 #   make test    passes the tests
 #   make quick   passes the fast ones, in under a minute
+#   make coverage  which lines the tests reach, file by file
 #   make check   lint, format, types, import contracts, circles, dead names
 PYTHON ?= python3
 VENV ?= .venv
@@ -17,7 +18,7 @@ QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/tes
   tests/scenario/test_scenario_file.py tests/cosim/test_contact.py tests/report/test_report_words.py \
   tests/report/test_report_tables.py tests/report/test_ledger.py
 
-.PHONY: score test quick campaign check install clean
+.PHONY: score test quick campaign coverage check install clean
 
 score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
@@ -30,6 +31,11 @@ quick: $(VENV)/.installed-dev
 
 campaign: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m campaign
+
+coverage: $(VENV)/.installed-dev
+	$(BIN)/python -m coverage run -m pytest
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+_BEYOND = 1 << 20  # bytes: past all words that a lock file can hold
+
 
 class HeldError(Exception):
     """Another process holds the lock. Its text: the words that this one wrote into it, or nothing."""
@@ -47,7 +49,9 @@ def _lock(file: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
+        os.lseek(file, _BEYOND, os.SEEK_SET)  # Windows lets nobody else read a byte that is locked
         msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        os.lseek(file, 0, os.SEEK_SET)
     else:
         import fcntl
 
