@@ -20,12 +20,12 @@ from sys import intern
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.cases import ALONE, Case, Outcome, Role, Status
+from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
-from sumo_eval.trajectory import Clip, Collision, Trajectory
+from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
@@ -35,7 +35,7 @@ CREATE TABLE IF NOT EXISTS facts (
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS circumstances (
     "case" TEXT PRIMARY KEY, log TEXT NOT NULL, wall_time REAL, latency_mean REAL, latency_max REAL,
-    error_place TEXT NOT NULL, hash BLOB NOT NULL
+    error_place TEXT NOT NULL, alone TEXT NOT NULL, hash BLOB NOT NULL
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS trajectories (
     "case" TEXT NOT NULL, vehicle TEXT NOT NULL, data BLOB NOT NULL, PRIMARY KEY ("case", vehicle)
@@ -114,7 +114,7 @@ class Store:
         if version == 0:
             raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
         if version != FORMAT_VERSION:
-            older = " Rows of older versions carry no hash of their content." if 0 < version < FORMAT_VERSION else ""
+            older = " Older versions do not hold all that is read of a case." if 0 < version < FORMAT_VERSION else ""
             raise InputError(
                 f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
                 "Use the version of sumo_eval that wrote it, or run its evaluation again into a new folder."
@@ -228,7 +228,7 @@ class Store:
                 if self._is_recorded_otherwise(outcome.case):
                     self._remove(outcome.case.key)
             self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
-            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?)", circumstances)
+            self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?,?)", circumstances)
             self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
     def holds(self, case: Case) -> bool:
@@ -323,15 +323,14 @@ class Store:
         )
         return list(self._read(query))
 
-    def simulated_alone(self, scenario: str, ads: str) -> dict[str, int]:
+    def simulated_alone(self, scenario: str, ads: str) -> dict[Alone, int]:
         """How many drives of an ADS, and of those that it is compared with, left their pack, by the reason."""
         query = (
-            "SELECT substr(log, length(:mark) + 1, instr(log, char(10)) - length(:mark) - 1) AS why, count(*) "
-            'FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
-            "AND (role != 'ads' OR driver = :ads) AND substr(log, 1, length(:mark)) = :mark GROUP BY why ORDER BY why"
+            'SELECT alone, count(*) FROM facts JOIN circumstances USING ("case") WHERE scenario = :scenario '
+            "AND (role != 'ads' OR driver = :ads) AND alone != '' GROUP BY alone ORDER BY alone"
         )
-        found = self._read(query, {"mark": ALONE, "scenario": scenario, "ads": ads})
-        return dict(found)
+        found = self._read(query, {"scenario": scenario, "ads": ads})
+        return {Alone(**json.loads(alone)): number for alone, number in found}
 
     def digest(self) -> str:
         """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
@@ -432,14 +431,15 @@ def _fact_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...
     )
 
 
-def _plain(record: Collision | Clip) -> dict[str, object]:
+def _plain(record: Collision | Clip | Alone) -> dict[str, object]:
     """Its fields by name, in their order; `dataclasses.asdict` copies them, at five times the cost."""
     return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def _circumstance_row(outcome: Outcome, kept: KeptRecording | None) -> tuple[object, ...]:
     times = (kept.wall_time, *kept.controller_latency) if kept else (None, None, None)
-    return outcome.case.key, outcome.log, *(_real(time) for time in times), outcome.error_place
+    alone = "" if outcome.alone is None else json.dumps(_plain(outcome.alone))
+    return outcome.case.key, outcome.log, *(_real(time) for time in times), outcome.error_place, alone
 
 
 def _fact(row: tuple[Any, ...]) -> Fact:
