@@ -58,7 +58,7 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     found = checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options)
     if math.isnan(found) or found == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", found)
-    return 1.0 / found  # 0 where an option that nobody gives is infinite
+    return 1.0 / float(found)  # 0 where an option that nobody gives is infinite
 
 
 def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str) -> None:
