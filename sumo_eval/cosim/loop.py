@@ -83,8 +83,8 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             sampling = (world.steps + 1) % every == 0
             world.room_for_samples(sampling)
             count = move_rows(
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.steps + 1,
-                int(closely),
+                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
+                world.steps + 1, int(closely),
             )  # fmt: skip
             moved = 1
             _tell(world, stage, count)
@@ -96,7 +96,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, world.steps + 1, int(sampling), as_read,
+                world.scenario, world.line, world.steps + 1, int(sampling), as_read,
             )  # fmt: skip
             world.steps += 1
             if ended:
@@ -212,7 +212,9 @@ class _Delayed:
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the plant for the next state of the single ego, which the coming step then has."""
     ego = world.egos[0]
-    state = EgoState(*(float(ego[name]) for name in ("x", "y", "heading", "speed", "acceleration", "steering")))
+    at = ego["map"] if len(world.line) else ego
+    place = (float(at[name]) for name in ("x", "y", "heading"))
+    state = EgoState(*place, *(float(ego[name]) for name in ("speed", "acceleration", "steering")))
     before = state
     state, clips = plant.advance(state, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)

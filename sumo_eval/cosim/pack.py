@@ -65,10 +65,10 @@ class Pack:
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
         after = world.steps + 1
-        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, after, 0)
+        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, 0)
         ended = see_rows(
             world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown, world.scenario,
-            after, 0, 0,
+            world.line, after, 0, 0,
         )  # fmt: skip
         world.steps = after
         if not ended:

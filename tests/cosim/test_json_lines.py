@@ -51,7 +51,7 @@ def test_the_protocol_line_by_line(tmp_path):
     assert [step["time"] for step in steps] == pytest.approx([0.05 * i for i in range(10)])
     assert steps[0]["ego"]["speed"] == 20.0
     assert steps[0]["lead"]["gap"] == pytest.approx(100.0)
-    assert set(steps[0]) == {"type", "time", "ego", "lead", "vehicles", "lanes", "left_edge", "right_edge"}
+    assert set(steps[0]) == {"type", "time", "ego", "lead", "vehicles", "lanes", "left_edge", "right_edge", "curvature"}
 
 
 def test_the_scenario_is_told_when_it_is_revealed(tmp_path):

@@ -27,7 +27,7 @@ from sumo_eval.settings import FmuSettings
 
 SIGNALS = (
     "time", "ego_x", "ego_y", "ego_heading", "ego_speed", "ego_acceleration", "ego_lane", "left_edge", "right_edge",
-    "lane_offset", "lead_present", "lead_gap", "lead_speed", "lead_relative_speed", "lead_offset",
+    "lane_offset", "curvature", "lead_present", "lead_gap", "lead_speed", "lead_relative_speed", "lead_offset",
 )  # fmt: skip
 """What an ADS's inputs can be given; without a lead the gap is 1000 m."""
 

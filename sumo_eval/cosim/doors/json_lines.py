@@ -51,7 +51,10 @@ class JsonLinesProgram(ObservingController):
         road = scenario.road
         briefing = {
             "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
-            "road": {"lanes": road.lanes, "lane_width": road.lane_width, "length": road.length},
+            "road": {
+                "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
+                "line": [asdict(piece) for piece in road.line],
+            },
         }  # fmt: skip
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, within_a_turn
 from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
@@ -149,13 +150,32 @@ class Observation:
         """From the ego's centre to the right edge of the road, m."""
         return self._ego[1] - self.road.right_edge
 
+    @property
+    def curvature(self) -> float:
+        """The curvature of the road's line (the right lane's centre) beside the ego, 1/m, positive to the left."""
+        return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
+
+    def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[NDArray[np.float64], ...]:
+        """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2) `every` m, ahead and
+        to the left of the ego's centre in the ego's own axes; the right-hand lane first.
+        """
+        x, y, heading = self._ego[:3]
+        me_x, me_y, turned = (float(it) for it in map_places(self.road.line, x, y, heading))
+        s = x + np.arange(0.0, ahead + 0.5 * every, every)
+        found = []
+        for lane in range(self.road.lanes):
+            east, north, _ = map_places(self.road.line, s, self.road.lane_centre(lane))
+            c, n = math.cos(turned), math.sin(turned)
+            found.append(np.stack([(east - me_x) * c + (north - me_y) * n, (north - me_y) * c - (east - me_x) * n], 1))
+        return tuple(found)
+
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
         lead = self.lead
         return {
             "time": round(self.time, 6), "ego": self.ego._asdict(), "lead": None if lead is None else lead._asdict(),
             "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
-            "left_edge": self.left_edge, "right_edge": self.right_edge,
+            "left_edge": self.left_edge, "right_edge": self.right_edge, "curvature": self.curvature,
         }  # fmt: skip
 
     def signals(self) -> dict[str, float]:
@@ -164,7 +184,7 @@ class Observation:
         return {
             "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading, "ego_speed": me.speed,
             "ego_acceleration": me.acceleration, "ego_lane": float(me.lane), "left_edge": self.left_edge,
-            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane],
+            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane], "curvature": self.curvature,
             "lead_present": 0.0 if lead is None else 1.0,
             "lead_gap": NO_LEAD_GAP if lead is None else lead.gap,
             "lead_speed": me.speed if lead is None else lead.speed,
@@ -246,6 +266,11 @@ class Observations:
     def nearest(self) -> NDArray[np.intp]:
         """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road first."""
         return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
+
+    @property
+    def curvature(self) -> NDArray[Any]:
+        """The curvature of the road's line beside each ego, 1/m, positive to the left, (n,)."""
+        return curvatures(self.road.line, self._egos["x"])
 
     @property
     def lanes(self) -> NDArray[Any]:
