@@ -1,22 +1,25 @@
-"""Cases beside each other of which each can end and begin anew by itself, for learning: the world without SUMO.
+"""Cases beside each other of which each can end and begin anew by itself, for learning.
 
-The ego is moved by the vehicle model, the others by their scripts, contact and ends are found by the functions that
-every evaluation uses (`cosim.world`). SUMO is not asked: in an evaluation it has to show every vehicle where its script
-has it, so that a drive here and there is the same to rounding, and here there may be as many packs in a process as one
-likes.
+The ego is moved by the vehicle model, the others by their scripts and by SUMO, contact and ends are found by the
+functions that every evaluation uses (`cosim.world`). libsumo holds one simulation in a process, so one pack at a time
+is in it. A pack without SUMO has the others where their scripts have them, which is where SUMO has to show them in an
+evaluation: a drive is the same to rounding, and there may be as many such packs in a process as one likes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.cosim.sumo.session import NOWHERE
+from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.sumo.session import NOWHERE, libsumo, running
+from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.world import REASONS, World, move_rows, see_rows
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import InputError, SimulationError, must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 
@@ -24,7 +27,7 @@ from sumo_eval.settings import ConditionSettings, SimulationSettings
 class Pack:
     """Rows of cases of one logical scenario, stepped together."""
 
-    def __init__(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings) -> None:
+    def __init__(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings, *, sumo: bool = True) -> None:
         if settings.plant is not None or settings.conditions != ConditionSettings():
             raise InputError(
                 "Learning needs the usual vehicle model and conditions: no `plant`, nothing in `conditions`."
@@ -34,7 +37,29 @@ class Pack:
         for concrete in cases:
             self._check(concrete)
         self.world = world = World(cases, self._settings)
-        world.shown[...] = 2.0 * NOWHERE  # which says that SUMO shows nobody: the scripts say where they are
+        self._context = ExitStack()
+        self._stage: Stage | None = None
+        if not sumo:
+            world.shown[...] = 2.0 * NOWHERE  # which says that SUMO shows nobody: the scripts say where they are
+            return
+        if cases[0].road.bent:
+            raise InputError("Learning on a road that bends needs `sumo=False`.")
+        if libsumo.simulation.isLoaded():
+            raise InputError(
+                "libsumo holds one simulation in a process, and there is one already: close the other environment "
+                "first, or make this one with `sumo=False`."
+            )
+        texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, self._settings.vehicle)
+        traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
+        self._stage = Stage(traci, world)
+        self._stage.take_charge(world)
+        if world.errors:
+            self.close()
+            raise SimulationError(next(iter(world.errors.values())))
+
+    def close(self) -> None:
+        """End the simulation, if there is one."""
+        self._context.close()
 
     @property
     def step_length(self) -> float:
@@ -65,7 +90,19 @@ class Pack:
         world.egos["command"]["acceleration"] = commands[:, 0]
         world.egos["command"]["steering"] = commands[:, 1]
         after = world.steps + 1
-        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, 0)
+        stage, begun = self._stage, world.steps
+        closely = int(stage is not None and stage.closely(begun))
+        told = move_rows(
+            world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, closely
+        )
+        if stage is not None:
+            stage.tell(world, told)
+            for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():
+                stage.begin_anew(world, row)
+            stage.step()
+            stage.read(world)
+            if stage.compares(begun):
+                stage.compare(world)
         ended = see_rows(
             world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown, world.scenario,
             world.line, after, 0, 0,

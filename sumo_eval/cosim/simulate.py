@@ -29,6 +29,7 @@ from sumo_eval.cosim.doors.controller import (
     adapted,
     find_controller,
     load_controller,
+    own_vehicle_type,
 )
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
@@ -134,7 +135,9 @@ def _opened(
     if alone and concrete.road.network is None:
         texts = shared_network_xml(concrete.road, 1), shared_routes_xml([concrete], settings.vehicle)
         return running(*texts, settings, concrete.road, collisions="none")
-    return session(concrete, settings, ads.vtype if isinstance(ads, NativeModel) else None)
+    road = concrete.road
+    its_own = ads.vtype_on(road) if isinstance(ads, NativeModel) else own_vehicle_type(_target(ads), road)
+    return session(concrete, settings, its_own)
 
 
 def check_intervals(settings: SimulationSettings) -> None:

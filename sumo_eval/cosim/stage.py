@@ -107,6 +107,22 @@ class Stage:
             set_speed(names[number], speed)
             move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
 
+    def begin_anew(self, world: World, row: int) -> None:
+        """Put the vehicles of a row that has begun a case anew where they are at the end of this, its first step."""
+        step, ego, concrete = world.settings.step, world.egos[row], world.cases[int(world.rows[row])]
+        half, heading = 0.5 * float(ego["length"]), float(ego["heading"])
+        front = float(ego["x"]) + half * math.cos(heading), float(ego["y"]) + half * math.sin(heading)
+        places = [(*front, STRAIGHT - math.degrees(heading), float(ego["speed"]))]
+        for other, actor in zip(world.others[row], concrete.actors, strict=True):
+            if other["told"]:
+                angle = STRAIGHT - math.degrees(float(other["heading"]))
+                places.append((float(other["front_x"]), float(other["front_y"]), angle, float(other["speed"])))
+            else:
+                places.append((actor.x(step) + 0.5 * actor.length, actor.y(step), STRAIGHT, actor.speed(step)))
+        for name, (x, y, angle, speed) in zip(self.names[int(world.rows[row])], places, strict=True):
+            self.calls.setSpeed(name, speed)
+            self.calls.moveToXY(name, self._edge[row], self._lane, x, y, angle, self._keep)
+
     def _tell_lanes(self, world: World, count: int) -> None:
         """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step."""
         calls, end = self.calls, self._road.length + self._road.run_out

@@ -42,11 +42,18 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
     def __init__(
         self, use: str | LogicalScenario, *, interface: Interface | str | Path | None = None,
         reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
-        steering: bool = False, render_mode: None = None,
+        steering: bool = False, sumo: bool = True, render_mode: None = None,
     ) -> None:  # fmt: skip
         self.render_mode = render_mode
         self.episodes = Episodes(
-            use, 1, interface=interface, reward=reward, sampler=sampler, settings=settings, steering=steering
+            use,
+            1,
+            interface=interface,
+            reward=reward,
+            sampler=sampler,
+            settings=settings,
+            steering=steering,
+            sumo=sumo,
         )
         self.observation_space, self.action_space = _spaces(self.episodes.interface)
 
@@ -72,6 +79,10 @@ class ScenarioEnv(gymnasium.Env[Floats, Floats]):
         terminated = str(reason) in TERMINAL
         return self.episodes.show()[0], float(worth[0]), terminated, bool(reason) and not terminated, info
 
+    def close(self) -> None:
+        """End the simulation."""
+        self.episodes.close()
+
 
 class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     """Cases of a logical scenario, `num_envs` beside each other; other arguments as of `Episodes`.
@@ -83,12 +94,20 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
     def __init__(
         self, use: str | LogicalScenario, num_envs: int = 1, *, interface: Interface | str | Path | None = None,
         reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
-        steering: bool = False, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, render_mode: None = None,
+        steering: bool = False, sumo: bool = True, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: None = None,
     ) -> None:  # fmt: skip
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.episodes = Episodes(
-            use, num_envs, interface=interface, reward=reward, sampler=sampler, settings=settings, steering=steering
+            use,
+            num_envs,
+            interface=interface,
+            reward=reward,
+            sampler=sampler,
+            settings=settings,
+            steering=steering,
+            sumo=sumo,
         )
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
@@ -158,3 +177,7 @@ class ScenarioVectorEnv(VectorEnv[Floats, Floats, Floats]):
             self._over = over
         terminated = np.isin(reasons, TERMINAL)
         return seen, worth, terminated, over & ~terminated, info
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the simulation."""
+        self.episodes.close()

@@ -75,13 +75,14 @@ class Episodes:
 
     use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario. interface: what is seen and
     done, or the file that says so. reward: worth of each step, (n,). sampler: draws a point from a generator; None:
-    evenly over the space. steering: whether the usual interface has steering.
+    evenly over the space. steering: whether the usual interface has steering. sumo: whether SUMO steps the vehicles, as
+    in an evaluation; libsumo holds one simulation in a process, so several environments at once need `sumo=False`.
     """
 
     def __init__(
         self, use: str | LogicalScenario, count: int, *, interface: Interface | str | Path | None = None,
         reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
-        steering: bool = False,
+        steering: bool = False, sumo: bool = True,
     ) -> None:  # fmt: skip
         if count < 1:
             raise must_be("`num_envs`", "an environment", "at least 1", count)
@@ -91,7 +92,7 @@ class Episodes:
         self.interface = interface or usual(steering=steering)
         self.reward, self.sampler = reward or usual_reward, sampler
         self.settings = settings or SimulationSettings()
-        self.count = count
+        self.count, self._sumo = count, sumo
         self._pack: Pack | None = None
         self._start_speeds = np.zeros(count)
         period, step = self.interface.period or self.settings.step, self.settings.step
@@ -104,7 +105,7 @@ class Episodes:
         cases = {row: self.case(generators[row], options) for row in rows.tolist()}
         if self._pack is None:
             first = next(iter(cases.values()))
-            self._pack = Pack([cases.get(row, first) for row in range(self.count)], self.settings)
+            self._pack = Pack([cases.get(row, first) for row in range(self.count)], self.settings, sumo=self._sumo)
         else:
             for row, concrete in cases.items():
                 self._pack.restart(row, concrete)
@@ -154,6 +155,12 @@ class Episodes:
         if self._pack is None:
             raise InputError("An environment must be reset before its first step.")
         return self._pack
+
+    def close(self) -> None:
+        """End the simulation; the next `begin` makes another one."""
+        if self._pack is not None:
+            self._pack.close()
+            self._pack = None
 
     def show(self) -> NDArray[np.float32]:
         """What the policies see, (n, number of features)."""

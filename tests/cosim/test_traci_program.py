@@ -125,3 +125,51 @@ def test_a_clients_own_subscriptions_are_its_own_to_make_and_to_end(tmp_path):
     )
     found = run(tmp_path, CLIENT)
     assert (found.end_reason, found.error) == ("time_limit", None)
+
+
+OPENINGS = (
+    "import traci\ntraci.start(['sumo', '-c', 'none.sumocfg', '--remote-port', '1'])",
+    "import traci\ntraci.start(['sumo-gui', '-n', 'x.net.xml'], label='own')",
+    "import traci\ntraci.init(8813)",
+    "import traci\nfrom traci import init\ninit(port=8813)\ntraci.setOrder(1)",
+    "import libsumo as traci\ntraci.start(['sumo', '-c', 'none.sumocfg'])",
+    "import traci\ntraci = traci.connect(8813)",
+)
+
+
+@pytest.mark.parametrize("opening", OPENINGS)
+def test_a_script_of_a_simulation_of_its_own_drives_as_it_is(tmp_path, monkeypatch, opening):
+    """Whatever opens its connection, it drives as the same rule in process; when the case is over it need not care."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "the_drive.py").write_text(DRIVE)
+    text = f"from the_drive import drive\n{opening}\nwhile True:\n    traci.simulationStep()\n    drive(traci, 'ego')\n"
+    settings = SimulationSettings(time_limit=3.0)
+    there = run(tmp_path, text, settings)
+    here = simulate(case(lead(60.0, speed=10.0)), "the_drive.py:step", settings, folder=tmp_path)
+    assert (there.end_reason, there.error) == (here.end_reason, None)
+    assert there.ego.speed.tolist() == here.ego.speed.tolist()
+    assert "Traceback" not in there.log
+    assert len(there.log.splitlines()) <= 2
+
+
+def test_a_program_that_forgets_its_order_is_told_so(tmp_path):
+    """A client that speaks TraCI by itself, from Python without our `traci`."""
+    text = """
+import os, socket, struct, time
+s = socket.create_connection(("127.0.0.1", int(os.environ["SUMO_EVAL_PORT"])))
+while True:
+    s.sendall(struct.pack("!IBBd", 14, 10, 0x02, 0.0))
+    if not s.recv(4096):
+        time.sleep(5)
+"""
+    found = run(tmp_path, text)
+    assert found.end_reason == "ads_error"
+    assert "must set its order to 2 after it has connected" in found.error
+
+
+def test_the_programs_python_is_the_environments(tmp_path, monkeypatch):
+    monkeypatch.delenv("VIRTUAL_ENV", raising=False)
+    monkeypatch.setenv("PATH", "/usr/bin:/bin")
+    (tmp_path / "client.py").write_text("import sys, traci\nprint('by', sys.prefix)\n")
+    found = simulate(case(), "traci:python client.py", HALF_SECOND, folder=tmp_path, step_timeout=10.0)
+    assert f"by {sys.prefix}" in found.log

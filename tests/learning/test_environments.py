@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -21,13 +24,40 @@ RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Featu
                 (Action("acceleration"),))  # fmt: skip
 
 
+_OPEN: list[Any] = []
+
+
+def make(*arguments: Any, **options: Any) -> Any:
+    """An environment; libsumo holds one, so that of before is closed."""
+    close()
+    _OPEN.append(gymnasium.make(*arguments, **options))
+    return _OPEN[-1]
+
+
+def make_vec(*arguments: Any, **options: Any) -> Any:
+    close()
+    _OPEN.append(gymnasium.make_vec(*arguments, **options))
+    return _OPEN[-1]
+
+
+def close() -> None:
+    while _OPEN:
+        _OPEN.pop().close()
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    close()
+
+
 def scenarios() -> tuple[str, ...]:
     return tuple(catalogue.SCENARIOS)
 
 
 @pytest.mark.parametrize("scenario", scenarios())
 def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> None:
-    env = gymnasium.make(f"sumo_eval/{scenario}-v0", steering=True)
+    env = make(f"sumo_eval/{scenario}-v0", steering=True)
     check_env(env.unwrapped)
     assert env.unwrapped.action_space.shape == (2,)
 
@@ -45,14 +75,16 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario: str, values: di
     """The ego brakes gently and steers a little; SUMO steps one of both drives."""
     settings = SimulationSettings(record_interval=0.05, time_limit=12.0)
     interface = Interface(RAW.features, (Action("acceleration"), Action("steering")))
-    env = gymnasium.make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings)
+    env = make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings)
     seen, info = env.reset(seed=1, options=values)
 
     def answer(time: float) -> tuple[float, float]:
         return -1.5 if time > 1.01 else 0.5, 0.02 if 2.01 < time < 3.01 else 0.0
 
+    env.close()
     concrete = catalogue.load(scenario).concrete(**info["values"])
     recording = simulate(concrete, lambda observation: answer(observation.time), settings)
+    seen, info = env.reset(options=info["values"])
     rows, ended = [seen], False
     while not ended:
         seen, _, terminated, truncated, info = env.step(np.array(answer(len(rows) * 0.05 - 0.05)))
@@ -71,11 +103,9 @@ def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario: str, values: di
 
 def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> None:
     settings = SimulationSettings(time_limit=4.0)
-    vector = gymnasium.make_vec(
-        "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
-    )
+    vector = make_vec("sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP)
     seen, _ = vector.reset(seed=7)
-    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings)
+    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings, sumo=False)
     drawn = np.random.default_rng(3)
     episodes: list[dict[str, list]] = [{"seen": [seen[row]], "actions": []} for row in range(5)]
     finished = []
@@ -100,11 +130,11 @@ def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> N
             seen, _, terminated, truncated, info = single.step(action)
             told.append(seen)
         assert info["end_reason"] == reason
-        np.testing.assert_array_equal(np.array(told), np.array(episode["seen"]))
+        np.testing.assert_allclose(np.array(told), np.array(episode["seen"]), atol=1e-6)
 
 
 def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
-    vector = gymnasium.make_vec("sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5))
+    vector = make_vec("sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5))
     vector.reset(seed=0)
     for _ in range(10):
         _, worth, terminated, truncated, info = vector.step(np.zeros((3, 1)))
@@ -123,7 +153,7 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
     """Two environments take turns, with an evaluation's simulation in between; each as if it were alone."""
 
     def run(turns: int) -> list[np.ndarray]:
-        envs = [gymnasium.make("sumo_eval/cut_in-v0") for _ in range(turns)]
+        envs = [gymnasium.make("sumo_eval/cut_in-v0", sumo=False) for _ in range(turns)]
         for number, env in enumerate(envs):
             env.reset(seed=number)
         told: list[list[np.ndarray]] = [[] for _ in envs]
@@ -142,8 +172,30 @@ def test_several_environments_and_a_simulation_live_in_one_process() -> None:
     assert not np.array_equal(two[0], two[1])
 
 
+def test_a_second_simulation_in_the_process_is_refused_with_the_way_out() -> None:
+    make("sumo_eval/cut_in-v0").reset(seed=0)
+    with pytest.raises(InputError, match="close the other environment first, or make this one with `sumo=False`"):
+        gymnasium.make("sumo_eval/cut_in-v0").reset(seed=0)
+
+
+def test_what_sumo_shows_is_what_the_scripts_say() -> None:
+    """Twelve episodes beside each other, many of which begin anew, with SUMO and without: the same, to rounding."""
+    told = []
+    for sumo in (True, False):
+        vector = make_vec("sumo_eval/cut_in-v0", num_envs=12, settings=SimulationSettings(time_limit=6.0), sumo=sumo)
+        vector.reset(seed=3)
+        drawn = np.random.default_rng(1)
+        steps = [vector.step(drawn.uniform(-0.2, 1.0, (12, 1))) for _ in range(400)]
+        told.append((np.array([step[0] for step in steps]), [list(it[4].get("end_reason", ())) for it in steps]))
+    np.testing.assert_allclose(told[0][0], told[1][0], atol=1e-6)
+    assert told[0][1] == told[1][1]
+    reasons = {reason for step in told[0][1] for reason in step}
+    assert {"contact", "time_limit"} <= reasons
+    assert "sim_error" not in reasons
+
+
 def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
-    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0")
+    env = make("sumo_eval/front_vehicle_cut_out-v0")
     assert env.reset(options=POINT)[1]["values"] == POINT
     values = env.reset(seed=4, options={"gap": 50.0})[1]["values"]
     assert values["gap"] == 50.0
@@ -174,7 +226,7 @@ def test_the_usual_reward_by_hand() -> None:
 def test_a_reward_of_the_user_is_asked_at_every_step_of_the_simulation() -> None:
     """A period of 0.2 s holds four steps of 0.05 s, of which each is worth 1."""
     interface = Interface(RAW.features, RAW.actions, period=0.2)
-    env = gymnasium.make("sumo_eval/cut_in-v0", interface=interface, reward=lambda it: np.ones(len(it.speed)))
+    env = make("sumo_eval/cut_in-v0", interface=interface, reward=lambda it: np.ones(len(it.speed)))
     env.reset(seed=0)
     seen, worth, *_ = env.step(np.zeros(1))
     assert worth == 4.0
@@ -189,7 +241,7 @@ def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
         found.append((str(it.ended[0]), float(it.impact[0])))
         return np.zeros(1)
 
-    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0", interface=RAW, reward=reward)
+    env = make("sumo_eval/front_vehicle_cut_out-v0", interface=RAW, reward=reward)
     env.reset(options={**POINT, "gap": 30.0})
     ended = False
     while not ended:
@@ -204,15 +256,13 @@ def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
 
 def test_what_the_environment_cannot_do_is_refused() -> None:
     with pytest.raises(InputError, match="nothing in `conditions`"):
-        gymnasium.make(
-            "sumo_eval/cut_in-v0", settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1))
-        ).reset()
+        make("sumo_eval/cut_in-v0", settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1))).reset()
     with pytest.raises(InputError, match="`period` of the interface must be a multiple of `step`"):
-        gymnasium.make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
+        make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
         Feature("lead.gab")
     with pytest.raises(InputError, match="must be reset before its first step"):
-        gymnasium.make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
+        make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
 
 
 def test_every_scenario_is_registered_once() -> None:

@@ -115,7 +115,9 @@ def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> No
     """The model at the wheel of the environment and of an evaluation of the same point."""
     path = deep(tmp_path)
     policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
-    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0", interface=str(path.with_suffix(".toml")), settings=SHORT)
+    env = gymnasium.make(
+        "sumo_eval/front_vehicle_cut_out-v0", interface=str(path.with_suffix(".toml")), settings=SHORT, sumo=False
+    )
     seen, info = env.reset(options=POINT)
     ended = False
     while not ended:

@@ -33,10 +33,20 @@ def split_command(command: str, folder: Path | None, scheme: str) -> tuple[str, 
     if not hasattr(os, "killpg"):
         raise InputError(f"{owner} needs a system with process groups (Linux, macOS).")
     program = words[0]
-    found = (folder or Path.cwd()) / program if os.sep in program else shutil.which(program)
+    found = (folder or Path.cwd()) / program if os.sep in program else shutil.which(program, path=search_path())
     if found is None or not os.access(found, os.X_OK) or Path(found).is_dir():
         raise InputError(f"{owner}: there is no program `{program}` that can be run.")
     return words
+
+
+def search_path() -> str:
+    """Where programs are looked for: as usual, and before that in the environment that this one runs in, unless another
+    is activated.
+    """
+    usual = os.environ.get("PATH", os.defpath)
+    if sys.prefix == sys.base_prefix or os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX"):
+        return usual
+    return os.pathsep.join([str(Path(sys.executable).parent), usual])
 
 
 class ChildProgram:
@@ -46,6 +56,7 @@ class ChildProgram:
         self, command: Sequence[str], folder: Path | None, *, talks: bool, variables: Mapping[str, str] | None = None
     ) -> None:
         environment = {name: value for name, value in os.environ.items() if name != "LIBSUMO_AS_TRACI"}
+        environment["PATH"] = search_path()
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
         pipe = subprocess.PIPE if talks else subprocess.DEVNULL
         self.process = subprocess.Popen(

@@ -170,9 +170,14 @@ SUMO_ATTRIBUTES = (
     "gapClosingControlGainSpeed", "gapClosingControlGainSpace", "gapControlGainSpeed", "gapControlGainSpace",
     "collisionAvoidanceGainSpeed", "collisionAvoidanceGainSpace", "speedControlMinGap", "applyDriverState",
     "tauLastStep", "k", "phi", "security", "estimation", "tmp1", "tmp2", "tmp3", "tmp4", "tmp5", "cc1", "cc2", "cc3",
-    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9",
+    "cc4", "cc5", "cc6", "cc7", "cc8", "cc9", "lanesCount", "ccAccel", "ccDecel", "tauEngine", "c1", "xi", "omegaN",
+    "constSpacing", "kp", "lambda", "ploegKp", "ploegKd", "ploegH", "flatbedKa", "flatbedKv", "flatbedKp", "flatbedD",
+    "flatbedH", "speedControlGainCACC", "gapClosingControlGainGap", "gapClosingControlGainGapDot", "gapControlGainGap",
+    "gapControlGainGapDot", "collisionAvoidanceGainGap", "collisionAvoidanceGainGapDot", "collisionAvoidanceOverride",
 )  # fmt: skip
 """Attributes of a vType that describe how it follows; the body is the vehicle settings'."""
+PARAMETER = "carFollowModel."
+"""What a parameter of the model begins with that it is told at the start: Plexe's `carFollowModel.ccac=1`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,12 +190,20 @@ class NativeModel:
     @property
     def vtype(self) -> dict[str, str]:
         """Attributes of the ego's vehicle type: SUMO's own defaults of a passenger car, within what the vehicle can."""
-        return {"carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **self.attributes}
+        own = {name: value for name, value in self.attributes.items() if not name.startswith(PARAMETER)}
+        return {"carFollowModel": self.model, "minGap": "2.5", "accel": "2.6", "decel": "4.5", **own}
+
+    def vtype_on(self, road: Road) -> dict[str, str]:
+        """Attributes of the ego's vehicle type on a road: Plexe's `CC` wants to know how many lanes there are."""
+        return ({"lanesCount": str(road.lanes)} if self.model == "CC" else {}) | self.vtype
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Give SUMO the wheel: all its safety checks on, no lane changes."""
         traci.vehicle.setSpeedMode(ego, 31)
         traci.vehicle.setLaneChangeMode(ego, 0)
+        for name, value in self.attributes.items():
+            if name.startswith(PARAMETER):
+                traci.vehicle.setParameter(ego, name, value)
 
     def step(self, traci: Any, ego: str, time: float) -> None:
         """SUMO drives."""
@@ -227,7 +240,7 @@ Texts, because these modules build on this one, and because an evaluation loads 
 
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
-    "Daniel1", "ACC", "CACC",
+    "Daniel1", "ACC", "CACC", "CC",
 )  # fmt: skip
 """Car-following models of SUMO that can drive the ego by themselves."""
 
@@ -299,12 +312,35 @@ def _native_model(locator: str, text: str) -> NativeModel:
         attributes = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
     except ValueError:
         raise must_be("The parameters", f"ADS `{locator}`", "of the form name=value&name=value", query) from None
+    _check_attributes(attributes, f"ADS `{locator}`")
+    return NativeModel(by_lower_case[model.lower()], attributes)
+
+
+def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
+    """The vType that TraCI code names for its ego, `vehicle_type = {"carFollowModel": "CC", ...}`; None: it names none.
+
+    Raises InputError where it is more than how the vehicle follows.
+    """
+    given = getattr(target, "vehicle_type", None)
+    if given is None:
+        return None
+    owner = f"`vehicle_type` of {type(target).__name__}"
+    if not isinstance(given, Mapping):
+        raise must_be("The attributes", owner, "a dict", given)
+    attributes = {str(name): str(value) for name, value in given.items()}
+    model = attributes.pop("carFollowModel", "Krauss")
+    if model not in SUMO_MODELS:
+        raise unknown("SUMO car-following model", model, SUMO_MODELS)
+    _check_attributes(attributes, owner)
+    return NativeModel(model, attributes).vtype_on(road)
+
+
+def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
     for name, value in attributes.items():
-        if name not in SUMO_ATTRIBUTES:
+        if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
             raise unknown("vType parameter", name, SUMO_ATTRIBUTES)
         if not _is_finite(value):
-            raise must_be(f"`{name}`", f"ADS `{locator}`", "a finite number", value)
-    return NativeModel(by_lower_case[model.lower()], attributes)
+            raise must_be(f"`{name}`", owner, "a finite number", value)
 
 
 def _is_finite(text: str) -> bool:

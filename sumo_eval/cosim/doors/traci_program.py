@@ -1,13 +1,15 @@
 """`traci:COMMAND`: the user's own program drives the ego as a TraCI client of a real sumo process on a loopback port.
 
 The harness is the first client and the program, through a relay, the second; SUMO takes a step when both have asked
-for one. The program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and says
-`traci.setOrder(2)` after `traci.init(port)`. Needs the sumo program: extra `gui`.
+for one. A Python script's `traci.start` and `traci.init` connect to it as they are (`stand_in/traci.py`). Any other
+program finds the port in its environment (SUMO_EVAL_PORT) or in its command (`{port}`), and sets its order to 2 after
+it has connected. Needs the sumo program: extra `gui`.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import shutil
 import socket
 import subprocess
@@ -32,6 +34,7 @@ from sumo_eval.settings import SimulationSettings
 START_TIMEOUT = 20.0  # s of wall time that sumo and the program have to start and to connect
 _BETWEEN_TRIES = 0.01  # s
 _PORT = "SUMO_EVAL_PORT"
+_STAND_IN = Path(__file__).parent / "stand_in"
 _SETTINGS = {
     name: getattr(libsumo.constants, f"VAR_{variable}")
     for name, variable in (
@@ -89,12 +92,15 @@ def sumo_binary() -> str:
 class ServedSimulation:
     """The harness's connection, in the shape of the libsumo module."""
 
-    def __init__(self, connection: Any, program: ChildProgram, ads: TraciProgram, step_timeout: float) -> None:
+    def __init__(
+        self, connection: Any, program: ChildProgram, ads: TraciProgram, step_timeout: float, relay: Relay
+    ) -> None:
         from traci.connection import FatalTraCIError, TraCIException
 
         self._connection = connection
         self._program = program
         self._ads = ads
+        self._relay = relay
         self._step_timeout = step_timeout
         self.vehicle = connection.vehicle
         self.simulation = connection.simulation
@@ -131,6 +137,11 @@ class ServedSimulation:
         try:
             call()
         except (self.FatalTraCIError, OSError) as error:
+            if self._relay.has_asked and not self._relay.has_order:
+                raise ControllerError(
+                    "The ADS's program must set its order to 2 after it has connected, before anything else "
+                    "(`setOrder(2)`): it shares the simulation with the harness"
+                ) from error
             self._check_program()
             if clock.perf_counter() - asked >= limit:
                 raise ControllerTimeoutError(
@@ -166,8 +177,8 @@ def served(
             connection = _connect(server, (log, console))
             relay = Relay(server.sockets[1])
             words = [word.replace("{port}", str(relay.port)) for word in ads.command]
-            program = ChildProgram(words, ads.folder, talks=False, variables={_PORT: str(relay.port)})
-            simulation = ServedSimulation(connection, program, ads, step_timeout)
+            program = ChildProgram(words, ads.folder, talks=False, variables=_variables(relay.port))
+            simulation = ServedSimulation(connection, program, ads, step_timeout, relay)
             threading.Thread(target=_hang_up, args=(program, connection), daemon=True).start()
             simulation.begin()
             check_start(simulation, concrete, settings)
@@ -178,6 +189,12 @@ def served(
             server.end()
             if program is not None:
                 ads.log = program.stop()
+
+
+def _variables(port: int) -> dict[str, str]:
+    """What the program's environment says: the port, and where Python finds the `traci` that connects to it."""
+    path = os.pathsep.join([str(_STAND_IN), *filter(None, [os.environ.get("PYTHONPATH", "")])])
+    return {_PORT: str(port), "PYTHONPATH": path}
 
 
 def _hang_up(program: ChildProgram, connection: Any) -> None:

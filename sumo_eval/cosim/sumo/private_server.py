@@ -29,6 +29,7 @@ CLIENTS = 2
 _NEW_USERS, _NEW_NETWORK = 0x10000000, 0x40000000  # CLONE_NEWUSER, CLONE_NEWNET
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_RUNNING
 _WORD = b"made"
+_COMMAND, _SET_ORDER, _STEP = slice(5, 6), b"\x03", b"\x02"  # of a TraCI message: length, command's length, command
 
 
 class PrivateServer:
@@ -68,7 +69,12 @@ class PrivateServer:
 
 
 class Relay:
-    """Listens on the loopback interface for one client and passes on what it and the server say to each other."""
+    """Listens on the loopback interface for one client and passes on what it and the server say to each other.
+
+    has_asked, has_order: whether the client has asked for a step, and whether it has set its order.
+    """
+
+    has_asked = has_order = False
 
     def __init__(self, server: socket.socket) -> None:
         self._listener = socket.create_server((LOOPBACK, 0), backlog=1)
@@ -94,6 +100,9 @@ class Relay:
                         data = one.recv(65_536)
                         if not data:
                             return
+                        if one is client and not self.has_order:
+                            self.has_order = data[_COMMAND] == _SET_ORDER
+                            self.has_asked = self.has_asked or data[_COMMAND] == _STEP
                         other[one].sendall(data)
 
 
