@@ -115,6 +115,9 @@ class Store:
         if version == 0:
             raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
         if version != FORMAT_VERSION:
+            older = (
+                " Older versions hold less of a case, or another hash of it." if 0 < version < FORMAT_VERSION else ""
+            )
             raise InputError(
                 f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
                 "Use the version of sumo_eval that wrote it, or run its evaluation again into a new folder."
