@@ -89,5 +89,6 @@ def _connect(address: str) -> Any:
         raise needs_extra("The engine `dask`", "cluster") from error
     try:
         return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: `tls://` without certificates
+    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:  # the last two: `tls://` without
+        # certificates, `tcp://` where encryption is required
         raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

@@ -401,7 +401,8 @@ def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterab
     row enters in the second format of `marshal`, which has numbers as their bits, at a quarter of the cost of `repr`.
     """
     sums = [(vehicle, len(data), zlib.crc32(data)) for vehicle, data in drives]
-    return hashlib.blake2b(marshal.dumps((*fact, *circumstance, sums), 2), digest_size=_HASH_SIZE).digest()
+    row: Any = (*fact, *circumstance, sums)
+    return hashlib.blake2b(marshal.dumps(row, 2), digest_size=_HASH_SIZE).digest()
 
 
 def _real(value: float | None) -> float | None:
