@@ -89,7 +89,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
             if isinstance(ended.result, InputError):
                 raise ended.result
             if ended.how != "done":
-                happened = what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
+                happened = what_happened(ended, setup, "It", "loaded it")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
@@ -127,7 +127,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         return [_outcome(ended, *packs.remark(pack[0]), setup)]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
-        happened = what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
+        happened = what_happened(ended, setup, "It", "ran it")
         why = Alone("pack_lost", clean(happened))
         packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
         return []
@@ -161,24 +161,24 @@ def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup
     return Outcome(case, result.status, result.recording, result.error, log, result.error_place, alone)
 
 
-def what_happened(ended: Ended[Any], setup: Setup) -> str:
-    """A sentence about an item that brought no result."""
+def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: str = "ran the case") -> str:
+    """A sentence about an item that brought no result. what: it; did: what its process did for it."""
     if ended.how == "overdue":
-        return f"The case took longer than {setup.run.case_timeout:g} s of wall time."
+        return f"{what} took longer than {setup.run.case_timeout:g} s of wall time."
     if ended.how == "overfull":
         return (
-            f"The process that ran the case and what it had started held {ended.why} MB, more than the "
+            f"The process that {did} and what it had started held {ended.why} MB, more than the "
             f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
         )
     if ended.how == "garbled":
-        return f"The process that ran the case {ended.why}."
+        return f"The process that {did} {ended.why}."
     if ended.exitcode is None:
-        return "The process that ran the case closed its connection."
+        return f"The process that {did} closed its connection."
     name = ""
     if ended.exitcode < 0:
         with suppress(ValueError):
             name = f" ({signal.Signals(-ended.exitcode).name})"
-    return f"The process that ran the case died with exit code {ended.exitcode}{name}."
+    return f"The process that {did} died with exit code {ended.exitcode}{name}."
 
 
 def _quoted(log: str) -> str:
