@@ -33,7 +33,16 @@ class Mover(SimpleNamespace):
 def mover(name: str, x: float, y: float = 0.0, along: float = 20.0, across: float = 0.0) -> Mover:
     """A vehicle of 4.5 m x 1.8 m, straight along the road."""
     return Mover(
-        name=name, x=x, y=y, heading=0.0, along=along, across=across, half_length=2.25, half_width=0.9, braking=0.0
+        name=name,
+        x=x,
+        y=y,
+        heading=0.0,
+        along=along,
+        across=across,
+        half_length=2.25,
+        half_width=0.9,
+        braking=0.0,
+        curvature=0.0,
     )
 
 

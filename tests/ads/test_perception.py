@@ -31,7 +31,7 @@ def test_a_turned_body_is_shown_by_its_extents_and_speeds_along_and_across_the_r
     assert other.half_width == pytest.approx(1.0 + math.cos(math.pi / 6))
     show(other, 98.0, 0.0, 0.0, 20.0, 4.0, 2.0)
     straight = {"x": 98.0, "y": 0.0, "heading": 0.0, "along": 20.0, "across": 0.0, "half_length": 2.0,
-                "half_width": 1.0, "speed": 20.0, "braking": 0.0}  # fmt: skip
+                "half_width": 1.0, "speed": 20.0, "braking": 0.0, "curvature": 0.0}  # fmt: skip
     assert vars(other) == straight
 
 

@@ -49,12 +49,12 @@ class JsonLinesProgram(ObservingController):
         self.log, self._unread = "", b""
         self._program = ChildProgram(self.command, self.folder, talks=True)
         road = scenario.road
+        described: dict[str, Any] = {"lanes": road.lanes, "lane_width": road.lane_width, "length": road.length}
+        if road.bent:
+            described["line"] = [asdict(piece) for piece in road.line]
         briefing = {
             "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
-            "road": {
-                "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
-                "line": [asdict(piece) for piece in road.line],
-            },
+            "road": described,
         }  # fmt: skip
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}

@@ -325,10 +325,10 @@ const sumoReplay = (() => {
     const begin = from - 5, end = from + (bends(road) ? 250 : 400);
     const ground = (x, y, z = 0) => [...onMap(road, x, y).slice(0, 2), z];
     const flat = (x0, x1, y0, y1, fill) => {
-      const parts = bends(road) ? Math.ceil((x1 - x0) / 4) : 1;
+      const parts = bends(road) ? Math.ceil((x1 - x0) / 4) : 1, lap = parts > 1 ? 0.2 : 0; // m, or seams are seen
       for (let k = 0; k < parts; k++) {
         const [a, b] = [x0 + (x1 - x0) * k / parts, x0 + (x1 - x0) * (k + 1) / parts];
-        face([ground(a, y0), ground(b, y0), ground(b, y1), ground(a, y1)], fill);
+        face([ground(a, y0), ground(b + lap, y0), ground(b + lap, y1), ground(a, y1)], fill);
       }
     };
     flat(begin, end, road.right, road.left, "#9aa1a8");
