@@ -2,6 +2,7 @@
 #   make score   runs the paper's evaluation
 #   make test    passes the tests
 #   make quick   passes the fast ones, in under a minute
+#   make coverage  which lines the tests reach, file by file
 #   make check   lint, format, types, import contracts, circles, dead names
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,15 +10,15 @@ OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
 
 # The formulas, the files and the words, without a simulator; what is slow in these files is left out by name.
-QUICK := tests/test_errors.py tests/test_settings.py tests/test_config.py tests/test_trajectory.py tests/test_text.py \
-  tests/test_glossary.py tests/test_documents.py tests/tools/test_house_check.py tests/method/test_criticality.py \
+QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/test_config.py tests/test_trajectory.py tests/test_text.py \
+  tests/docs/test_glossary.py tests/docs/test_documents.py tests/tools/test_house_check.py tests/method/test_criticality.py \
   tests/method/test_score.py tests/method/test_score_terms.py tests/method/test_collision_avoidance.py \
   tests/method/test_trajectory_field.py tests/method/test_measures.py tests/method/test_severity.py \
   tests/method/test_plausibility.py tests/scenario/test_expression.py tests/scenario/test_sampling.py \
   tests/scenario/test_scenario_file.py tests/cosim/test_contact.py tests/report/test_report_words.py \
   tests/report/test_report_tables.py tests/report/test_ledger.py
 
-.PHONY: score test quick campaign check install clean
+.PHONY: score test quick campaign coverage check install clean
 
 score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
@@ -30,6 +31,11 @@ quick: $(VENV)/.installed-dev
 
 campaign: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m campaign
+
+coverage: $(VENV)/.installed-dev
+	$(BIN)/python -m coverage run -m pytest
+	$(BIN)/python -m coverage combine --quiet
+	$(BIN)/python -m coverage report
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -46,6 +46,33 @@ def must_be(what: str, owner: str, requirement: str, got: object) -> InputError:
     return InputError(f"{what} of {owner} must be {requirement}, got {shown(got)}.")
 
 
+def needs_extra(what: str, extra: str) -> InputError:
+    """An FMU needs the extra `fmu`, which this installs: python -m pip install '/home/me/sumo_eval[fmu]'."""
+    return InputError(f"{what} needs the extra `{extra}`, which this installs: {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """The command that installs an extra of this package into the Python that runs, from where the package came."""
+    import json
+    import shlex
+    import sys
+    from importlib.metadata import PackageNotFoundError, distribution
+    from pathlib import Path
+
+    name, editable = f"sumo_eval[{extra}]", ""
+    try:
+        origin = json.loads(distribution("sumo_eval").read_text("direct_url.json") or "{}")
+    except PackageNotFoundError:  # run from its sources without being installed
+        origin = {"url": Path(__file__).parents[1].as_uri(), "dir_info": {"editable": True}}
+    url = str(origin.get("url", ""))
+    if "dir_info" in origin and url.startswith("file://"):
+        name = f"{url.removeprefix('file://')}[{extra}]"
+        editable = "-e " if origin["dir_info"].get("editable") else ""
+    elif url:
+        name = f"{name} @ {url}"
+    return f"{shlex.quote(sys.executable)} -m pip install {editable}{shlex.quote(name)}"
+
+
 def check_name(what: str, owner: str, name: str) -> None:
     """Refuse a name that a table, a file or a terminal could not show as it is."""
     if clean(name) != name:

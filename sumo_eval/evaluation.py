@@ -27,7 +27,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
-from sumo_eval.scoring.likeness import compare_with_people, reference_sentences, references, with_people
+from sumo_eval.scoring.likeness import compare_with_people, reference_notes, references, with_people
 from sumo_eval.scoring.quantities import (
     beyond_range,
     chosen_severity,
@@ -120,7 +120,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 notes = (
                     *left_out,
                     *simulated_alone(logical, name, store),
-                    *reference_sentences(rows),
+                    *reference_notes(rows),
                     *beyond_range(facts, severity),
                 )
                 tables.append(rows)

@@ -7,12 +7,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import Alone
 
 Zone = Literal["safe", "hazardous"]
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThinReference:
+    """A concrete scenario with fewer recorded drivers than an evaluation asks for. filled: synthetic drivers who make
+    up for them; None: the case is left out of D instead.
+    """
+
+    recorded: int
+    least: int
+    filled: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +76,7 @@ class CaseResult:
     length_factor: float | None
     operation_factor: float | None
     similarity: float | None
-    index_note: str
+    index_note: tuple[IndexNote, ...]
     clips: str
     ideal_collided: bool | None = None
     min_ttc: float | None = None
@@ -77,14 +90,14 @@ class CaseResult:
     delta_v: float | None = None
     drivers: int | None = None
     recorded_drivers: int | None = None
-    reference_note: str = ""
+    reference_note: ThinReference | None = None
     human_low: float | None = None
     human_mean: float | None = None
     human_high: float | None = None
     bimodal: bool = False
     manoeuvre: str = ""
     manoeuvre_share: float | None = None
-    exposure_note: str = ""
+    exposure_note: Literal["", "outside_support"] = ""
     error_place: str = ""
     no_reaction_severity: float | None = None
     operation_tolerance: float | None = None
@@ -127,6 +140,105 @@ class CaseResult:
 
 
 @dataclass(frozen=True, slots=True)
+class NotComputed:
+    """Why there is no mean over the safe cases, D or H. collisions: how many in the safe zone left none."""
+
+    why: Literal["collisions", "no_safe_case", "nothing_compared", "no_exposure"]
+    collisions: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class DrivesLeftOut:
+    """Drivers' drives that are no reference, since a skilled driver's safe case ends well: how many, by status."""
+
+    left_out: int
+    drives: int
+    statuses: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenAlone:
+    """Drives that were to be simulated together with others and had to be done again alone, by the reason."""
+
+    reasons: tuple[tuple[Alone, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BeyondRange:
+    """Collisions outside the range that a severity is known for, by what lies outside, in the severity's own words."""
+
+    severity: str
+    reasons: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ThinReferences:
+    """Safe cases with too few recorded drivers: of `safe` ones, and how many are left out of D for it."""
+
+    thin: int
+    safe: int
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
+class OutsideSupport:
+    """Cases in which no recorded event is like the concrete scenario, of all."""
+
+    cases: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
+class CasesMissing:
+    """Cases that could not be evaluated, by the zone they lie in."""
+
+    zones: tuple[tuple[Zone, int], ...]
+
+    @property
+    def cases(self) -> int:
+        """All of them."""
+        return sum(number for _, number in self.zones)
+
+
+@dataclass(frozen=True, slots=True)
+class WorstAndBest:
+    """C, D and S with the missing cases counted as worst and as best; None where nothing is missing."""
+
+    c: tuple[float, float] | None
+    d: tuple[float, float] | None
+    s: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class GentlerThanIdeal:
+    """Collisions in which the ADS was gentler than the ideal vehicle."""
+
+    collisions: int
+
+
+@dataclass(frozen=True, slots=True)
+class IdealCollidesToo:
+    """Collisions in the safe zone that the ideal vehicle has as well, of all there."""
+
+    collisions: int
+    of: int
+
+
+ScoreNote = (
+    DrivesLeftOut
+    | DrivenAlone
+    | BeyondRange
+    | ThinReferences
+    | OutsideSupport
+    | CasesMissing
+    | WorstAndBest
+    | GentlerThanIdeal
+    | IdealCollidesToo
+)
+"""What a reader must know of a score."""
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioResult:
     """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside them.
 
@@ -148,7 +260,7 @@ class ScenarioResult:
     scenario: str
     c: float | None
     d: float | None
-    d_reason: str
+    d_reason: NotComputed | None
     s: float | None
     c_points: float
     d_points: float
@@ -161,7 +273,7 @@ class ScenarioResult:
     collision_probability: float
     off_road: int
     not_evaluated: int
-    notes: tuple[str, ...]
+    notes: tuple[ScoreNote, ...]
     c_interval: tuple[float, float] | None = None
     d_interval: tuple[float, float] | None = None
     s_interval: tuple[float, float] | None = None
@@ -169,7 +281,7 @@ class ScenarioResult:
     avoided_share_exposure: float | None = None
     regret: float | None = None
     human_likeness: float | None = None
-    h_reason: str = ""
+    h_reason: NotComputed | None = None
     s_plus: float | None = None
     a_points: float = 0.0
     h_points: float = 0.0

@@ -187,6 +187,41 @@ class Clip:
     applied: float
 
 
+AloneReason = Literal[
+    "on_traci", "one_object", "not_together", "asks_sumo", "batch", "draws", "together_failed", "pack_lost"
+]
+
+_ALONE: dict[AloneReason, str] = {
+    "on_traci": "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU or a model of "
+    "SUMO's).",
+    "one_object": "The ADS is one object for all cases, and may hold something of each.",
+    "not_together": "The case or its settings allow no company (its road's network, its conditions, its vehicle "
+    "model).",
+    "asks_sumo": "Its ADS asks SUMO, which then has to hold its case alone.",
+    "batch": "The ADS's numbers depend on which cases are driven together.",
+    "draws": "The ADS draws from the global random generators, so that its cases have to follow one another.",
+    "together_failed": "Cases that were driven together failed: {}.",
+    "pack_lost": "Its pack was lost. {}",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Alone:
+    """Why a case has to be driven alone. detail: what failed, in its own words; empty where the reason says it all."""
+
+    why: AloneReason
+    detail: str = ""
+
+    @property
+    def by_nature(self) -> bool:
+        """Whether such cases are driven alone whatever happens in them; else something went wrong."""
+        return self.why not in ("together_failed", "pack_lost")
+
+    def __str__(self) -> str:
+        """The reason as a sentence, for logs and reports."""
+        return _ALONE[self.why].format(self.detail)
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One simulated case: what every vehicle did, whether the ego hit anything, and why the run ended."""

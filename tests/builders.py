@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.cases import Case, Outcome, Status
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Store, open_store
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import BeyondRange, CaseResult, Evaluation, NotComputed, ScenarioResult, ZoneResult
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scoring.case_terms import case_terms, point_values
@@ -160,7 +161,7 @@ def _case(store: Store, number: int, concrete: ConcreteScenario, ads: str, zone:
             row, index=factors[1] * factors[2], length_factor=factors[0], operation_factor=factors[1],
             similarity=factors[2], operation_tolerance=0.75, mixture_similarity=0.5 + 0.5 * factors[2],
             human_likeness=factors[0] * 0.75 * (0.5 + 0.5 * factors[2]) * row.plausibility,
-            index_note=f"Bimodal: at {number + 3} of 1101 slices one Gaussian spans two groups of drivers.",
+            index_note=(IndexNote("two_groups", number + 3, 1101),),
         )  # fmt: skip
     return row
 
@@ -174,7 +175,7 @@ def _empty(case: Case, zone: str, status: str) -> CaseResult:
         side=None, severity=None,
         loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0, weight=None,
         beats_ideal=False, index=None, length_factor=None,
-        operation_factor=None, similarity=None, index_note="", clips="",
+        operation_factor=None, similarity=None, index_note=(), clips="",
     )  # fmt: skip
 
 
@@ -190,15 +191,15 @@ def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
     avoided, human = values["avoided_share"], values["human_likeness"]
     return ScenarioResult(
         ads=ads, scenario=scenario, c=c, d=d,
-        d_reason=f"not computed: {safe_hits} collisions in the safe zone" if safe_hits else "",
+        d_reason=NotComputed("collisions", safe_hits) if safe_hits else None,
         s=50.0 * c + 50.0 * (d or 0.0), c_points=50.0 * c, d_points=50.0 * (d or 0.0),
         cases=len(rows), safe_cases=sum(row.zone == "safe" for row in rows),
         hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits), safe_collisions=safe_hits,
         avoidable_collisions=sum(row.avoidable for row in hits),
         unavoidable_collisions=sum(row.unavoidable for row in hits), caused_collisions=sum(row.caused for row in hits),
         avoided_share=avoided, avoided_share_exposure=values["avoided_share_exposure"], regret=values["regret"],
-        human_likeness=human, h_reason="" if human is not None else "not computed: no case lies in the safe zone",
+        human_likeness=human, h_reason=None if human is not None else NotComputed("no_safe_case"),
         s_plus=values["s_plus"], a_points=50.0 * max(avoided or 0.0, 0.0), h_points=50.0 * (human or 0.0),
         collision_probability=len(hits) / len(rows), off_road=sum(row.status == "off_road" for row in rows),
-        not_evaluated=sum(not row.evaluated for row in rows), notes=("A note on <this> score.",),
+        not_evaluated=sum(not row.evaluated for row in rows), notes=(BeyondRange("<this> score", (("reason", 1),)),),
     )  # fmt: skip

@@ -1,5 +1,9 @@
 """One error family, one sentence shape."""
 
+import importlib.metadata
+import shlex
+import sys
+
 import pytest
 
 from sumo_eval.errors import (
@@ -10,6 +14,7 @@ from sumo_eval.errors import (
     SumoEvalError,
     did_you_mean,
     must_be,
+    needs_extra,
     said,
     unknown,
 )
@@ -61,3 +66,19 @@ def test_did_you_mean_offers_one_name_only():
 )
 def test_an_exception_in_words(error, words):
     assert said(error) == words
+
+
+def test_a_missing_extra_is_named_with_the_command_that_installs_it_from_where_the_package_came(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    origins = {
+        '{"url": "file:///home/me/sumo eval", "dir_info": {"editable": true}}': "-e '/home/me/sumo eval[fmu]'",
+        '{"url": "file:///srv/sumo_eval", "dir_info": {}}': "'/srv/sumo_eval[fmu]'",
+        '{"url": "https://host/s-1.whl", "archive_info": {}}': "'sumo_eval[fmu] @ https://host/s-1.whl'",
+        None: "'sumo_eval[fmu]'",
+    }
+    for origin, words in origins.items():
+        monkeypatch.setattr(importlib.metadata.PathDistribution, "read_text", lambda self, name, text=origin: text)
+        assert str(needs_extra("An FMU", "fmu")) == (
+            f"An FMU needs the extra `fmu`, which this installs: {shlex.quote(sys.executable)} -m pip install {words}"
+        )

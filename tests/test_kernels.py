@@ -24,7 +24,13 @@ from sumo_eval.trajectory import CHANNELS, Recording
 PACKAGE = Path(sumo_eval.__file__).parent
 ADS = ("idm", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426",
        "eu_2022_1426_bus", "no_reaction", "ideal_braking", "people")  # fmt: skip
-SCENARIOS = {"cut_in": 331, "front_vehicle_cut_out": 67, "front_vehicle_braking": 97, "ncap_ccrb": 23}
+SCENARIOS = {
+    "cut_in": 331,
+    "front_vehicle_cut_out": 67,
+    "front_vehicle_braking": 97,
+    "ncap_ccrb": 23,
+    "curve_cut_in": 130,
+}
 SETTINGS = SimulationSettings(step=0.1, end_when_decided=True)
 
 

@@ -53,7 +53,7 @@ class Progress:
         if self._bar is not None:
             if stage not in self._tasks:
                 self._tasks[stage] = self._bar.add_task(stage, total=total, rate="", failed="")
-            shown_rate = f"{rate:.0f}/s" if rate else ""
+            shown_rate = f"{rate:z.0f}/s" if rate else ""
             shown_failed = f"{failed} failed" if failed else ""
             self._bar.update(self._tasks[stage], completed=done, rate=shown_rate, failed=shown_failed)
         elif done == total:
@@ -62,7 +62,7 @@ class Progress:
                 _say(f"{stage}: {total} done{_failed(failed)}")
         elif now - self._said.setdefault(stage, now) >= _LINE_EVERY:
             self._said[stage] = now
-            left = f", {rate:.1f}/s, about {_duration((total - done) / rate)} left" if rate else ""
+            left = f", {rate:z.1f}/s, about {_duration((total - done) / rate)} left" if rate else ""
             _say(f"{stage}: {done} of {total}{left}{_failed(failed)}")
 
 
@@ -77,5 +77,5 @@ def _failed(failed: int) -> str:
 
 def _duration(seconds: float) -> str:
     if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
+        return f"{seconds:z.0f} s"
+    return f"{seconds / 60.0:z.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:z.1f} h"

@@ -36,11 +36,11 @@ def partition(scenario: str) -> None:
     logical = find(scenario, Path.cwd())
     zones = split(logical)
     result = describe_zones(logical, zones, draw(logical))
-    share = f"{result.hazardous_share:.1%} of {result.sampled} grid points"
+    share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
     click.echo(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     for point in result.most_dangerous:
         click.echo("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
-    click.echo(f"  on the wrong side of the exact boundary: {result.boundary_error:.2%} of the possible points")
+    click.echo(f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible points")
     for note in result.notes:
         click.echo(f"  {note}")
 
@@ -80,7 +80,7 @@ def sample(
     table, page = write_points(logical, chosen, out, title)
     total = len(chosen.points) + len(chosen.refused)
     share = len(chosen.refused) / total
-    click.echo(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:.1%}).")
+    click.echo(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
     for note in chosen.notes:
         click.echo(f"  {note}")
     click.echo(str(table))
@@ -128,14 +128,14 @@ def boundary(
         )  # fmt: skip
     told = summary(found)
     click.echo(
-        f"{logical.name}: {ads} collides in {told['collision_share_of_space']:.1%} of the space "
-        f"({told['collision_share_of_exposure']:.1%} of the exposure), from {told['simulations']} simulations."
+        f"{logical.name}: {ads} collides in {told['collision_share_of_space']:z.1%} of the space "
+        f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
     )
     change = found.rounds[-1].expected_change
     if found.stopped == "settled":
-        click.echo(f"  The next round is expected to move {change:.2%} of the space: settled.")
+        click.echo(f"  The next round is expected to move {change:z.2%} of the space: settled.")
     else:
-        click.echo(f"  The search ended with its {found.stopped}; a further round may move {change:.2%} of the space.")
+        click.echo(f"  The search ended with its {found.stopped}; a further round may move {change:z.2%} of the space.")
     if not found.collided.any() or found.collided.all():
         click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():

@@ -211,5 +211,5 @@ def bench(small: bool, whole: bool, only: tuple[str, ...], cases: int, file: Pat
     machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
     click.echo(machine)
     for row in found["rows"]:
-        ratio = "" if row["ratio"] is None else f"  {row['ratio']:.2f} x {row['ratio_of']}"
-        click.echo(f"{row['group']:<14} {row['what']:<62} {row['value']:10.3g} {row['unit']:<8}{ratio}")
+        ratio = "" if row["ratio"] is None else f"  {row['ratio']:z.2f} x {row['ratio_of']}"
+        click.echo(f"{row['group']:<14} {row['what']:<62} {row['value']:z10.3g} {row['unit']:<8}{ratio}")

@@ -34,11 +34,11 @@ from sumo_eval.errors import ControllerError, ControllerTimeoutError, Simulation
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
-from sumo_eval.trajectory import EndReason
+from sumo_eval.trajectory import Alone, EndReason
 
 _LONGEST_WORDS = SENTENCE - 20  # characters of an adapter's sentence, to which the time is added
 _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
-ASKS_SUMO = "Its ADS asks SUMO, which then has to hold its case alone."
+ASKS_SUMO = Alone("asks_sumo")
 KEPT = 0.75  # share of the rows that must still be live, or the others are given up
 _body = Body._make
 SEEN_AS_IT_IS: dict[str, Any] = {

@@ -44,7 +44,7 @@ from sumo_eval.errors import ControllerError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.text import traceback_of
-from sumo_eval.trajectory import Recording
+from sumo_eval.trajectory import Alone, Recording
 
 __all__ = ["simulate", "simulate_many", "simulate_together"]
 
@@ -54,12 +54,10 @@ _LOG = logging.getLogger(__name__)
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
 TOGETHER = 512  # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's caches
 
-ON_TRACI = "The ADS needs the simulation to itself (TraCI code, a listener, a program, an FMU or a model of SUMO's)."
-ONE_OBJECT = "The ADS is one object for all cases, and may hold something of each."
-NOT_TOGETHER = "The case or its settings allow no company (its road's network, its conditions, its vehicle model)."
-BATCH = "The ADS's numbers depend on which cases are driven together."
-ALONE_BY_NATURE = (ON_TRACI, ONE_OBJECT, NOT_TOGETHER, ASKS_SUMO, BATCH)
-"""Why cases are driven alone whatever happens in them."""
+ON_TRACI = Alone("on_traci")
+ONE_OBJECT = Alone("one_object")
+NOT_TOGETHER = Alone("not_together")
+BATCH = Alone("batch")
 
 
 def simulate(
@@ -167,7 +165,7 @@ def simulate_many(
     *,
     folder: Path | None = None,
     step_timeout: float = math.inf,
-    alone: Counter[str] | None = None,
+    alone: Counter[Alone] | None = None,
 ) -> Iterator[Recording]:
     """Recordings of concrete scenarios in their order; other arguments and errors as in `simulate`.
 
@@ -197,7 +195,7 @@ def simulate_together(
     seeds: Sequence[int] | None = None,
     wrap: Callable[[Controller], Controller] = lambda ads: ads,
     batches: bool = True,
-) -> Iterator[Recording | str]:
+) -> Iterator[Recording | Alone]:
     """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason.
 
     seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
@@ -210,21 +208,21 @@ def simulate_together(
         if len(controller) != len(cases):
             each = f"one for each of the {len(cases)} cases"
             raise must_be("The controllers", "`simulate_many`", each, len(controller))
-        riders, why = _given_riders(controller, folder), ""
+        riders, why = _given_riders(controller, folder), None
     else:
         riders, why = _riders(controller, folder, wrap, batches)
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(index: int) -> tuple[object, ...] | None:
         concrete = cases[index]
-        if why or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
+        if why is not None or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
             return None
         body = concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)
         return (*body, riders.kind(index))
 
     for key, group in groupby(range(len(cases)), key=kind):
         for members in _chunks(list(group), SORTED_AT_ONCE):
-            found: dict[int, Recording | str] = {}
+            found: dict[int, Recording | Alone] = {}
             if key is not None and key[-1] is not None:
                 resolved = cases[members[0]].simulation(basis)
                 order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
@@ -252,8 +250,8 @@ class _Riders:
 
 def _riders(
     controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller], batches: bool
-) -> tuple[_Riders, str]:
-    """What makes the drivers of one ADS, and why it cannot drive many, "" where it can."""
+) -> tuple[_Riders, Alone | None]:
+    """What makes the drivers of one ADS, and why it cannot drive many, None where it can."""
     nobody = _Riders(lambda index: None, lambda index: None)
     found = find_controller(controller, folder) if isinstance(controller, str) else controller
     described = controller if isinstance(controller, str) else repr(controller)
@@ -262,15 +260,15 @@ def _riders(
     ads = adapted(found, described)
     target = _target(ads)
     if Compiled.rides(target):
-        return _Riders(lambda index: type(target), lambda index: target), ""
+        return _Riders(lambda index: type(target), lambda index: target), None
     if not is_policy(ads):
         return nobody, ON_TRACI
     if getattr(ads.target, "batch", False) is True:  # type: ignore[attr-defined]
-        return (_Riders(lambda index: controller, lambda index: ads), "") if batches else (nobody, BATCH)
+        return (_Riders(lambda index: controller, lambda index: ads), None) if batches else (nobody, BATCH)
     if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
         return nobody, ASKS_SUMO
     if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
-        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described)), folder), ""
+        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described)), folder), None
     return nobody, ONE_OBJECT
 
 
@@ -326,7 +324,7 @@ def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
 
 def _together(
     cases: Sequence[ConcreteScenario], driver: Driver, settings: SimulationSettings
-) -> Sequence[Recording | str]:
+) -> Sequence[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
     texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, settings.vehicle)
@@ -338,7 +336,7 @@ def _together(
         _LOG.error(
             "%d cases that were driven together failed; each is driven alone.\n%s", len(cases), traceback_of(error)
         )
-        return [f"Cases that were driven together failed: {said(error)}."] * len(cases)
+        return [Alone("together_failed", said(error))] * len(cases)
     return world.recordings(clock.perf_counter() - began)
 
 

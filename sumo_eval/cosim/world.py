@@ -38,7 +38,7 @@ from sumo_eval.scenario.motion import (
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of, line_at, map_places, to_frame, to_map
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
-from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
+from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
 
 Records = NDArray[Any]
 """A structured array; each is made in one place, as every other type of it would be compiled again."""
@@ -660,7 +660,7 @@ class World:
         self.logs: dict[int, str] = {}
         self.places: dict[int, str] = {}  # where in the user's code an exception came from
         self.notes: dict[int, Any] = {}
-        self.left: dict[int, str] = {}
+        self.left: dict[int, Alone] = {}
         self.let_go: set[int] = set()
         self._shared: list[float] = [0.0, 0.0, 0]  # latency: sum, longest, number of answers
         self.latency: list[list[float]] = [[0.0, 0.0, 0] for _ in cases]
@@ -701,7 +701,7 @@ class World:
             self.note(0, what, float(count), float(count))
             self.notes[0][what].count, self.notes[0][what].first = count, 0.0
 
-    def leave(self, row: int, why: str) -> None:
+    def leave(self, row: int, why: Alone) -> None:
         """A case cannot go on beside others, and has to be driven alone from its start."""
         self.left[int(self.rows[row])] = why
         self.egos["reason"][row] = _SIM_ERROR
@@ -755,9 +755,9 @@ class World:
         )
         return case
 
-    def recordings(self, wall_time: float) -> list[Recording | str]:
+    def recordings(self, wall_time: float) -> list[Recording | Alone]:
         """What each case left behind, or why it has to be driven alone. wall_time: of all of them, s."""
-        found: list[Recording | str] = []
+        found: list[Recording | Alone] = []
         for case in range(len(self.cases)):
             if case in self.left:
                 found.append(self.left[case])

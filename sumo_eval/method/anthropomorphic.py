@@ -1,6 +1,6 @@
 """Anthropomorphic index D, Eqs. 11-13: how closely an ADS drives as skilled humans do in the same concrete scenario.
 
-Readings of the paper (docs/METHOD.md) that this file is built on:
+Readings of the paper (docs/method.md) that this file is built on:
 - A trajectory's centre at a slice is the vehicle's own lateral position where it first gets there.
 - What lies beyond the road's end belongs to no trajectory: each is read up to its first sample at or past the end.
 - A length ends where the vehicle stopped, else at the road's end, also for who was still driving when the time was up
@@ -9,19 +9,14 @@ Readings of the paper (docs/METHOD.md) that this file is built on:
   road's end has reached it.
 - A driver who did not get as far as a slice has no centre there. Where fewer than two got there, the others stand in
   with their last lateral position, as a deviation needs two.
-- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
-  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
 - In mixture mode (`settings.mode`) the drivers are those who made the ADS's manoeuvre (`method.manoeuvres`), and the
   similarity is multiplied by how usual that manoeuvre is.
-- One rule counts the steering operations of both sides. By default an operation is a lateral manoeuvre: a move to one
-  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway speed a lane change
-  turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none there.
+- What an operation is stands in `method.operations`.
 - Beside D_i stands the human-likeness of a case (`Likeness`), whose similarity is that of mixture mode in any mode.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -29,11 +24,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
-from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation, words
+from sumo_eval.method.manoeuvres import Choice, Manoeuvre, chosen, manoeuvre_of, pooled_deviation
+from sumo_eval.method.operations import count_operations as count_operations
 from sumo_eval.method.shared_fields import SharedFields, Stretch
-from sumo_eval.method.trajectory_field import SAME_TIME
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
 from sumo_eval.trajectory import CHANNELS, BoolArray, FloatArray, Trajectory
@@ -42,14 +37,40 @@ DEFAULTS = AnthropomorphicSettings()
 Mode = Literal["gaussian", "mixture"]
 
 SAME_PLACE = 1e-6  # m; a shorter interval between slices is rounding
-MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
-MANOEUVRE_SHIFT = 1.0  # m; and less far
 OPERATION_DEVIATION_FLOOR = 0.5  # operations; drivers who all make the same number give 0
 MIXTURE: Mode = "mixture"
-MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
-BIMODAL = "Bimodal:"  # begins the note on drivers who did two different things
 SPLIT_GAP = 0.5  # lane widths between neighbouring drivers that make two groups of them
 SPLIT_MEMBERS = 2  # drivers that make a group
+
+
+NoteKind = Literal[
+    "manoeuvre_made_by",  # in mixture mode: by `count` of `of` drivers
+    "manoeuvre_made_by_nobody",
+    "centre_floor",  # deviation floors: at `count` of `of` slices, or points
+    "field_floor",
+    "two_groups",  # slices at which one Gaussian spans two groups of drivers
+    "driver_not_so_far",  # slices that not all drivers, or fewer than two, reached
+    "drivers_hold_last_y",
+    "ads_off_road",  # slices at which its centre is
+    "past_the_road",  # trajectories that go on past the road's end
+    "drivers_start_late",  # drivers who begin beyond the ADS's start
+    "drivers_still_driving",
+    "ads_still_driving",
+    "ads_left_the_road",
+    "drivers_without_operation",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class IndexNote:
+    """Where a reading or a floor had to step in for a D_i: what, at how many of how many slices, points, trajectories
+    or drivers; manoeuvre: the ADS's, of the first two kinds.
+    """
+
+    kind: NoteKind
+    count: int = 0
+    of: int = 0
+    manoeuvre: Manoeuvre = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +96,8 @@ class AnthropomorphicIndex:
 
     value: D_i = length_factor * operation_factor * similarity, 0..1. similarity: the mean over all sample points of
     centre term times field term; centre_similarity and field_similarity: the mean of each alone. slices: x of the m
-    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: whole sentences on where a
-    reading or a floor had to step in.
+    slices, m; slice_similarity: the mean over each slice's points, (m,). Lengths m. notes: where a reading or a
+    floor had to step in.
 
     In mixture mode similarity is multiplied by `usual`: how usual the ADS's manoeuvre is among the drivers, over the
     most usual one; share: of the drivers who made it. Both are 1, and the manoeuvre is empty, in gaussian mode.
@@ -95,7 +116,7 @@ class AnthropomorphicIndex:
     driver_lengths: tuple[float, ...]
     ads_operations: int
     driver_operations: tuple[int, ...]
-    notes: tuple[str, ...]
+    notes: tuple[IndexNote, ...]
     manoeuvre: Manoeuvre = ()
     share: float = 1.0
     usual: float = 1.0
@@ -247,7 +268,7 @@ class _Judged:
     centre_similarity: float
     field_similarity: float
     terms: FloatArray
-    notes: tuple[str, ...]
+    notes: tuple[IndexNote, ...]
 
 
 def _judge(
@@ -309,9 +330,7 @@ def _index(
             *_choice_notes(choice),
             *judged.notes,
             *_trajectory_notes(ads, drivers, settings),
-            *_note(
-                operation_factor == 0.0, "The drivers made no operation at all, so the ADS's operations make D zero."
-            ),
+            *_note(operation_factor == 0.0, "drivers_without_operation"),
         ),
         manoeuvre=() if choice is None else choice.manoeuvre,
         share=1.0 if choice is None else choice.share,
@@ -374,38 +393,6 @@ def _reach(trajectory: Trajectory, road: Road, settings: AnthropomorphicSettings
     return max(float(last - trajectory.x[0]), 0.0)
 
 
-def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
-    """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
-
-    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for 0.5 s, so drive and
-    then brake is one; one that still runs at the end counts. One of steering is a lateral manoeuvre, or, with
-    `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or what gives a lateral acceleration) likewise.
-    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
-    at all.
-    """
-    time = trajectory.time
-    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
-    if settings.steering_rule == "manoeuvre":
-        return pedals + _lateral_manoeuvres(trajectory, settings)
-    if not _steering_is_known(trajectory):
-        raise InputError(
-            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
-            'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
-        )
-    known = np.isfinite(trajectory.steering_wheel_angle)
-    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
-    return pedals + len(_operations(turned, time[known], settings))
-
-
-def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
-    """Eq. 12: the steering wheel angle above which an operation begins at each speed (n,), rad."""
-    lateral = settings.steering_lateral_acceleration
-    if lateral is None:
-        return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
-    curvature = np.divide(lateral, speed**2, out=np.full(speed.shape, np.inf), where=speed > 0.0)
-    return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
-
-
 def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     """f_n+ of the human-likeness: 1 up to the drivers' mean number, above it min(1, exp(2 - z^2 / 2)).
 
@@ -415,33 +402,6 @@ def operation_tolerance(operations: int, of_drivers: Sequence[int]) -> float:
     drivers = np.asarray(of_drivers, dtype=np.float64)
     deviation = max(float(drivers.std(ddof=1)), OPERATION_DEVIATION_FLOOR)
     return float(gaussian_similarity(max(operations, drivers.mean()), drivers.mean(), deviation))
-
-
-def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
-    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
-    samples = np.flatnonzero(active)
-    if samples.size == 0:
-        return []
-    neutral_from = time[samples[:-1] + 1]
-    ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
-    first = samples[np.append(True, ended)]
-    last = samples[np.append(ended, True)]
-    return list(zip(first.tolist(), last.tolist(), strict=True))
-
-
-def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
-    """Moves to one side that are too fast and too far for keeping a lane."""
-    time, y = trajectory.time, trajectory.y
-    if time.size < 2:
-        return 0
-    before = np.maximum(time - MANOEUVRE_WINDOW / 2, time[0])
-    after = np.minimum(time + MANOEUVRE_WINDOW / 2, time[-1])
-    rate = (np.interp(after, time, y) - np.interp(before, time, y)) / (after - before)
-    return sum(
-        bool(side * (y[last] - y[first]) >= MANOEUVRE_SHIFT)
-        for side in (-1.0, 1.0)
-        for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
-    )
 
 
 # --- what is computed once --------------------------------------------------------------------------------------------
@@ -595,7 +555,7 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 def _centre_term(
     centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings, choice: Choice | None
-) -> tuple[FloatArray, list[str]]:
+) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. centres: y of the ADS and of the k drivers,
     (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
     """
@@ -625,19 +585,17 @@ def _centre_term(
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
     outside = (ads < road.right_edge) | (ads > road.left_edge)
     return term, [
-        *_note(deviation < floor, "Deviation floor of the centre applied at {} of {} slices."),
-        *_note(
-            split, f"{BIMODAL} at {{}} of {{}} slices one Gaussian spans two groups of drivers over half a lane apart."
-        ),
-        *_note(~got_there.all(axis=0), "At {} of {} slices some drivers had not got that far."),
-        *_note(alone, "At {} of {} slices fewer than two drivers had got that far; the others hold their last y."),
-        *_note(outside, "At {} of {} slices the ADS's centre is off the road; that side's points collapse on it."),
+        *_note(deviation < floor, "centre_floor"),
+        *_note(split, "two_groups"),
+        *_note(~got_there.all(axis=0), "driver_not_so_far"),
+        *_note(alone, "drivers_hold_last_y"),
+        *_note(outside, "ads_off_road"),
     ]
 
 
 def _field_term(
     own: FloatArray, humans: FloatArray, settings: AnthropomorphicSettings, choice: Choice | None
-) -> tuple[FloatArray, list[str]]:
+) -> tuple[FloatArray, list[IndexNote]]:
     """Eq. 11: min(1, pv / pv_2sigma) at each point, (m, 7), and notes. own: the ADS's field there, (m, 7). humans: the
     k drivers', (k, m, 7).
     """
@@ -649,18 +607,17 @@ def _field_term(
         )
     floor = settings.field_deviation_floor * mean
     term = gaussian_similarity(own, mean, np.maximum(deviation, floor))
-    return term, _note(deviation < floor, "Deviation floor of the field applied at {} of {} points.")
+    return term, _note(deviation < floor, "field_floor")
 
 
-def _choice_notes(choice: Choice | None) -> list[str]:
+def _choice_notes(choice: Choice | None) -> list[IndexNote]:
     """What mixture mode compared with."""
     if choice is None:
         return []
-    done = words(choice.manoeuvre)
     if choice.usual == 0.0:
-        return [f"No driver made the ADS's manoeuvre ({done}), so its similarity is 0."]
+        return [IndexNote("manoeuvre_made_by_nobody", manoeuvre=choice.manoeuvre)]
     number = int(np.count_nonzero(choice.members))
-    return [f"Compared with the {number} of {choice.members.size} drivers who made the same manoeuvre ({done})."]
+    return [IndexNote("manoeuvre_made_by", number, choice.members.size, choice.manoeuvre)]
 
 
 # --- what is known of a trajectory ------------------------------------------------------------------------------------
@@ -690,32 +647,25 @@ def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     return bool(not road.right_edge <= trajectory.y[-1] <= road.left_edge)
 
 
-def _steering_is_known(trajectory: Trajectory) -> bool:
-    return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))
-
-
-def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[str]:
+def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[IndexNote]:
     """Where a reading had to step in for a trajectory as a whole."""
     late = [driver.whole.x[0] > ads.whole.x[0] + settings.slice_spacing for driver in drivers]
     beyond = [drive.judged is not drive.whole for drive in (ads, *drivers)]
     driving = [driver.still_driving for driver in drivers]
     return [
-        *_note(beyond, "{} of {} trajectories go on past the road's end and are read up to it."),
-        *_note(late, "{} of {} drivers start beyond the ADS's start and hold their first y up to there."),
-        *_note(driving, "{} of {} drivers were still driving when last seen: their length counts to the road's end."),
-        *_note(
-            ads.still_driving,
-            "The ADS was still driving when last seen: its length counts to the road's end, and slices end there.",
-        ),
-        *_note(ads.left_the_road, "The ADS left the road: its length is what it drove."),
+        *_note(beyond, "past_the_road"),
+        *_note(late, "drivers_start_late"),
+        *_note(driving, "drivers_still_driving"),
+        *_note(ads.still_driving, "ads_still_driving"),
+        *_note(ads.left_the_road, "ads_left_the_road"),
     ]
 
 
-def _note(cases: ArrayLike, sentence: str) -> list[str]:
-    """The sentence with how many of how many cases it is about; nothing where it is about none."""
+def _note(cases: ArrayLike, kind: NoteKind) -> list[IndexNote]:
+    """The note with how many of how many cases it is about; nothing where it is about none."""
     flags = np.asarray(cases)
     count = int(np.count_nonzero(flags))
-    return [sentence.format(count, flags.size)] if count else []
+    return [IndexNote(kind, count, flags.size)] if count else []
 
 
 def _capped_ratio(value: float | np.floating, reference: float | np.floating) -> float:

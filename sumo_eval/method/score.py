@@ -11,6 +11,7 @@ import numpy as np
 
 from sumo_eval.errors import must_be
 from sumo_eval.method import score_terms
+from sumo_eval.settings import ScoreSettings
 
 ROUNDING = 1e-9  # what a mean of shares may be off by
 
@@ -53,6 +54,25 @@ def combined_score(
     first, second = (np.array([np.nan if value is None else value]) for value in (c, d))
     total = float(score_terms.combined(first, second, a, b, k5, k6)[0])
     return Score(None if math.isnan(total) else total, c, d, c_points, d_points)
+
+
+def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:
+    """Eq. 18: S = a k5 C + b k6 D with the settings' a, b, k5 and k6; see `combined_score`."""
+    return combined_score(c, d, a=points.a, b=points.b, k5=points.k5, k6=points.k6)
+
+
+@dataclass(frozen=True, slots=True)
+class PlusPoints:
+    """What A, at least 0, and H add to S+, points; 0 where they were not computed."""
+
+    a_points: float
+    h_points: float
+
+
+def plus_of(avoided: float | None, human_likeness: float | None, points: ScoreSettings) -> PlusPoints:
+    """The terms of S+ = a max(A, 0) + b H. avoided: A, at most 1. human_likeness: H, 0..1. None: not computed."""
+    worth = score_terms.worth(points)
+    return PlusPoints(worth.a * max(avoided or 0.0, 0.0), worth.h * (human_likeness or 0.0))
 
 
 def population_scale(

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sumo_eval.settings import ScoreSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
@@ -80,6 +82,39 @@ def combined(
     c, d = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     total = a * first_scale * np.nan_to_num(c) + b * second_scale * np.nan_to_num(d)
     return np.asarray(np.where(np.isnan(c) & np.isnan(d), np.nan, total))
+
+
+@dataclass(frozen=True, slots=True)
+class Worth:
+    """How many points a whole index gives: C and D to S (Eq. 18, with k5 and k6), A and H to S+."""
+
+    c: float
+    d: float
+    a: float
+    h: float
+
+
+def worth(points: ScoreSettings) -> Worth:
+    """Eq. 18: a k5 for C and b k6 for D; a for A and b for H."""
+    return Worth(points.a * points.k5, points.b * points.k6, points.a, points.b)
+
+
+def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray:
+    """Eq. 18: S = a k5 C + b k6 D, points, (m,), with the settings' a, b, k5 and k6; see `combined`."""
+    return combined(c, d, points.a, points.b, points.k5, points.k6)
+
+
+def ordering_score(avoided: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings) -> FloatArray:
+    """S+ = a max(A, 0) + b H, points, (m,), with the settings' a and b; see `score_plus`."""
+    return score_plus(avoided, human_likeness, points.a, points.b)
+
+
+def mean_shares(weights: ArrayLike) -> FloatArray:
+    """Eqs. 13 and 17: w_i / sum(w_i), what each case weighs in a mean, (n,); 1/n each where all weights are 0."""
+    weight = np.asarray(weights, dtype=np.float64)
+    if not weight.any():
+        weight = np.ones(weight.shape)
+    return np.asarray(weight / weight.sum())
 
 
 def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import needs_extra
 from sumo_eval.trajectory import FloatArray, Trajectory
 
 STEP = 0.5  # s between compared positions
@@ -31,9 +31,7 @@ def trajectory_similarity(ads: Trajectory, drivers: Sequence[Trajectory]) -> Sim
     try:
         from tslearn.metrics import dtw, lcss
     except ImportError as error:
-        raise InputError(
-            "DTW and LCSS need the library tslearn: install the extra, `pip install 'sumo_eval[similarity]'`."
-        ) from error
+        raise needs_extra("DTW and LCSS", "similarity") from error
     mine = _positions(ads)
     theirs = [_positions(driver) for driver in drivers]
     distances = [dtw(mine, other) / np.sqrt(max(len(mine), len(other))) for other in theirs]

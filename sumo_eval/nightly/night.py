@@ -8,14 +8,13 @@ Only what the history knows to be a night of its own is ever removed.
 
 from __future__ import annotations
 
-import fcntl
 import itertools
 import os
 import shutil
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -24,6 +23,7 @@ from sumo_eval.errors import InputError, said
 from sumo_eval.evaluation import evaluate, score
 from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.nightly.trend import write_trend
+from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.recording import Progress, quiet
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.comparability import differences
@@ -138,23 +138,18 @@ def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet)
 
 @contextmanager
 def _only_one(history: Path) -> Iterator[None]:
-    """Hold the history's lock, which the operating system frees when the process ends, however it ends."""
-    try:
-        history.mkdir(parents=True, exist_ok=True)
-        lock = (history / LOCK).open("a+", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The history folder {history} cannot be written: {error}.") from error
-    with lock:
+    """The right to add a night to a history."""
+    with ExitStack() as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.seek(0)
+            history.mkdir(parents=True, exist_ok=True)
+            since = datetime.now(UTC).isoformat(timespec="seconds")
+            lock.enter_context(held(history / LOCK, f"process {os.getpid()} since {since}"))
+        except HeldError as owner:
             raise InputError(
-                f"Another night is running in {history} ({lock.read().strip() or 'starting'}); this one was not begun."
+                f"Another night is running in {history} ({f'{owner}' or 'starting'}); this one was not begun."
             ) from None
-        lock.truncate(0)
-        lock.write(f"process {os.getpid()} since {datetime.now(UTC).isoformat(timespec='seconds')}\n")
-        lock.flush()
+        except OSError as error:
+            raise InputError(f"The history folder {history} cannot be written: {error}.") from error
         yield
 
 
@@ -220,7 +215,7 @@ def _room(history: Path, lines: History) -> None:
     free = shutil.disk_usage(history).free
     if free < needed:
         raise InputError(
-            f"The night was not begun: it may need {needed / 1e6:.0f} MB in {history}; {free / 1e6:.0f} MB are free."
+            f"The night was not begun: it may need {needed / 1e6:z.0f} MB in {history}; {free / 1e6:z.0f} MB are free."
         )
 
 

@@ -144,7 +144,7 @@ def _chart(
             if value is None:
                 parts.append([])
             else:
-                words = f"{ads}, {_date(night.night)}: {value:.6g} {unit}".rstrip()
+                words = f"{ads}, {_date(night.night)}: {value:z.6g} {unit}".rstrip()
                 parts[-1].append(Point(round(at[night.night], 2), height(value), words))
         latest = series.get((nights[-1].night, ads))
         lines.append(
@@ -153,14 +153,14 @@ def _chart(
                 COLOURS[place % len(COLOURS)],
                 DASHES[place % len(DASHES)],
                 tuple(tuple(part) for part in parts if part),
-                "not computed" if latest is None else f"{latest:.4g}",
+                "not computed" if latest is None else f"{latest:z.4g}",
             )
         )
     strokes = tuple(
         Gate(
             round(at[gate.night], 2), height(gate.threshold), round(0.42 * step, 2),
             COLOURS[names.index(gate.ads) % len(COLOURS)],
-            f"gate of {gate.ads}, {_date(gate.night)}: {gate.threshold:.6g} {unit}".rstrip(),
+            f"gate of {gate.ads}, {_date(gate.night)}: {gate.threshold:z.6g} {unit}".rstrip(),
         )
         for gate in limits
         if gate.threshold is not None and gate.ads in names

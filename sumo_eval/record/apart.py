@@ -94,4 +94,4 @@ def _believed(message: Message) -> list[Finding] | InputError:
 
 
 def _said(ended: Ended[_Asked], setup: Setup) -> str:
-    return what_happened(ended, setup).replace("ran the case", "drove it").replace("The case", "The check")
+    return what_happened(ended, setup, "The check", "drove it")

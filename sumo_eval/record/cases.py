@@ -10,7 +10,7 @@ from sumo_eval.record.kept import KeptRecording
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.text import clean, clean_log
-from sumo_eval.trajectory import Recording
+from sumo_eval.trajectory import Alone, Recording
 
 Role = Literal["ads", "ideal", "no_reaction", "human"]
 Status = Literal[
@@ -18,7 +18,7 @@ Status = Literal[
 ]
 
 ALONE = "Simulated alone: "
-"""How the log of a case begins that was to be simulated together with others; the reason is the rest of the line."""
+"""How the log of a case begins that was to be simulated together with others, for who reads it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,8 @@ class Outcome:
     """What became of a case. `recording` is missing when the process that ran it was lost.
 
     `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
-    function of the user's code that an exception came from.
+    function of the user's code that an exception came from. alone: why a case that was to be simulated together with
+    others was not.
     """
 
     case: Case
@@ -63,6 +64,7 @@ class Outcome:
     error: str | None = None
     log: str = ""
     error_place: str = ""
+    alone: Alone | None = None
 
     def __post_init__(self) -> None:
         """Cleaned once more: what a process that runs users' code sends may be anything."""

@@ -18,7 +18,7 @@ from sumo_eval.record.frames import FrameError, Message
 from sumo_eval.record.kept import EGO, KeptRecording, most_bytes, samples, unpack
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import LOG, SENTENCE, clean, clean_log, words_of
-from sumo_eval.trajectory import Clip, Collision, EndReason, Side
+from sumo_eval.trajectory import Alone, AloneReason, Clip, Collision, EndReason, Side
 
 STATUS: dict[EndReason, Status] = {
     "contact": "collision",
@@ -53,8 +53,8 @@ class Result(NamedTuple):
     error_place: str = ""
 
 
-Results = list[Result | str] | None
-"""Of the cases of a pack. A text: why that case has to run alone. None: cases of this kind always have to."""
+Results = list[Result | Alone] | None
+"""Of the cases of a pack. `Alone`: why that case has to run alone. None: cases of this kind always have to."""
 
 
 def home(case: Case, setup: Setup) -> str:
@@ -75,8 +75,8 @@ def as_message(results: Results) -> Message:
     blobs: list[bytes] = []
     plain: list[Any] = []
     for result in results:
-        if isinstance(result, str):
-            plain.append(clean(result))
+        if isinstance(result, Alone):
+            plain.append([result.why, clean(result.detail)])
             continue
         error = None if result.error is None else clean(result.error)
         kept = result.recording
@@ -126,7 +126,7 @@ class _Reading:
         if self._plain is None and len(cases) > 1:
             return None
         results = [
-            clean(_text(one, "a reason")) if isinstance(one, str) and len(cases) > 1 else self._result(one, case)
+            _alone(one) if isinstance(one, list) and len(one) == 2 and len(cases) > 1 else self._result(one, case)
             for one, case in zip(_list(self._plain, "the results", len(cases)), cases, strict=True)
         ]
         if next(self._blobs, None) is not None:
@@ -179,6 +179,13 @@ class _Reading:
 
 def _most_samples(simulation: SimulationSettings) -> int:
     return int(simulation.time_limit / min(simulation.step, simulation.record_interval)) + _SPARE_SAMPLES
+
+
+def _alone(plain: list[Any]) -> Alone:
+    why, detail = plain
+    if why not in get_args(AloneReason):
+        raise ValueError("a case that has to run alone for no reason")
+    return Alone(why, clean(_text(detail, "a reason")))
 
 
 def _collision(plain: Any, vehicles: Sequence[str]) -> Collision:

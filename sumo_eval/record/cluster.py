@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable
 from typing import Any
 
-from sumo_eval.errors import InputError, said
+from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import Stopping, run_in_children
 from sumo_eval.record.identity import harness_identity
@@ -86,8 +86,9 @@ def _connect(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError as error:
-        raise InputError("The engine `dask` needs the extra `cluster`: pip install 'sumo_eval[cluster]'.") from error
+        raise needs_extra("The engine `dask`", "cluster") from error
     try:
         return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError, TypeError) as error:  # TypeError: `tls://` without certificates
+    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:  # the last two: `tls://` without
+        # certificates, `tcp://` where encryption is required
         raise InputError(f"There is no Dask scheduler at {address}: {said(error)}.") from error

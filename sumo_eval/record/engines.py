@@ -19,6 +19,7 @@ from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.worker import answer, run_together
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
+from sumo_eval.trajectory import Alone
 
 Stopping = Callable[[], bool]
 """Asked before cases are begun: whether no more of them should be."""
@@ -88,7 +89,7 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
             if isinstance(ended.result, InputError):
                 raise ended.result
             if ended.how != "done":
-                happened = what_happened(ended, setup).replace("ran the case", "loaded it").replace("The case", "It")
+                happened = what_happened(ended, setup, "It", "loaded it")
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
@@ -123,60 +124,61 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     """What a pack brought; its other cases go back to the packs, to be run alone."""
     pack = ended.item
     if len(pack) == 1:
-        return [_outcome(ended, packs.remark(pack[0]), setup)]
+        return [_outcome(ended, *packs.remark(pack[0]), setup)]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
-        happened = what_happened(ended, setup).replace("The case", "It").replace("the case", "it")
-        why = f"{ALONE}Its pack was lost. {happened}\n"
-        packs.did_not_come_through(pack, why, printed, too_slow=ended.how == "overdue")
+        happened = what_happened(ended, setup, "It", "ran it")
+        why = Alone("pack_lost", clean(happened))
+        packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
         return []
     results: Results = ended.result
     if results is None:
         packs.never_together(pack)
         return []
-    reasons = {result if isinstance(result, str) else "" for result in results}
-    if "" not in reasons:
-        packs.did_not_come_through(pack, f"{ALONE}{' '.join(sorted(reasons))}\n", printed)
+    reasons = [result for result in results if isinstance(result, Alone)]
+    if len(reasons) == len(pack):
+        packs.did_not_come_through(pack, reasons, printed)
         return []
     packs.came_through(pack)
     found: list[Outcome] = []
     for case, result in zip(pack, results, strict=True):
-        if isinstance(result, str):
-            packs.run_alone((case,), f"{ALONE}{result}\n")
+        if isinstance(result, Alone):
+            packs.run_alone(case, result)
         else:
             found.append(Outcome(case, result.status, result.recording, result.error, result.log))
     return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
 
 
-def _outcome(ended: Ended[Pack], remark: str, setup: Setup) -> Outcome:
-    """What a case that ran alone brought."""
+def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup) -> Outcome:
+    """What a case that ran alone brought. printed: by its pack, where it was in one before."""
     (case,) = ended.item
+    remark = printed if alone is None else f"{ALONE}{alone}\n{printed}"
     if ended.how != "done":
         status: Status = "timeout" if ended.how == "overdue" else "crashed"
-        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log)
+        return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log, alone=alone)
     result: Result = ended.result[0]
     log = remark + result.log + ended.log
-    return Outcome(case, result.status, result.recording, result.error, log, result.error_place)
+    return Outcome(case, result.status, result.recording, result.error, log, result.error_place, alone)
 
 
-def what_happened(ended: Ended[Any], setup: Setup) -> str:
-    """A sentence about an item that brought no result."""
+def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: str = "ran the case") -> str:
+    """A sentence about an item that brought no result. what: it; did: what its process did for it."""
     if ended.how == "overdue":
-        return f"The case took longer than {setup.run.case_timeout:g} s of wall time."
+        return f"{what} took longer than {setup.run.case_timeout:g} s of wall time."
     if ended.how == "overfull":
         return (
-            f"The process that ran the case and what it had started held {ended.why} MB, more than the "
+            f"The process that {did} and what it had started held {ended.why} MB, more than the "
             f"{setup.run.memory_limit:g} MB of `run.memory_limit`, and were ended."
         )
     if ended.how == "garbled":
-        return f"The process that ran the case {ended.why}."
+        return f"The process that {did} {ended.why}."
     if ended.exitcode is None:
-        return "The process that ran the case closed its connection."
+        return f"The process that {did} closed its connection."
     name = ""
     if ended.exitcode < 0:
         with suppress(ValueError):
             name = f" ({signal.Signals(-ended.exitcode).name})"
-    return f"The process that ran the case died with exit code {ended.exitcode}{name}."
+    return f"The process that {did} died with exit code {ended.exitcode}{name}."
 
 
 def _quoted(log: str) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import Store, open_store
@@ -199,7 +199,7 @@ def _to_parquet(tables: list[Path], folder: Path) -> list[Path]:
     try:
         import duckdb
     except ImportError as error:
-        raise InputError("Parquet needs the extra `parquet`: pip install 'sumo_eval[parquet]'.") from error
+        raise needs_extra("Parquet", "parquet") from error
     written = []
     with duckdb.connect() as database:
         for table in tables:

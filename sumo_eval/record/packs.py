@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 
 from sumo_eval.cosim.simulate import probable_end
 from sumo_eval.record.cases import Case
+from sumo_eval.trajectory import Alone
 
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str]
@@ -35,15 +36,16 @@ class Packs:
         self._most_ahead = min(workers * _PACKS_AHEAD * largest, _MOST_AHEAD)
         self._ahead: dict[Kind, _Queue] = {}
         self._number_ahead = 0
-        self._alone: deque[tuple[Case, str]] = deque()
+        self._alone: deque[tuple[Case, Alone, str]] = deque()
         self._largest_of: dict[Kind, int] = {}
         self._in_time: dict[Kind, int] = {}  # size beyond which packs of a kind take too long
-        self._remarks: dict[str, str] = {}
+        self._remarks: dict[str, tuple[Alone, str]] = {}
 
     def take(self) -> Pack | None:
         """The next cases to run; None when there are none at the moment."""
         if self._alone:
-            case, self._remarks[case.key] = self._alone.popleft()
+            case, why, printed = self._alone.popleft()
+            self._remarks[case.key] = why, printed
             return (case,)
         if not self._ahead:
             self.look_ahead()
@@ -75,17 +77,18 @@ class Packs:
         if self._largest_of.get(kind, 1) > 1:
             self._largest_of[kind] = min(2 * self._largest_of[kind], self._in_time.get(kind, self._largest))
 
-    def did_not_come_through(self, pack: Pack, why: str, printed: str, *, too_slow: bool = False) -> None:
+    def did_not_come_through(self, pack: Pack, why: Sequence[Alone], printed: str, *, too_slow: bool = False) -> None:
         """A pack was lost: its cases run alone, and the next packs of the kind are smaller, in the end single cases.
 
-        too_slow: it ran out of time; then packs of the kind do not become as large again.
+        why: of each of its cases. printed: what the log of the first says besides. too_slow: it ran out of time; then
+        packs of the kind do not become as large again.
         """
         kind = _kind(pack[0])
         self._largest_of[kind] = max(min(len(pack), self._largest_of.get(kind, self._largest)) // _CUT, 1)
         if too_slow:
             self._in_time[kind] = self._largest_of[kind]
-        self.run_alone(pack[:1], why + printed)
-        self.run_alone(pack[1:], why)
+        for number, (case, reason) in enumerate(zip(pack, why, strict=True)):
+            self.run_alone(case, reason, "" if number else printed)
 
     def never_together(self, pack: Pack) -> None:
         """Cases of this kind have no form for many: they run alone."""
@@ -94,13 +97,13 @@ class Packs:
         self._ahead.setdefault(kind, _Queue()).add(pack)
         self._number_ahead += len(pack)
 
-    def run_alone(self, cases: Iterable[Case], why: str) -> None:
-        """Let cases run alone, next of all. why: what the log of each then says."""
-        self._alone.extend((case, why) for case in cases)
+    def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
+        """Let a case run alone, next of all. printed: what its log then says besides."""
+        self._alone.append((case, why, printed))
 
-    def remark(self, case: Case) -> str:
-        """Why a case ran alone, for its log; said once."""
-        return self._remarks.pop(case.key, "")
+    def remark(self, case: Case) -> tuple[Alone | None, str]:
+        """Why a case ran alone, and what its log says besides; said once."""
+        return self._remarks.pop(case.key, (None, ""))
 
 
 class _Queue:

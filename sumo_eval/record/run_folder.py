@@ -7,7 +7,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError
+from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -43,48 +44,18 @@ _HALF_MADE = {
 def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
     """The right to write a run folder, made if need be. Refuses one that is in use, or not empty unless `resume`."""
     _refuse_foreign(folder, resume)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file = _locked(folder / LOCK)
-    except OSError as error:
-        raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
-    try:
+    with ExitStack() as lock:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.enter_context(held(folder / LOCK, f"process {os.getpid()} on {platform.node()}"))
+        except HeldError as owner:
+            raise InputError(
+                f"Run {folder} is being written by another process ({owner}); a run has one writer at a time."
+            ) from owner
+        except OSError as error:
+            raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
         _refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield
-    finally:
-        (folder / LOCK).unlink(missing_ok=True)
-        os.close(file)
-
-
-def _locked(path: Path) -> int:
-    """An open file that this process alone holds locked; the lock ends with the process, however that ends."""
-    while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            _lock(file)
-        except OSError as error:
-            owner = path.read_text(encoding="utf-8").strip()
-            os.close(file)
-            raise InputError(
-                f"Run {path.parent} is being written by another process ({owner}); a run has one writer at a time."
-            ) from error
-        if path.exists() and path.stat().st_ino == os.fstat(file).st_ino:
-            os.truncate(file, 0)
-            os.write(file, f"process {os.getpid()} on {platform.node()}\n".encode())
-            return file
-        os.close(file)  # its last owner has just taken it away
-
-
-def _lock(file: int) -> None:
-    """Raises OSError when another process has it."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-    else:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _refuse_foreign(folder: Path, resume: bool) -> None:

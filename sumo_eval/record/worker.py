@@ -13,7 +13,7 @@ from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.simulate import ALONE_BY_NATURE, simulate_together
+from sumo_eval.cosim.simulate import simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
@@ -24,9 +24,9 @@ from sumo_eval.record.kept import keep
 from sumo_eval.record.watch import watched
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import Recording
+from sumo_eval.trajectory import Alone, Recording
 
-DRAWS = "The ADS draws from the global random generators, so that its cases have to follow one another."
+DRAWS = Alone("draws")
 
 
 def run_case(case: Case, setup: Setup) -> Outcome:
@@ -46,7 +46,7 @@ def answer(cases: Sequence[Case], setup: Setup) -> Message:
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     """Simulate cases of one kind (see `packs`), several of them in one simulation; one alone as `run_case` does.
 
-    A text in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
+    `Alone` in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
     to.
     """
     if len(cases) == 1:
@@ -58,10 +58,12 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
         found = list(_simulate_together(cases, setup))
     except InputError:  # each of them says why when it runs alone
         return None
-    if all(one in ALONE_BY_NATURE or one == DRAWS for one in found):
+    if all(isinstance(one, Alone) and one.by_nature for one in found):
         return None
     return [
-        one if isinstance(one, str) else Result(STATUS[one.end_reason], keep(one), one.error, one.log, one.error_place)
+        one
+        if isinstance(one, Alone)
+        else Result(STATUS[one.end_reason], keep(one), one.error, one.log, one.error_place)
         for one in found
     ]
 
@@ -102,7 +104,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     )
 
 
-def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | str]:
+def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:
     """What `_simulate` gives for cases of one kind, from one simulation; or why it has to be asked."""
     settings = _settings(cases[0], setup)
     concretes = [case.concrete for case in cases]

@@ -17,6 +17,7 @@ HARMLESS = ("name", "ads", "run", "report")
 """Settings that change no case of an ADS that both runs have: who drives, how work is spread, how it is shown."""
 
 ABSENT = "not set"
+SIMULATORS = ("libsumo", "sumo", "eclipse-sumo")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +91,12 @@ def _severity_file(evaluation: Evaluation) -> dict[str, str]:
 def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:
     """Another simulator decides; another version of anything else is worth knowing."""
     before, after = base.manifest.get("versions", {}), new.manifest.get("versions", {})
-    for item in _differing(before, after, "version of ", decides=False):
-        simulator = item.what.rpartition(" ")[2] in ("libsumo", "sumo", "eclipse-sumo")
-        yield Difference(item.what, item.base, item.new, simulator)
+    for decides in (True, False):
+        old, now = (
+            {name: found for name, found in versions.items() if (name in SIMULATORS) is decides}
+            for versions in (before, after)
+        )
+        yield from _differing(old, now, "version of ", decides=decides)
 
 
 def _differing(base: Mapping[str, Any], new: Mapping[str, Any], prefix: str, *, decides: bool) -> Iterator[Difference]:

@@ -57,16 +57,16 @@ def _row(item: Assessment) -> dict[str, Any]:
             for name, digits in SHOWN_SCORES.items()
         },
         "sources": dict.fromkeys(("cases", "drivers"), "–")
-        | {name: f"{width:.1f}" for name, width in item.sources.get("s_plus", {}).items()},
+        | {name: f"{width:z.1f}" for name, width in item.sources.get("s_plus", {}).items()},
         "probability": _words(item.risk.collision_probability, 1, percent=True),
         "loss": _words(item.risk.expected_loss, 3),
-        "effective": f"{item.risk.effective_cases:.0f}",
+        "effective": f"{item.risk.effective_cases:z.0f}",
     }
 
 
 def _words(interval: Interval, digits: int, *, percent: bool = False) -> dict[str, str]:
     scale, unit = (100.0, " %") if percent else (1.0, "")
-    value, low, high = (f"{scale * number:.{digits}f}" for number in (interval.value, interval.low, interval.high))
+    value, low, high = (f"{scale * number:z.{digits}f}" for number in (interval.value, interval.low, interval.high))
     return {"value": value + unit, "limits": f"{low} to {high}{unit}"}
 
 
@@ -80,10 +80,10 @@ def _further(item: Assessment, confidence: Confidence) -> dict[str, Any]:
         "ads": item.ads,
         "scenario": item.scenario,
         "count": len(found.points),
-        "before": f"{width:.1f}",
-        "after": f"{width * found.shrink:.1f}",
+        "before": f"{width:z.1f}",
+        "after": f"{width * found.shrink:z.1f}",
         "points": [
-            ", ".join(f"{name} = {value:.4g}" for name, value in zip(names, row, strict=True))
+            ", ".join(f"{name} = {value:z.4g}" for name, value in zip(names, row, strict=True))
             for row in found.points[:SHOWN].tolist()
         ],
     }
@@ -95,10 +95,10 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
         "name": name,
         "buckets": [f"{parameter}: {got} of {of}" for parameter, (got, of) in item.buckets.items()],
         "pairs": f"{hit} of {possible}" if possible else "–",
-        "radius": f"{item.empty_radius:.3f}",
-        "centre": ", ".join(f"{parameter} = {value:.4g}" for parameter, value in item.empty_centre.items()),
-        "resolved": "no boundary" if item.boundary_resolved is None else f"{item.boundary_resolved:.0%}",
-        "inside": "not known" if item.exposure_inside is None else f"{item.exposure_inside:.1%}",
+        "radius": f"{item.empty_radius:z.3f}",
+        "centre": ", ".join(f"{parameter} = {value:z.4g}" for parameter, value in item.empty_centre.items()),
+        "resolved": "no boundary" if item.boundary_resolved is None else f"{item.boundary_resolved:z.0%}",
+        "inside": "not known" if item.exposure_inside is None else f"{item.exposure_inside:z.1%}",
         "pictures": [_picture(pair) for pair in item.pairs],
     }
 
@@ -116,7 +116,7 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
                 {
                     "x": CELL * column,
                     "y": CELL * (rows - 1 - row),
-                    "opacity": f"{shade:.2f}",
+                    "opacity": f"{shade:z.2f}",
                     "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
                     "words": "no possible point" if count < 0 else f"{count} points",
                 }

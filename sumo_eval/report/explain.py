@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from sumo_eval.errors import unknown
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
-from sumo_eval.method.score_terms import excess
+from sumo_eval.method.score_terms import excess, mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
@@ -21,11 +21,15 @@ from sumo_eval.report.words import (
     end_reason,
     explain_s,
     explain_s_plus,
+    index_note_sentence,
+    index_note_words,
+    not_computed,
     number,
     outcome,
     placed,
     point,
     ratio_of,
+    reason_without_d,
     severity_unit,
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
@@ -52,7 +56,7 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
             f"  {outcome(case)}; {end_reason(case)}"
-            + (f" after {case.simulated_time:.2f} s" if case.simulated_time is not None else "")
+            + (f" after {case.simulated_time:z.2f} s" if case.simulated_time is not None else "")
             + (f"; {placed(case.error, case)}" if case.error else ""),
             *(f"  {line}" for line in _zone(case, zones)),
             *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
@@ -69,13 +73,13 @@ def _zone(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     settings = zones.settings
     row = zones.logical.row(case.values)
     criticality = float(exact_inverse_ttc(zones.logical, row[None], settings)[0])
-    peak = "unbounded, ideal braking hits" if math.isinf(criticality) else f"{criticality:.4f} 1/s"
+    peak = "unbounded, ideal braking hits" if math.isinf(criticality) else f"{criticality:z.4f} 1/s"
     yield (
         f"Eqs. 1-6: largest inverse TTC under ideal braking with {settings.deceleration:g} m/s2: {peak}; "
         f"hazardous from {settings.critical_inverse_ttc:g} 1/s"
     )
     learnt = float(zones.predicted(row))
-    yield f"Eqs. 7-8: y = {learnt:+.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the {case.zone} zone"
+    yield f"Eqs. 7-8: y = {learnt:+z.4f}, {'above' if learnt > 0.0 else 'not above'} 0: the {case.zone} zone"
 
 
 def _collision(
@@ -87,11 +91,11 @@ def _collision(
         return
     own, other = hit.ego_velocity, hit.other_velocity
     used = max(hit.overlap, SMALLEST_OVERLAP)
-    floor = f" (recorded {hit.overlap:.3f}, at least {SMALLEST_OVERLAP:g})" if used != hit.overlap else ""
+    floor = f" (recorded {hit.overlap:z.3f}, at least {SMALLEST_OVERLAP:g})" if used != hit.overlap else ""
     yield (
-        f"Eq. 15: U = |({own[0]:.3f}, {own[1]:.3f}) - ({other[0]:.3f}, {other[1]:.3f})| / w = "
-        f"{hit.relative_speed:.3f} / {used:.3f}{floor} = {number(case.severity, 3)} m/s, with `{hit.other}` at "
-        f"t = {hit.time:.2f} s"
+        f"Eq. 15: U = |({own[0]:z.3f}, {own[1]:z.3f}) - ({other[0]:z.3f}, {other[1]:z.3f})| / w = "
+        f"{hit.relative_speed:z.3f} / {used:z.3f}{floor} = {number(case.severity, 3)} m/s, with `{hit.other}` at "
+        f"t = {hit.time:z.2f} s"
     )
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
@@ -100,20 +104,20 @@ def _collision(
     loss = evaluation.settings.method.collision.loss
     ratio = ratio_of(case, loss) or 0.0
     what = "Ug/U" if loss == "severity" else "Lg/L"
-    best = f"hits with Ug = {case.ideal_severity:.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
+    best = f"hits with Ug = {case.ideal_severity:z.3f} m/s" if case.ideal_severity else "avoids, Ug = 0"
     yield (
-        f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:.4f}"
+        f"Eq. 17: the ideal vehicle {best}: {what} = {ratio:z.4f}"
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
     )
     yield from _weight(case, zones)
     hits = [one for one in cases_of(evaluation, score) if one.collided and one.ideal_severity is not None]
     weights = math.fsum(one.weight or 0.0 for one in hits)
-    terms = evaluation.settings.method.score
-    share = (case.weight or 0.0) / weights if weights > 0.0 else 1.0 / len(hits)
+    whole = worth(evaluation.settings.method.score)
+    share = _share(case, hits, [one.weight or 0.0 for one in hits])
     yield (
-        f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):.4f} this case took r (1 - {what}) / sum r = "
-        f"{number(case.weight, 4)} x {1.0 - ratio:.4f} / {weights:.4f} = {share * (1.0 - ratio):.4f} "
-        f"({len(hits)} collisions), {terms.a * terms.k5 * share * (1.0 - ratio):.2f} points of S"
+        f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
+        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {weights:z.4f} = {share * (1.0 - ratio):z.4f} "
+        f"({len(hits)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
     )
 
 
@@ -125,9 +129,10 @@ def _weight(case: CaseResult, zones: ZonePartition) -> Iterator[str]:
     star = zones.most_dangerous[int(zones.nearest_zone(row))]
     away = float(np.linalg.norm(zones.logical.to_unit(row) - zones.logical.to_unit(zones.logical.row(star))))
     weight = case.weight or 0.0
-    exit_at = f", zone's boundary at {away / weight:.4f}" if weight > 0.0 else ""
+    exit_at = f", zone's boundary at {away / weight:z.4f}" if weight > 0.0 else ""
     yield (
-        f"Eq. 16: r = |x - x*| / |b - x*| = {weight:.4f}: {away:.4f} unit-box lengths from x* ({point(star)}){exit_at}"
+        f"Eq. 16: r = |x - x*| / |b - x*| = {weight:z.4f}: {away:z.4f} unit-box lengths from x* "
+        f"({point(star)}){exit_at}"
     )
 
 
@@ -143,7 +148,12 @@ def _likeness(
         yield "Eqs. 11-13: the hazardous zone has no D_i"
         return
     if case.index is None:
-        why = score.d_reason or case.index_note or case.error or "fewer than two drivers to compare with"
+        why = (
+            not_computed(reason_without_d(score))
+            or index_note_words(case)
+            or case.error
+            or "fewer than two drivers to compare with"
+        )
         yield f"Eqs. 11-13: no D_i: {why}"
         return
     drivers = [
@@ -155,38 +165,39 @@ def _likeness(
     index = anthropomorphic_index(store.trajectory(case.case), drivers, zones.logical.road, settings)
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
-        yield f"WARNING: the score has D_i = {case.index:.6f}, which this arithmetic does not give"
+        yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
     indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
     exposure = math.fsum(one.exposure for one in indexed)
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
-    terms, share = evaluation.settings.method.score, case.exposure / exposure
+    whole = worth(evaluation.settings.method.score)
+    share = _share(case, indexed, [one.exposure for one in indexed])
     yield (
-        f"Eq. 13: share of {of} p / sum p = {case.exposure:.6g} / {exposure:.6g} = {share:.5f} "
-        f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:.5f} and took "
-        f"{share * (1.0 - case.index):.5f}, {terms.b * terms.k6 * share * (1.0 - case.index):.2f} points of S"
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {exposure:z.6g} = {share:z.5f} "
+        f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:z.5f} and took "
+        f"{share * (1.0 - case.index):z.5f}, {whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
     for note in index.notes:
-        yield f"note: {note}"
+        yield f"note: {index_note_sentence(note)}"
 
 
 def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
     lengths, operations = index.driver_lengths, index.driver_operations
     yield (
-        f"Eq. 12: f_L = min(1, L / mean L of {len(lengths)} drivers) = min(1, {index.ads_length:.2f} / "
-        f"{np.mean(lengths):.2f}) = {index.length_factor:.4f}"
+        f"Eq. 12: f_L = min(1, L / mean L of {len(lengths)} drivers) = min(1, {index.ads_length:z.2f} / "
+        f"{np.mean(lengths):z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
-        f"{np.mean(operations):.2f} / {index.ads_operations}" if index.ads_operations else "no operation by the ADS: 1"
+        f"{np.mean(operations):z.2f} / {index.ads_operations}" if index.ads_operations else "no operation by the ADS: 1"
     )
-    yield f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:.4f}"
+    yield f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
     worst = int(np.argmin(index.slice_similarity))
     yield (
-        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {len(index.slices)} slices = {index.similarity:.4f} "
-        f"(path alone {index.centre_similarity:.4f}, field alone {index.field_similarity:.4f}; lowest "
-        f"{index.slice_similarity[worst]:.4f} at x = {index.slices[worst]:.1f} m)"
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {len(index.slices)} slices = {index.similarity:z.4f} "
+        f"(path alone {index.centre_similarity:z.4f}, field alone {index.field_similarity:z.4f}; lowest "
+        f"{index.slice_similarity[worst]:z.4f} at x = {index.slices[worst]:z.1f} m)"
     )
-    product = f"{index.length_factor:.4f} x {index.operation_factor:.4f} x {index.similarity:.4f}"
-    yield f"Eq. 12: D_i = {product} = {index.value:.4f}"
+    product = f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
+    yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"
 
 
 def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
@@ -213,12 +224,13 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
     kinds = ((case.caused, "caused by the ADS"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
     which = next((f": the collision is {words}" for holds, words in kinds if holds), "")
-    yield f"A: U = {u:.3f}{unit}, ideal vehicle Ug = {ideal:.3f}{unit}, doing nothing U0 = {nothing:.3f}{unit}{which}"
+    beside = f"ideal vehicle Ug = {ideal:z.3f}{unit}, doing nothing U0 = {nothing:z.3f}{unit}"
+    yield f"A: U = {u:z.3f}{unit}, {beside}{which}"
     taken = float(losses[row])
     yield (
-        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:.4f}, "
-        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:.4f}; of 1 - A = {1.0 - score.avoided_share:.4f} this "
-        f"case took {taken:.4f}, {settings.method.score.a * taken:.2f} points of S+"
+        f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:z.4f}, "
+        f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
+        f"case took {taken:z.4f}, {settings.method.score.a * taken:z.2f} points of S+"
         + (" before A below 0 counts 0" if score.avoided_share < 0.0 else "")
     )
 
@@ -232,7 +244,7 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
         why = (
             "the ideal vehicle collides here as well"
             if case.unavoidable
-            else case.index_note or case.error or "fewer than two drivers to compare with"
+            else index_note_words(case) or case.error or "fewer than two drivers to compare with"
         )
         yield f"H: this case has no part in it: {why}"
         return
@@ -242,22 +254,30 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
         factors = [getattr(case, field) for field, _ in LIKENESS_FACTORS.values()]
         yield (
             f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
-            f"{case.human_likeness:.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
+            f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
     counted = [one for one in cases_of(evaluation, score) if one.human_likeness is not None]
     exposure = math.fsum(one.exposure for one in counted)
     if exposure > 0.0:
-        share = case.exposure / exposure
+        share = _share(case, counted, [one.exposure for one in counted])
         yield (
-            f"H: share of the mean {share:.5f} ({len(counted)} cases); of H = {number(score.human_likeness, 4)} this "
-            f"case gives {share * case.human_likeness:.5f} and took {share * (1.0 - case.human_likeness):.5f}, "
-            f"{evaluation.settings.method.score.b * share * (1.0 - case.human_likeness):.2f} points of S+"
+            f"H: share of the mean {share:z.5f} ({len(counted)} cases); of H = {number(score.human_likeness, 4)} this "
+            f"case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}, "
+            f"{worth(evaluation.settings.method.score).h * share * (1.0 - case.human_likeness):z.2f} points of S+"
         )
+
+
+def _share(case: CaseResult, cases: Sequence[CaseResult], weights: Sequence[float]) -> float:
+    """What a case weighs in a mean over cases."""
+    place = [one.case for one in cases].index(case.case)
+    return float(mean_shares(weights)[place])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:
     known = [
-        f"{words} {getattr(case, name):.3g} {unit}" for name, words, unit in MEASURES if getattr(case, name) is not None
+        f"{words} {getattr(case, name):z.3g} {unit}"
+        for name, words, unit in MEASURES
+        if getattr(case, name) is not None
     ]
     if known:
         yield "measures: " + "; ".join(known)

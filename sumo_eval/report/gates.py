@@ -13,7 +13,7 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
     Quantity,
 )
-from sumo_eval.report.words import SCORES, count, number, point
+from sumo_eval.report.words import SCORES, count, not_computed, number, point, reason_without_d, reason_without_h
 from sumo_eval.results import Evaluation, ScenarioResult
 
 _CHANGES: dict[Quantity, Change] = {
@@ -117,7 +117,7 @@ def _judge_change(
     excused = limit.only_if_certain and not change.certain
     ok = loss <= allowed or excused
     spread = (
-        f", difference within {change.low:+.4g} to {change.high:+.4g} ({confidence:.0%})"
+        f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
         if change.low is not None and change.high is not None
         else ""
     )
@@ -137,8 +137,12 @@ def _value(quantity: Quantity, score: ScenarioResult, compared: AdsComparison | 
 
 
 def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
-    reason = {"D": score.d_reason, "S": score.d_reason, "H": score.h_reason, "S+": score.h_reason}.get(quantity, "")
-    return reason or "no case could be evaluated"
+    reason = ""
+    if quantity in ("D", "S"):
+        reason = reason_without_d(score)
+    elif quantity in ("H", "S+"):
+        reason = reason_without_h(score)
+    return not_computed(reason) or "no case could be evaluated"
 
 
 def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityChange:

@@ -46,6 +46,7 @@ from sumo_eval.report.words import (
     point,
     reason_without_d,
     reason_without_h,
+    score_note,
     severity_unit,
     share_lost,
     unevaluated,
@@ -224,6 +225,7 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
     means, likeness = factor_means(cases), likeness_means(cases)
     losses = dict(zip((case.case for case in cases), share_lost(cases, settings), strict=True))
     return {
+        "notes": [score_note(note) for note in score.notes],
         "score": score,
         "values": {name: _value(score, name) for name in SCORES},
         "c": number(score.c, 3),
@@ -234,8 +236,8 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "no_h": reason_without_h(score),
         "a_points": number(score.a_points, 1),
         "h_points": number(score.h_points, 1),
-        "a_width": f"{min(score.a_points, 100.0):.2f}",
-        "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):.2f}",
+        "a_width": f"{min(score.a_points, 100.0):z.2f}",
+        "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):z.2f}",
         "probability": percent(score.collision_probability),
         "explained": [
             explain_a(score, cases, settings),

@@ -86,12 +86,12 @@ def write_junit(suites: Suites, path: Path) -> Path:
         suite = etree.SubElement(
             root, "testsuite", name=_clean(name), tests=str(len(tests)), failures=str(found["failure"]),
             errors=str(found["error"]), skipped=str(found["skipped"]),
-            time=f"{math.fsum(test.seconds for test in tests):.3f}",
+            time=f"{math.fsum(test.seconds for test in tests):z.3f}",
         )  # fmt: skip
         totals.update(tests=len(tests), failures=found["failure"], errors=found["error"], skipped=found["skipped"])
         for test in tests:
             item = etree.SubElement(
-                suite, "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:.3f}"
+                suite, "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}"
             )
             if test.verdict != "passed":
                 verdict = etree.SubElement(item, test.verdict, type=_clean(test.kind), message=_clean(test.message))
@@ -140,7 +140,7 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
     name = point(case.values)
     if change is None or not change.worse:
         return Test(name, "passed")
-    by = "" if change.by is None else f" by {abs(change.by):.3g}"
+    by = "" if change.by is None else f" by {abs(change.by):z.3g}"
     if change.change == "not evaluated any more":
         return Test(
             name,

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from sumo_eval.method.score_terms import product_losses
+from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
     FACTORS,
     LIKENESS_FACTORS,
@@ -81,9 +81,10 @@ class Ledger:
 def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
     """Every term of S+ = a max(A, 0) + b H."""
     settings, cases = evaluation.settings, cases_of(evaluation, score)
+    whole = worth(settings.method.score)
     lines = (
-        *_scaled("A", settings.method.score.a, _avoided_lines(score, cases, settings)),
-        *_scaled("H", settings.method.score.b, _human_lines(score, cases)),
+        *_scaled("A", whole.a, _avoided_lines(score, cases, settings)),
+        *_scaled("H", whole.h, _human_lines(score, cases)),
     )
     return Ledger("S+", score.ads, score.scenario, lines, _total(lines))
 
@@ -91,10 +92,10 @@ def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
 def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
     """Every term, scale and correction of S, Eq. 18."""
     settings, cases = evaluation.settings, cases_of(evaluation, score)
-    terms = settings.method.score
+    whole = worth(settings.method.score)
     lines = (
-        *_scaled("C", terms.a * terms.k5, _collision_lines(score, cases, settings)),
-        *_scaled("D", terms.b * terms.k6, _likeness_lines(score, cases)),
+        *_scaled("C", whole.c, _collision_lines(score, cases, settings)),
+        *_scaled("D", whole.d, _likeness_lines(score, cases)),
     )
     return Ledger("S", score.ads, score.scenario, lines, _total(lines))
 
@@ -110,7 +111,7 @@ def sentences(found: Ledger) -> list[str]:
     whole = {line.term: line.points for line in found.lines if line.index > 0.0}
     losses = sorted((line for line in found.lines if line.points < 0.0), key=lambda line: line.points)
     return [
-        f"{line.term} lost {-line.points:.1f} of {whole[line.term]:g} points: {line.words}"
+        f"{line.term} lost {-line.points:z.1f} of {whole[line.term]:g} points: {line.words}"
         + (f" in {count(line.cases, 'case')}" if line.cases else "")
         + "."
         for line in losses
@@ -158,8 +159,7 @@ def _human_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
         yield "", f"H not computed: {reason_without_h(score)}", -1.0, []
         return
     counted = [case for case in cases if case.human_likeness is not None]
-    exposure = math.fsum(case.exposure for case in counted)
-    weights = {case.case: case.exposure / exposure for case in counted}
+    weights = _shares(counted)
     hits = [case for case in counted if case.collided]
     if hits:
         yield (
@@ -198,8 +198,13 @@ def _likeness_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Line
         yield "18", f"D not computed: {reason_without_d(score)}", -1.0, [(case, -1.0 / len(hits)) for case in hits]
         return
     indexed = [case for case in cases if case.counts_for_index and case.index is not None]
-    exposure = math.fsum(case.exposure for case in indexed)
-    yield from _factor_lines(indexed, {case.case: case.exposure / exposure for case in indexed}, "index")
+    yield from _factor_lines(indexed, _shares(indexed), "index")
+
+
+def _shares(cases: Sequence[CaseResult]) -> dict[str, float]:
+    """What each case weighs in a mean over them, by case."""
+    shares = mean_shares([case.exposure for case in cases]).tolist()
+    return {case.case: share for case, share in zip(cases, shares, strict=True)}
 
 
 def _factor_lines(

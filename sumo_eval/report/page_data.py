@@ -7,6 +7,7 @@ differences of whole numbers, and deflated; what these differences cannot hold t
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Store, open_store
@@ -27,6 +29,7 @@ from sumo_eval.report.words import (
     cases_of,
     collision_shares,
     end_reason,
+    index_note_words,
     outcome,
     severity_unit,
     share_lost,
@@ -164,6 +167,7 @@ def _scenario(
             for item in logical.parameters
         ],
         "ads": list(dict.fromkeys(case.ads for case in cases)),
+        "meanIndex": {ads: _mean_index(cases, ads) for ads in dict.fromkeys(case.ads for case in cases)},
         "road": {
             "end": logical.road.length,
             "right": logical.road.right_edge,
@@ -192,6 +196,14 @@ def _scenario(
         "drivers": drivers,
         "trajectories": encode_trajectories(trajectories),
     }
+
+
+def _mean_index(cases: Sequence[CaseResult], ads: str) -> float | None:
+    """The mean D_i of an ADS over all of its cases that have one, by exposure."""
+    indexed = [case for case in cases if case.ads == ads and case.index is not None]
+    values = [np.nan if case.index is None else case.index for case in indexed]
+    mean = float(exposure_mean(values, [case.exposure for case in indexed], once(len(indexed)))[0])
+    return None if math.isnan(mean) else mean
 
 
 def _case(
@@ -238,7 +250,7 @@ def _case(
         "lengthFactor": case.length_factor,
         "operationFactor": case.operation_factor,
         "similarity": case.similarity,
-        "indexNote": case.index_note,
+        "indexNote": index_note_words(case),
         "clips": case.clips,
         "ttc": case.min_ttc,
         "measures": [

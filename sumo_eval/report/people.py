@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
 from sumo_eval.results import CaseResult, Evaluation
 
@@ -79,10 +79,9 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
 
 
 def _weighted(cases: Sequence[CaseResult], name: str) -> float | None:
-    exposure = np.array([case.exposure for case in cases])
-    if not exposure.sum() > 0.0:
-        return None
-    return float(exposure @ np.array([getattr(case, name) for case in cases]) / exposure.sum())
+    exposure = [case.exposure for case in cases]
+    mean = float(exposure_mean([getattr(case, name) for case in cases], exposure, once(len(cases)))[0])
+    return None if math.isnan(mean) else mean
 
 
 def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:

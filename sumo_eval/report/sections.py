@@ -172,7 +172,7 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
             {
                 "above": pair.above,
                 "below": pair.below,
-                "difference": f"{pair.difference:+.1f}",
+                "difference": f"{pair.difference:+z.1f}",
                 "interval": interval_words(pair.interval, 1).replace("..", " to ") or "not known",
                 "told_apart": pair.told_apart,
             }

@@ -5,17 +5,31 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.preventability import preventability, reference_ads
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.report.words import (
+    exposure_note_words,
+    index_note_words,
+    not_computed,
+    reason_without_d,
+    reason_without_h,
+    reference_note_words,
+    score_note,
+)
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.text import cell
 
 _ALSO = {"d_i": "index"}  # columns that show a field under a second name
+_IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
+    "index_note": index_note_words,
+    "reference_note": reference_note_words,
+    "exposure_note": exposure_note_words,
+}
 _FIRST = ("case", "scenario", "ads")  # the parameters come behind these, everything else behind the parameters
 _REST = tuple(item.name for item in fields(CaseResult) if item.name not in (*_FIRST, "values"))
 
@@ -36,11 +50,16 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
                 row = (
                     *(getattr(case, name) for name in _FIRST),
                     *(case.values.get(name) for name in parameters),
-                    *(getattr(case, name) for name in (*_REST, *_ALSO.values())),
+                    *(_shown(case, name) for name in (*_REST, *_ALSO.values())),
                 )
                 writer.writerow(map(cell, row))
     except OSError as error:
         raise InputError(f"The table {path} cannot be written: {error}.") from error
+
+
+def _shown(case: CaseResult, name: str) -> Any:
+    """A field as its column has it: notes as sentences."""
+    return _IN_WORDS[name](case) if name in _IN_WORDS else getattr(case, name)
 
 
 def write_tables(evaluation: Evaluation) -> None:
@@ -66,7 +85,7 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
         "points": {"a": settings.method.score.a, "b": settings.method.score.b},
         "drivers": {"source": settings.drivers.source, "count": settings.drivers.count},
         "not_evaluated": evaluation.not_evaluated,
-        "scores": [asdict(score) for score in evaluation.scores],
+        "scores": [_score_json(score) for score in evaluation.scores],
         "ranking": None if evaluation.ranking is None else asdict(evaluation.ranking),
         "preventability": {
             "reference": reference_ads(settings) or "ideal vehicle",
@@ -77,6 +96,15 @@ def scores_json(evaluation: Evaluation) -> dict[str, Any]:
     }
     plain: dict[str, Any] = _plain(content)
     return plain
+
+
+def _score_json(score: ScenarioResult) -> dict[str, Any]:
+    """A score's fields, notes and reasons as sentences."""
+    return asdict(score) | {
+        "d_reason": not_computed(reason_without_d(score)),
+        "h_reason": not_computed(reason_without_h(score)),
+        "notes": [score_note(note) for note in score.notes],
+    }
 
 
 def _plain(value: Any) -> Any:

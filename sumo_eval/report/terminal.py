@@ -24,9 +24,11 @@ from sumo_eval.report.words import (
     number,
     point,
     reason_without_d,
+    reason_without_h,
+    score_note,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, Evaluation, Ranking, ScenarioResult
+from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ScenarioResult
 
 LEADING = ("collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+")
 PAPERS = ("C", "D", "S", "cases", "in safe zone", "not evaluated")
@@ -116,9 +118,10 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         if score.d is None
     ]
     lines += [
-        f"H of {score.ads} in {score.scenario} is {score.h_reason}. Its term counts 0 points of S+."
+        f"H of {score.ads} in {score.scenario} is not computed: {reason_without_h(score)}. "
+        "Its term counts 0 points of S+."
         for score in evaluation.scores
-        if score.human_likeness is None and score.h_reason
+        if score.human_likeness is None and score.h_reason is not None
     ]
     missing = unevaluated(evaluation)
     if missing:
@@ -129,10 +132,10 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         if rest:
             lines.append(f"  and {rest} more, all in the report.")
     lines += [
-        f"{score.ads} in {score.scenario}: {note}"
+        f"{score.ads} in {score.scenario}: {score_note(note)}"
         for score in evaluation.scores
         for note in score.notes
-        if "could not be evaluated" not in note  # said above, with the cases
+        if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     if drivers_are_synthetic(evaluation.settings):
@@ -206,7 +209,8 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
     weighed = set(ranking.weights.values()) != {1.0}
     weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
     lines = [
-        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}; {ranking.level:.0%} intervals:"
+        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}; "
+        f"{ranking.level:z.0%} intervals:"
     ]
     above = ""
     for one in ranking.ads:
@@ -258,8 +262,8 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> lis
 def moved_words(item: ChangedCase) -> list[str]:
     """By how much what the change is about moved, and everything else in the case that moves a score."""
     about_impact = item.change in ("harsher", "softer")
-    words = [f"U {item.by:+.3g} m/s"] if about_impact and item.by is not None else []
-    return [*words, *(f"{name} {by:+.3g}" for name, by in item.moved.items())]
+    words = [f"U {item.by:+z.3g} m/s"] if about_impact and item.by is not None else []
+    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items())]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
@@ -277,14 +281,14 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
     digits = _COMPARED.get(name, 3)
     values = " -> ".join(
-        NOT_COMPUTED if value is None else f"{value:.{digits}f}" for value in (change.base, change.new)
+        NOT_COMPUTED if value is None else f"{value:z.{digits}f}" for value in (change.base, change.new)
     )
     if change.difference is None or change.low is None or change.high is None:
         return values
     if change.difference == change.low == change.high == 0.0:
-        return f"{change.new:.{digits}f}, unchanged"
-    interval = f"{change.low:+.{digits}f} to {change.high:+.{digits}f}"
-    return f"{values}, {change.difference:+.{digits}f} ({confidence:.0%} interval of the difference: {interval})"
+        return f"{change.new:z.{digits}f}, unchanged"
+    interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
+    return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"
 
 
 def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult]) -> str:
@@ -319,14 +323,14 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
 
 
 def _ledger_lines(found: Ledger) -> list[str]:
-    total = f"{found.total:.2f}"
+    total = f"{found.total:z.2f}"
     lines = [f"{_one_line(found.ads)} in {found.scenario}: {found.name} = {total}"]
     for line in found.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
-        lines.append(f"  {line.points:+8.2f}  {line.term} {line.index:+.4f}  {equation}{line.words}{cases}")
+        lines.append(f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}")
         lines += [
-            f"            {entry.points:+8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
+            f"            {entry.points:+z8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
             for entry in line.entries[:MOST_ENTRIES]
             if entry.points < 0.0
         ]

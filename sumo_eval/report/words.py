@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.method.anthropomorphic import BIMODAL
+from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_loss
-from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, once
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.method.manoeuvres import Manoeuvre
+from sumo_eval.method.manoeuvres import words as manoeuvre_words
+from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, mean_shares, once
+from sumo_eval.results import (
+    BeyondRange,
+    CaseResult,
+    CasesMissing,
+    DrivenAlone,
+    DrivesLeftOut,
+    Evaluation,
+    GentlerThanIdeal,
+    IdealCollidesToo,
+    NotComputed,
+    OutsideSupport,
+    ScenarioResult,
+    ScoreNote,
+    ThinReferences,
+    WorstAndBest,
+)
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
 from sumo_eval.settings import EvaluationSettings
 
@@ -124,7 +139,7 @@ SHARE_WORTH_NAMING = 0.05  # of the loss 1 - C
 
 def number(value: float | None, digits: int) -> str:
     """A fixed number of decimals; a dash for what does not apply."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
+    return "–" if value is None or not math.isfinite(value) else f"{value:z.{digits}f}"
 
 
 def interval_words(interval: tuple[float, float] | None, digits: int) -> str:
@@ -140,7 +155,7 @@ def percent(share: float | None) -> str:
     if value == 0.0:
         return "0 %"
     digits = min(6, max(0, 2 - math.floor(math.log10(abs(value)))))
-    text = f"{value:.{digits}f}"
+    text = f"{value:z.{digits}f}"
     return f"{text.rstrip('0').rstrip('.') if '.' in text else text} %"
 
 
@@ -221,8 +236,8 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
                 missing.append((case, "The case of `no_reaction` here could not be evaluated, so U0 is not known."))
             elif case.counts_for_index and not _void(score) and case.index is None:
                 why = (
-                    case.index_note
-                    or case.reference_note
+                    index_note_words(case)
+                    or reference_note_words(case)
                     or "Fewer than two human drivers could be compared with here."
                 )
                 missing.append((case, f"There is no D_i: {why}"))
@@ -289,11 +304,11 @@ def explain_h(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     said = f"H = {number(score.human_likeness, 3)}: mean over {count(len(counted), 'safe case')}"
     if means:
         name = min(means, key=lambda factor: means[factor])
-        others = ", ".join(f"{factor} {mean:.2f}" for factor, mean in means.items() if factor != name)
+        others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
         said += (
             ", no factor limits it"
             if means[name] >= NEGLIGIBLE_LIMIT
-            else f", limited most by {name} (mean {means[name]:.2f}; {others})"
+            else f", limited most by {name} (mean {means[name]:z.2f}; {others})"
         )
     lost = f"{count(hits, 'case')} with an avoidable collision {'counts' if hits == 1 else 'count'} 0."
     return [f"{said}.", *([lost] if hits else [])]
@@ -304,14 +319,14 @@ def explain_s_plus(score: ScenarioResult, settings: EvaluationSettings) -> str:
     if score.s_plus is None:
         return "S+ is not computed: nothing could be evaluated."
     terms = settings.method.score
-    a_term = f"A gives {score.a_points:.1f} of {terms.a:g} points"
-    h_term = f"H gives {score.h_points:.1f}" if score.human_likeness is not None else "H, not computed, gives 0"
-    return f"S+ = {score.s_plus:.1f}: {a_term}, {h_term} of {terms.b:g} points."
+    a_term = f"A gives {score.a_points:z.1f} of {terms.a:g} points"
+    h_term = f"H gives {score.h_points:z.1f}" if score.human_likeness is not None else "H, not computed, gives 0"
+    return f"S+ = {score.s_plus:z.1f}: {a_term}, {h_term} of {terms.b:g} points."
 
 
 def reason_without_h(score: ScenarioResult) -> str:
     """Why there is no H, without the words `not computed`."""
-    return _reason(score.h_reason)
+    return _reason(score.h_reason, "human-likeness")
 
 
 def likeness_means(cases: Sequence[CaseResult]) -> dict[str, float]:
@@ -337,13 +352,8 @@ def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) 
     hits = [case for case in cases if case.collided]
     ratios = [ratio_of(case, settings.method.collision.loss) for case in hits]
     known = [(case, ratio) for case, ratio in zip(hits, ratios, strict=True) if ratio is not None]
-    weights = np.array([case.weight or 0.0 for case, _ in known])
-    if not weights.any():
-        weights = np.ones(len(known))
-    lost = {
-        case.case: float(weight * (1.0 - ratio) / weights.sum())
-        for (case, ratio), weight in zip(known, weights, strict=True)
-    }
+    weights = mean_shares([case.weight or 0.0 for case, _ in known]).tolist()
+    lost = {case.case: weight * (1.0 - ratio) for (case, ratio), weight in zip(known, weights, strict=True)}
     shares = [CollisionShare(case, ratio, lost.get(case.case)) for case, ratio in zip(hits, ratios, strict=True)]
     return sorted(shares, key=lambda share: (share.lost is None, -(share.lost or 0.0), share.case.case))
 
@@ -371,7 +381,7 @@ def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
     ratio = "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L"
     sentences = [
         f"{score.ads} collided in {where}; the ideal vehicle avoids {score.avoidable_collisions} of these.",
-        f"C = {score.c:.3f}: the mean of {ratio} over the collisions, weighted by r. "
+        f"C = {score.c:z.3f}: the mean of {ratio} over the collisions, weighted by r. "
         + (
             f"A collision that the ideal vehicle avoids has {ratio} = 0."
             if settings.method.collision.loss == "severity"
@@ -380,7 +390,7 @@ def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
     ]
     worst = next(iter(collision_shares(cases, settings)), None)
     if worst is not None and worst.lost and worst.lost >= SHARE_WORTH_NAMING * (1.0 - score.c):
-        sentences.append(f"{point(worst.case.values)} took the most from C: {worst.lost:.3f} of {1.0 - score.c:.3f}.")
+        sentences.append(f"{point(worst.case.values)} took the most from C: {worst.lost:z.3f} of {1.0 - score.c:z.3f}.")
     return sentences
 
 
@@ -394,13 +404,13 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     if means[name] >= NEGLIGIBLE_LIMIT:
         limit = "no factor limits it"
     else:
-        others = ", ".join(f"{factor} {mean:.2f}" for factor, mean in means.items() if factor != name)
-        limit = f"limited most by the {name} factor (mean {means[name]:.2f}; {others})"
-    sentences = [f"D = {score.d:.3f}: mean over {count(indexed, 'safe case')}, {limit}."]
+        others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
+        limit = f"limited most by the {name} factor (mean {means[name]:z.2f}; {others})"
+    sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."]
     low = [case for case in cases if case.zone == "safe" and case.index is not None and case.index < 0.1]
     if low and len(low) < indexed:
         sentences.append(f"{len(low)} of them {'scores' if len(low) == 1 else 'score'} below 0.1.")
-    split = sum(case.zone == "safe" and BIMODAL in case.index_note for case in cases)
+    split = sum(case.zone == "safe" and any(one.kind == "two_groups" for one in case.index_note) for case in cases)
     if split:
         sentences.append(
             f"In {split} of them the drivers fall into two groups, such as overtaking and following, and one Gaussian "
@@ -411,11 +421,25 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
 
 def reason_without_d(score: ScenarioResult) -> str:
     """Why there is no D, without the words `not computed`."""
-    return _reason(score.d_reason)
+    return _reason(score.d_reason, "D_i")
 
 
-def _reason(recorded: str) -> str:
-    return recorded.removeprefix("not computed").lstrip(": ").rstrip(".") or "no reason was recorded"
+def _reason(found: NotComputed | None, what: str) -> str:
+    match found:
+        case NotComputed("collisions", number):
+            return f"{count(number, 'collision')} in the safe zone"
+        case NotComputed("no_safe_case"):
+            return "no case lies in the safe zone"
+        case NotComputed("nothing_compared"):
+            return "no safe case could be evaluated and compared with drivers"
+        case NotComputed("no_exposure"):
+            return f"every safe case with a {what} has exposure 0"
+    return ""
+
+
+def not_computed(reason: str) -> str:
+    """`not computed: no case lies in the safe zone`; nothing where there is no reason."""
+    return f"not computed: {reason}" if reason else ""
 
 
 def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
@@ -434,8 +458,103 @@ def _means(cases: Sequence[CaseResult], factors: Mapping[str, tuple[str, str]]) 
     }
 
 
+_INDEX_NOTES: dict[NoteKind, str] = {
+    "manoeuvre_made_by": "Compared with the {count} of {of} drivers who made the same manoeuvre ({done}).",
+    "manoeuvre_made_by_nobody": "No driver made the ADS's manoeuvre ({done}), so its similarity is 0.",
+    "centre_floor": "Deviation floor of the centre applied at {count} of {of} slices.",
+    "field_floor": "Deviation floor of the field applied at {count} of {of} points.",
+    "two_groups": "Bimodal: at {count} of {of} slices one Gaussian spans two groups of drivers over half a lane apart.",
+    "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
+    "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; the others hold their "
+    "last y.",
+    "ads_off_road": "At {count} of {of} slices the ADS's centre is off the road; that side's points collapse on it.",
+    "past_the_road": "{count} of {of} trajectories go on past the road's end and are read up to it.",
+    "drivers_start_late": "{count} of {of} drivers start beyond the ADS's start and hold their first y up to there.",
+    "drivers_still_driving": "{count} of {of} drivers were still driving when last seen: their length counts to the "
+    "road's end.",
+    "ads_still_driving": "The ADS was still driving when last seen: its length counts to the road's end, and slices "
+    "end there.",
+    "ads_left_the_road": "The ADS left the road: its length is what it drove.",
+    "drivers_without_operation": "The drivers made no operation at all, so the ADS's operations make D zero.",
+}
+
+
+def index_note_sentence(note: IndexNote) -> str:
+    """One note on a D_i as a sentence."""
+    return _notes_sentence([note])
+
+
+def _notes_sentence(notes: Sequence[IndexNote]) -> str:
+    """Notes of one kind and manoeuvre in one sentence, with the ranges of their numbers."""
+    first = notes[0]
+    counts, totals = _range([note.count for note in notes]), _range([note.of for note in notes])
+    done = manoeuvre_words(first.manoeuvre) if first.manoeuvre else ""
+    return _INDEX_NOTES[first.kind].format(count=counts, of=totals, done=done)
+
+
+def index_note_words(case: CaseResult) -> str:
+    """What was noted while the D_i of a case was computed, or nothing."""
+    return " ".join(map(index_note_sentence, case.index_note))
+
+
+def reference_note_words(case: CaseResult) -> str:
+    """Why the drivers of a case are too few, and what is done about it; nothing where they are enough."""
+    note = case.reference_note
+    if note is None:
+        return ""
+    ending = "left out." if note.filled is None else f"filled with {note.filled} synthetic ones."
+    return f"Reference too thin: {note.recorded} of at least {note.least} recorded drivers; {ending}"
+
+
+def exposure_note_words(case: CaseResult) -> str:
+    """Whether nobody was recorded in anything like a case; nothing where somebody was."""
+    known = {"": "", "outside_support": "Outside the data's support: no recorded event is like this concrete scenario."}
+    return known[case.exposure_note]
+
+
+def score_note(note: ScoreNote) -> str:
+    """What a reader must know of a score, as sentences."""
+    match note:
+        case DrivesLeftOut(left_out, drives, statuses):
+            how = ", ".join(f"{number} {status}" for status, number in statuses)
+            return f"{left_out} of {drives} drives of the drivers are left out of the reference ({how})."
+        case DrivenAlone(alone):
+            why = " ".join(f"{number} x: {reason}" for reason, number in alone)
+            drives = sum(number for _, number in alone)
+            return f"{count(drives, 'drive')} left the pack and had to be simulated alone. {why}"
+        case BeyondRange(severity, reasons):
+            why = "; ".join(f"{number} x {reason}" for reason, number in reasons)
+            hits = sum(number for _, number in reasons)
+            return f"{count(hits, 'collision')} outside the range of `{severity}`: {why}."
+        case ThinReferences(thin, safe, left_out):
+            return (
+                f"Reference too thin in {thin} of {safe} safe cases: {thin - left_out} filled with synthetic drivers, "
+                f"{left_out} left out of D."
+            )
+        case OutsideSupport(cases, of):
+            return f"{cases} of {of} cases lie outside the support of the recorded exposure."
+        case CasesMissing(zones):
+            places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
+            missing = count(note.cases, "case")
+            return f"{missing} could not be evaluated ({places}); the scores are means over the others."
+        case WorstAndBest(c, d, s):
+            parts = [
+                f"{name} within {interval_words(interval, digits)}"
+                for name, interval, digits in (("C", c, 3), ("D", d, 3), ("S", s, 1))
+                if interval is not None
+            ]
+            return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
+        case GentlerThanIdeal(collisions):
+            return f"In {count(collisions, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1."
+        case IdealCollidesToo(collisions, of):
+            return (
+                f"The ideal vehicle has {collisions} of {count(of, 'collision')} in the safe zone as well: C and A "
+                "judge them, and D and H leave them out."
+            )
+
+
 @dataclass(frozen=True, slots=True)
-class IndexNote:
+class GatheredNote:
     """A note that D_i left in several cases of one ADS and scenario; numbers that differ stand as a range."""
 
     ads: str
@@ -444,30 +563,22 @@ class IndexNote:
     text: str
 
 
-def index_notes(evaluation: Evaluation) -> list[IndexNote]:
-    """The notes on D_i, gathered: the same sentence with other numbers is the same note, the most frequent first."""
-    notes = []
+def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
+    """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
+    gathered = []
     for score in evaluation.scores:
-        found: dict[str, list[list[str]]] = {}
+        found: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
         for case in cases_of(evaluation, score):
-            for sentence in _SENTENCE_END.split(case.index_note) if case.index_note else ():
-                found.setdefault(_NUMBER.sub("{}", sentence), []).append(_NUMBER.findall(sentence))
-        for shape, numbers in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
-            ranges = [_range(column) for column in zip(*numbers, strict=True)]
-            text = "".join(
-                f"{part}{value}" for part, value in itertools.zip_longest(shape.split("{}"), ranges, fillvalue="")
-            )
-            notes.append(IndexNote(score.ads, score.scenario, len(numbers), text))
-    return notes
+            for note in case.index_note:
+                found.setdefault((note.kind, note.manoeuvre), []).append(note)
+        for _, notes in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
+            gathered.append(GatheredNote(score.ads, score.scenario, len(notes), _notes_sentence(notes)))
+    return gathered
 
 
-_SENTENCE_END = re.compile(r"(?<=\.) +(?=[A-Z])")
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")
-
-
-def _range(texts: Sequence[str]) -> str:
-    low, high = min(texts, key=float), max(texts, key=float)
-    return low if float(low) == float(high) else f"{low} to {high}"
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low}" if low == high else f"{low} to {high}"
 
 
 def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
@@ -475,7 +586,7 @@ def explain_s(score: ScenarioResult, settings: EvaluationSettings) -> str:
     if score.s is None:
         return "S is not computed: nothing could be evaluated."
     terms = settings.method.score
-    d_term = f"D gives {score.d_points:.1f}" if score.d is not None else "D, not computed, gives 0"
+    d_term = f"D gives {score.d_points:z.1f}" if score.d is not None else "D, not computed, gives 0"
     scales = "" if terms.k5 == terms.k6 == 1.0 else f" (scaled by k5 = {terms.k5:g}, k6 = {terms.k6:g})"
-    c_term = f"C gives {score.c_points:.1f} of {terms.a:g} points"
-    return f"S = {score.s:.1f}: {c_term}, {d_term} of {terms.b:g} points{scales}."
+    c_term = f"C gives {score.c_points:z.1f} of {terms.a:g} points"
+    return f"S = {score.s:z.1f}: {c_term}, {d_term} of {terms.b:g} points{scales}."

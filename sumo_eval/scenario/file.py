@@ -34,7 +34,8 @@ from sumo_eval.scenario.logical import (
     ZoneCoordinates,
     uniform_exposure,
 )
-from sumo_eval.scenario.road.table import PieceTable, bend_name, line_of
+from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.settings.config import mistakes
@@ -87,6 +88,11 @@ class RoadTable(Checked):
         tuple[PieceTable, ...],
         About("the right lane's centre line from x = 0 on, piece by piece; behind the last one it is straight"),
     ] = ()
+    opendrive: Annotated[
+        str | None,
+        About("an .xodr instead, relative to this file: its line, its lanes and its length"),
+    ] = None
+    opendrive_road: Annotated[str | None, About("id of the road in that file, where it has several")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -684,9 +690,14 @@ class _Builder:
 
     def _road(self) -> Road:
         road, end = self.table.road, self.table.end
+        for other in ("network", "opendrive"):
+            if road.line and getattr(road, other) is not None:
+                raise InputError(f"`road.line` of {self.where} draws a road, and its `{other}` has one already.")
+        if road.opendrive_road is not None and road.opendrive is None:
+            raise InputError(f"`road.opendrive_road` of {self.where} names a road of an `opendrive`: there is none.")
+        if road.opendrive is not None:
+            return self._opendrive(road.opendrive)
         if road.network is not None:
-            if road.line:
-                raise InputError(f"`road.line` of {self.where} draws a road, and its `network` has one already.")
             return read_road(self.folder / road.network, road.edges, end.x)
         if road.edges:
             raise InputError(f"`road.edges` of {self.where} name edges of a `network`, and there is none.")
@@ -696,6 +707,18 @@ class _Builder:
         name = road.name or f"road_{road.lanes}x{road.lane_width:g}m_{end.x:g}m_of_{road.length:g}m"
         name += bend_name(line, named=road.name is not None)
         return Road(name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line)
+
+    def _opendrive(self, file: str) -> Road:
+        road, end = self.table.road, self.table.end
+        if road.network is not None or road.edges:
+            raise InputError(f"[road] of {self.where} must have either `network` or `opendrive`.")
+        path = self.folder / file
+        read = read_opendrive(path, road.opendrive_road)
+        if end.x > read.length:
+            raise must_be("`end.x`", self.where, f"at most the road's length {read.length:.1f} m", end.x)
+        check_line(read.line, read.lanes, read.lane_width, f"the road of {path.name}")
+        name = (road.name or path.stem) + bend_name(read.line, named=False)
+        return Road(name, end.x, read.lanes, read.lane_width, read.length - end.x, line=read.line)
 
     def _vehicle(self, item: VehicleTable) -> Vehicle:
         what = f"vehicle `{item.name}`"

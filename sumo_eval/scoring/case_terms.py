@@ -91,7 +91,6 @@ def scores_of(terms: CaseTerms, counts: FloatArray, method: MethodSettings) -> d
 
     Whether a collision in the safe zone leaves no D is a fact of all cases, and not drawn again with a sample.
     """
-    points = method.score
     c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, counts)
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
     if terms.voids.any():
@@ -108,12 +107,12 @@ def scores_of(terms: CaseTerms, counts: FloatArray, method: MethodSettings) -> d
     return {
         "c": c,
         "d": d,
-        "s": score_terms.combined(c, d, points.a, points.b, points.k5, points.k6),
+        "s": score_terms.paper_score(c, d, method.score),
         "avoided_share": avoided,
         "avoided_share_exposure": by_exposure,
         "regret": score_terms.regret(u, ideal, weight, counts),
         "human_likeness": human,
-        "s_plus": score_terms.score_plus(avoided, human, points.a, points.b),
+        "s_plus": score_terms.ordering_score(avoided, human, method.score),
         "collision_probability": score_terms.exposure_mean(hits, terms.exposure, counts),
     }
 

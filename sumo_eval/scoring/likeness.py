@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from sumo_eval.method.anthropomorphic import BIMODAL, AnthropomorphicIndex
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
 from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
 from sumo_eval.record.recording import RECORDED, Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
-from sumo_eval.results import EVALUATED, CaseResult
+from sumo_eval.results import EVALUATED, CaseResult, OutsideSupport, ScoreNote, ThinReference, ThinReferences
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import DriverSettings, EvaluationSettings
 
@@ -36,7 +36,7 @@ class PointReference:
     cases: tuple[str, ...]
     drivers: tuple[str, ...]
     recorded: int
-    note: str
+    note: ThinReference | None
     usable: bool
 
 
@@ -49,13 +49,12 @@ def references(logical: LogicalScenario, store: Store, settings: DriverSettings)
     found = {}
     for point, facts in drives.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
-        note, usable = "", len(facts) >= FEWEST_DRIVERS
+        note: ThinReference | None = None
+        usable = len(facts) >= FEWEST_DRIVERS
         if settings.source == RECORDED and recorded < settings.least:
-            note = f"Reference too thin: {recorded} of at least {settings.least} recorded drivers"
-            if settings.too_thin == "fill":
-                note += f"; filled with {len(facts) - recorded} synthetic ones."
-            else:
-                note, usable = f"{note}; left out.", False
+            fills = settings.too_thin == "fill"
+            note = ThinReference(recorded, settings.least, len(facts) - recorded if fills else None)
+            usable = fills and usable
         found[point] = PointReference(
             tuple(fact.case for fact in facts), tuple(fact.driver for fact in facts), recorded, note, usable
         )
@@ -138,17 +137,15 @@ def with_people(
     outside = set(exposure.get("outside_support", ()))
     full = []
     for row, fact in zip(rows, facts, strict=True):
-        note = ""
-        if fact.point in outside:
-            note = "Outside the data's support: no recorded event is like this concrete scenario."
+        note: Literal["", "outside_support"] = "outside_support" if fact.point in outside else ""
         if row.zone == "hazardous":
             full.append(replace(row, exposure_note=note))
             continue
         reference, band = compared.get(fact.point), people.bands.get(fact.point)
         index = people.indexes.get(fact.case)
-        thin = reference.note if reference else ""
+        thin = reference.note if reference else None
         if reference is None and settings.source == RECORDED:
-            thin = f"Reference too thin: 0 of at least {settings.least} recorded drivers; left out."
+            thin = ThinReference(0, settings.least, None)
         full.append(
             replace(
                 row,
@@ -158,7 +155,7 @@ def with_people(
                 human_low=band.low if band else None,
                 human_mean=band.mean if band else None,
                 human_high=band.high if band else None,
-                bimodal=bool(index and any(text.startswith(BIMODAL) for text in index.notes)),
+                bimodal=bool(index and any(one.kind == "two_groups" for one in index.notes)),
                 manoeuvre=words(index.manoeuvre) if index and index.manoeuvre else "",
                 manoeuvre_share=index.share if index and index.manoeuvre else None,
                 exposure_note=note,
@@ -167,18 +164,14 @@ def with_people(
     return full
 
 
-def reference_sentences(rows: Sequence[CaseResult]) -> tuple[str, ...]:
+def reference_notes(rows: Sequence[CaseResult]) -> tuple[ScoreNote, ...]:
     """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
     safe = [row for row in rows if row.zone == "safe"]
-    thin = [row for row in safe if row.reference_note]
-    left_out = sum(row.reference_note.endswith("left out.") for row in thin)
+    thin = [row.reference_note for row in safe if row.reference_note is not None]
     outside = sum(bool(row.exposure_note) for row in rows)
-    said = []
+    said: list[ScoreNote] = []
     if thin:
-        said.append(
-            f"Reference too thin in {len(thin)} of {len(safe)} safe cases: {len(thin) - left_out} filled with "
-            f"synthetic drivers, {left_out} left out of D."
-        )
+        said.append(ThinReferences(len(thin), len(safe), sum(one.filled is None for one in thin)))
     if outside:
-        said.append(f"{outside} of {len(rows)} cases lie outside the support of the recorded exposure.")
+        said.append(OutsideSupport(outside, len(rows)))
     return tuple(said)

@@ -19,11 +19,25 @@ from sumo_eval.method.collision_avoidance import (
 )
 from sumo_eval.method.measures import CriticalityMeasures, measures
 from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
-from sumo_eval.method.score import combined_score
+from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.store import EGO, Fact, Store
-from sumo_eval.results import EVALUATED, CaseResult, ScenarioResult, ZoneResult
+from sumo_eval.results import (
+    EVALUATED,
+    BeyondRange,
+    CaseResult,
+    CasesMissing,
+    DrivenAlone,
+    DrivesLeftOut,
+    GentlerThanIdeal,
+    IdealCollidesToo,
+    NotComputed,
+    ScenarioResult,
+    ScoreNote,
+    WorstAndBest,
+    ZoneResult,
+)
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
@@ -31,23 +45,20 @@ from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray
 
 
-def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[str, ...]:
-    """A sentence about drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
+def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[ScoreNote, ...]:
+    """Drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
     drives = store.facts("human", logical.name)
     left_out = [fact for fact in drives if fact.status != "ok"]
     if not left_out:
         return ()
-    how = ", ".join(f"{number} {status}" for status, number in sorted(Counter(f.status for f in left_out).items()))
-    return (f"{len(left_out)} of {len(drives)} drives of the drivers are left out of the reference ({how}).",)
+    statuses = Counter(fact.status for fact in left_out)
+    return (DrivesLeftOut(len(left_out), len(drives), tuple(sorted(statuses.items()))),)
 
 
-def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[str, ...]:
-    """A sentence about drives that were to be simulated together with others, and had to be done again alone."""
+def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[ScoreNote, ...]:
+    """Drives that were to be simulated together with others, and had to be done again alone."""
     reasons = store.simulated_alone(logical.name, ads)
-    if not reasons:
-        return ()
-    why = " ".join(f"{number} x: {reason}" for reason, number in reasons.items())
-    return (f"{_count(sum(reasons.values()), 'drive')} left the pack and had to be simulated alone. {why}",)
+    return (DrivenAlone(tuple(reasons.items())),) if reasons else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,14 +133,11 @@ def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
     return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
 
 
-def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[str, ...]:
-    """A sentence about collisions outside the range that the severity is known for."""
+def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[ScoreNote, ...]:
+    """Collisions outside the range that the severity is known for."""
     reasons = Counter(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
     reasons.pop("", None)
-    if not reasons:
-        return ()
-    why = "; ".join(f"{number} x {reason}" for reason, number in sorted(reasons.items()))
-    return (f"{_count(sum(reasons.values()), 'collision')} outside the range of `{severity.name}`: {why}.",)
+    return (BeyondRange(severity.name, tuple(sorted(reasons.items()))),) if reasons else ()
 
 
 def tabulate(
@@ -178,7 +186,7 @@ def tabulate(
                 similarity=index.similarity if index else None,
                 operation_tolerance=likeness.operation_tolerance if likeness else None,
                 mixture_similarity=likeness.similarity if likeness else None,
-                index_note=" ".join(index.notes) if index else "",
+                index_note=index.notes if index else (),
                 clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
                 ideal_collided=None if ideal is None else ideal > 0.0,
             )
@@ -219,7 +227,7 @@ def _finite(value: float) -> float | None:
 
 
 def combine(
-    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[str] = ()
+    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[ScoreNote] = ()
 ) -> ScenarioResult:
     """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them."""
     notes = list(notes)
@@ -239,21 +247,15 @@ def combine(
     others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
     if missing:
         where = Counter(case.zone for case in cases if case.case in missing)
-        places = " and ".join(f"{number} in the {zone} zone" for zone, number in sorted(where.items()))
-        notes.append(
-            f"{_count(len(missing), 'case')} could not be evaluated ({places}); the scores are means over the others."
-        )
+        notes.append(CasesMissing(tuple(sorted(where.items()))))
     if s_interval:
-        notes.append(_interval_sentence(c_interval, d_interval, s_interval))
+        notes.append(WorstAndBest(c_interval, d_interval, s_interval))
     beaten = sum(case.beats_ideal for case in hits)
     if beaten:
-        notes.append(f"In {_count(beaten, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1.")
+        notes.append(GentlerThanIdeal(beaten))
     if safe_hits > voiding:
-        notes.append(
-            f"The ideal vehicle has {safe_hits - voiding} of {_count(safe_hits, 'collision')} in the safe zone as "
-            "well: C and A judge them, and D and H leave them out."
-        )
-    total = combined_score(c, d, a=method.score.a, b=method.score.b, k5=method.score.k5, k6=method.score.k6)
+        notes.append(IdealCollidesToo(safe_hits - voiding, safe_hits))
+    total, plus = score_of(c, d, method.score), plus_of(values["avoided_share"], values["human_likeness"], method.score)
     avoided, human = values["avoided_share"], values["human_likeness"]
     statuses = Counter(case.status for case in cases)
     return ScenarioResult(
@@ -261,7 +263,7 @@ def combine(
         scenario=scenario,
         c=c,
         d=d,
-        d_reason="" if d is not None else _without_index(safe, voiding, "D_i", [case.index for case in safe]),
+        d_reason=None if d is not None else _without_mean(safe, voiding, [case.index for case in safe]),
         s=total.total,
         c_points=total.c_points,
         d_points=total.d_points,
@@ -284,12 +286,10 @@ def combine(
         avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human,
-        h_reason=""
-        if human is not None
-        else _without_index(safe, 0, "human-likeness", [case.human_likeness for case in safe]),
+        h_reason=None if human is not None else _without_mean(safe, 0, [case.human_likeness for case in safe]),
         s_plus=values["s_plus"],
-        a_points=method.score.a * max(avoided or 0.0, 0.0),
-        h_points=method.score.b * (human or 0.0),
+        a_points=plus.a_points,
+        h_points=plus.h_points,
         avoided_share_interval=others.get("avoided_share"),
         avoided_share_exposure_interval=others.get("avoided_share_exposure"),
         regret_interval=others.get("regret"),
@@ -298,15 +298,13 @@ def combine(
     )
 
 
-def _without_index(safe: Sequence[CaseResult], voiding: int, what: str, values: Sequence[float | None]) -> str:
-    """Why there is no mean over the safe cases. voiding: collisions that leave none."""
+def _without_mean(safe: Sequence[CaseResult], voiding: int, values: Sequence[float | None]) -> NotComputed:
+    """Why there is no mean of these values over the safe cases. voiding: collisions that leave none."""
     if voiding:
-        return f"not computed: {_count(voiding, 'collision')} in the safe zone"
+        return NotComputed("collisions", voiding)
     if not safe:
-        return "not computed: no case lies in the safe zone"
-    if all(value is None for value in values):
-        return "not computed: no safe case could be evaluated and compared with drivers"
-    return f"not computed: every safe case with a {what} has exposure 0"
+        return NotComputed("no_safe_case")
+    return NotComputed("nothing_compared" if all(value is None for value in values) else "no_exposure")
 
 
 def _or_nan(value: float | None) -> float:
@@ -368,26 +366,14 @@ def _s_interval(
     if c_interval is None and d_interval is None:
         return None
     lowest_d = None if any(not case.evaluated for case in safe) else (d_interval[0] if d_interval else d)
-    points = method.score
     low, high = (
-        combined_score(at_c, at_d, a=points.a, b=points.b, k5=points.k5, k6=points.k6).total or 0.0
+        score_of(at_c, at_d, method.score).total or 0.0
         for at_c, at_d in (
             (c_interval[0] if c_interval else c, lowest_d),
             (c_interval[1] if c_interval else c, d_interval[1] if d_interval else d),
         )
     )
     return low, high
-
-
-def _interval_sentence(
-    c_interval: tuple[float, float] | None, d_interval: tuple[float, float] | None, s_interval: tuple[float, float]
-) -> str:
-    parts = [
-        f"{name} within {interval[0]:.{digits}f}..{interval[1]:.{digits}f}"
-        for name, interval, digits in (("C", c_interval, 3), ("D", d_interval, 3), ("S", s_interval, 1))
-        if interval is not None
-    ]
-    return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
 
 
 def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sample) -> ZoneResult:
@@ -405,7 +391,3 @@ def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sampl
         refused=len(points.refused),
         notes=(*zones.notes, *points.notes),
     )
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.settings import Checked, EvaluationSettings
-from sumo_eval.settings.toml_file import read_toml, toml_from
+from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
@@ -23,12 +23,14 @@ Settings = TypeVar("Settings", bound=Checked)
 
 def read_evaluation(path: Path) -> EvaluationSettings:
     """The settings in an evaluation file. Raises InputError naming every mistake in it."""
-    return settings_from(read_toml(path, "evaluation file"), str(path))
+    settings = _validated(read_toml(path, "evaluation file"), EvaluationSettings, str(path), path)
+    _check(settings, str(path))
+    return settings
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
     """The settings in a file of another kind, which `what` names in sentences: `gate file`."""
-    return _validated(read_toml(path, what), kind, str(path))
+    return _validated(read_toml(path, what), kind, str(path), path)
 
 
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
@@ -38,12 +40,13 @@ def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     return settings
 
 
-def _validated(content: Mapping[str, Any], kind: type[Settings], where: str) -> Settings:
+def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:
+    """file: where the content was read, so that a mistake can be told with its line."""
     try:
         adapter: TypeAdapter[Settings] = TypeAdapter(kind)
         settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
-        raise InputError(mistakes(error, where, kind)) from None
+        raise InputError(mistakes(error, where, kind, file)) from None
     return settings
 
 
@@ -106,14 +109,27 @@ def _without_none(value: Any) -> Any:
     return value
 
 
-def mistakes(error: ValidationError, where: str, root: type) -> str:
-    """Everything that pydantic found, one sentence a line. `root`: the settings class that was being read."""
-    return "\n".join(_sentence(item, where, root) for item in error.errors())
+def mistakes(error: ValidationError, where: str, root: type, file: Path | None = None) -> str:
+    """Everything that pydantic found, one sentence a line. `root`: the settings class that was being read.
+
+    What a value that may be one of several kinds is not, is one mistake. file: to tell lines of.
+    """
+    text = "" if file is None else file.read_text(encoding="utf-8")
+    found: dict[tuple[Any, ...], list[Any]] = {}
+    for item in error.errors():
+        found.setdefault(_place(item), []).append(item)
+    return "\n".join(_sentence(items, where, root, line_of(text, place)) for place, items in found.items())
 
 
-def _sentence(item: Any, where: str, root: type) -> str:
-    """One of pydantic's findings in the project's sentence shape."""
-    location = [part for part in item["loc"] if part not in _UNION_BRANCHES]
+def _place(item: Any) -> tuple[Any, ...]:
+    return tuple(part for part in item["loc"] if part not in _UNION_BRANCHES)
+
+
+def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
+    """What pydantic found at one place, in the project's sentence shape."""
+    item, location = items[0], list(_place(items[0]))
+    if line is not None:
+        where = f"{where} (line {line})"
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).removeprefix(".")
     if item["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
         return f"Unknown key `{path}` in {where}.{did_you_mean(str(location[-1]), _keys_beside(location, root))}"
@@ -123,9 +139,30 @@ def _sentence(item: Any, where: str, root: type) -> str:
         return f"`{path}` in {where} must not be empty."
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
-    message = str(item["msg"]).removeprefix("Input should be ")
+    message = " or ".join(dict.fromkeys(map(_demand, items)))
     return f"`{path}` in {where} must be {message}, got {shown(item['input'])}."
 
+
+def _demand(item: Any) -> str:
+    """What a value must be, from one of pydantic's findings, in the words of a setting's own refusal."""
+    if item["type"] in _DEMANDS:
+        return _DEMANDS[item["type"]].format(**item.get("ctx", {}))
+    return str(item["msg"]).removeprefix("Input should be ")
+
+
+_DEMANDS = {
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "float_type": "a number",
+    "dict_type": "a table",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "greater_than": "greater than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+}
+"""Pydantic's demands in the words of `Checked`; others are told in its own."""
 
 _UNION_BRANCHES = {"int", "float", "str", "dict[str,int]"}
 

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from sumo_eval.errors import InputError
 from sumo_eval.text import clean, shown, words_of
+
+_NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
+_HEAD: Final = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
+_KEY: Final = re.compile(rf"\s*{_NAMES}\s*=")
 
 DEEPEST: Final = 50
 """Tables and lists within each other that a file may hold."""
@@ -21,9 +27,57 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         text = path.read_bytes().decode("utf-8")
     except FileNotFoundError:
         raise InputError(f"There is no {clean(f'{what} {path}')}.") from None
+    except IsADirectoryError:
+        raise InputError(f"{where} cannot be read: it is a folder.{_instead_of(path)}") from None
     except (OSError, ValueError) as error:  # a path can hold what no path may, too
         raise InputError(f"{where} cannot be read: {words_of(error)}.") from error
     return toml_from(text, where)
+
+
+def _instead_of(folder: Path) -> str:
+    """What somebody who named a folder may have meant, as a closing half-sentence."""
+    if (folder / "manifest.json").is_file():
+        return f" It holds a run: `sumo-eval score {folder}` scores it, `sumo-eval report {folder}` shows it."
+    files = sorted(path.name for path in folder.glob("*.toml") if path.is_file())
+    return f" Did you mean `{folder / files[0]}`?" if files else ""
+
+
+def line_of(text: str, place: Sequence[str | int]) -> int | None:
+    """The line, from 1, on which the key stands that `place` leads to in a TOML text, e.g. ("ads", 0, "name").
+
+    A key within an inline table or a list is found by the line of the key that holds it. None: not in the text.
+    """
+    found: int | None = None
+    best = 0
+    table: tuple[str | int, ...] = ()
+    counts: dict[tuple[str | int, ...], int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if head := _HEAD.match(line):
+            names: tuple[str | int, ...] = tuple(part.strip(" \t\"'") for part in head["name"].split("."))
+            parent = _within(names[:-1], counts)
+            table = (*parent, names[-1])
+            if head["list"]:
+                counts[table] = counts.get(table, -1) + 1
+                table = (*table, counts[table])
+            keys = table
+        elif key := _KEY.match(line):
+            keys = (*table, *(part.strip(" \t\"'") for part in key["name"].split(".")))
+        else:
+            continue
+        common = min(len(keys), len(place))
+        if common > best and tuple(place[:common]) == keys[:common]:
+            found, best = number, common
+    return found
+
+
+def _within(names: Sequence[str | int], counts: Mapping[tuple[str | int, ...], int]) -> tuple[str | int, ...]:
+    """The place of a table, with the number of the newest entry of every list of tables on the way to it."""
+    place: tuple[str | int, ...] = ()
+    for name in names:
+        place = (*place, name)
+        if place in counts:
+            place = (*place, counts[place])
+    return place
 
 
 def toml_from(text: str, where: str) -> dict[str, Any]:

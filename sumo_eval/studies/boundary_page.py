@@ -83,7 +83,7 @@ def picture(found: FailureBoundary) -> go.Figure:
     titles = []
     for share in shares:
         at = logical.low + (logical.high - logical.low) * np.array([0.5, 0.5, share, *[0.5] * k])[:k]
-        held = [f"{p.name} = {value:.3g} {p.unit}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
+        held = [f"{p.name} = {value:z.3g} {p.unit}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
         titles.append(", ".join(held))
     figure = make_subplots(rows=1, cols=len(shares), subplot_titles=titles, shared_yaxes=True)
     ticks = np.linspace(0.0, 1.0, CELLS)

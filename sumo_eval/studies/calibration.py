@@ -69,14 +69,14 @@ def calibration_lines(calibration: Calibration) -> list[str]:
         ("k5", "C", calibration.k5, calibration.c),
         ("k6", "D", calibration.k6, calibration.d),
     ):
-        among = ", ".join(f"{ads} {value:.3f}" for ads, value in values.items()) or "none"
+        among = ", ".join(f"{ads} {value:z.3f}" for ads, value in values.items()) or "none"
         if scale is None:
             lines.append(f"{name} is not defined: the {calibration.by} {index} is 0 or there is none ({among}).")
         else:
             lines.append(
-                f"{name} = {scale:.4f}: the {calibration.by} ADS gets half of the points of {index} ({among})."
+                f"{name} = {scale:z.4f}: the {calibration.by} ADS gets half of the points of {index} ({among})."
             )
-            changes.append(f"--set method.score.{name}={scale:.6g}")
+            changes.append(f"--set method.score.{name}={scale:z.6g}")
     if changes:
         lines.append(f"Score with them: sumo-eval score RUN {' '.join(changes)}")
     return lines

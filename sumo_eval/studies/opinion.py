@@ -97,19 +97,20 @@ def opinion_lines(opinion: Opinion) -> list[str]:
     table = [("ADS", "scenario", "opinion", "raters", *INDEXES)]
     for row in opinion.rows:
         scores = [_number(row.scores[name]) for name in INDEXES]
-        table.append((row.ads, row.scenario, f"{row.opinion:.2f} +/- {row.deviation:.2f}", str(row.raters), *scores))
+        table.append((row.ads, row.scenario, f"{row.opinion:z.2f} +/- {row.deviation:z.2f}", str(row.raters), *scores))
     lines = aligned(table)
     for name, found in opinion.correlations.items():
         lines.append(
             f"{name}: fewer than 3 rated scores, no correlation."
             if found is None
-            else f"{name}: Spearman's rho {found.value:.3f} over {found.n} rated scores (p = {found.p_value:.3g})."
+            else f"{name}: Spearman's rho {found.value:z.3f} over {found.n} rated scores (p = {found.p_value:z.3g})."
         )
     between = opinion.concordance
     lines.append(
         "Raters: fewer than two rated everything, no concordance."
         if between is None
-        else f"Raters: Kendall's W {between.value:.3f} of {between.n} who rated everything (p = {between.p_value:.3g})."
+        else f"Raters: Kendall's W {between.value:z.3f} of {between.n} who rated everything "
+        f"(p = {between.p_value:z.3g})."
     )
     return lines
 
@@ -130,7 +131,7 @@ def write_opinion_plot(opinion: Opinion, path: Path) -> None:
     titles = []
     for name in INDEXES:
         found = opinion.correlations[name]
-        titles.append(f"{name} (rho {found.value:.2f})" if found else name)
+        titles.append(f"{name} (rho {found.value:z.2f})" if found else name)
     figure = make_subplots(rows=1, cols=len(INDEXES), subplot_titles=titles)
     for column, name in enumerate(INDEXES, start=1):
         rows = [row for row in opinion.rows if row.scores[name] is not None]
@@ -155,4 +156,4 @@ def write_opinion_plot(opinion: Opinion, path: Path) -> None:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return "-" if value is None else f"{value:z.3f}"

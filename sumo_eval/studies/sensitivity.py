@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy import stats
 
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import score
-from sumo_eval.method.score_terms import combined, score_plus
+from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.results import Evaluation
 from sumo_eval.studies.tables import aligned
 
@@ -110,15 +110,13 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, floa
 
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> dict[str, float]:
     """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
-    scales = evaluation.settings.method.score
+    points = replace(evaluation.settings.method.score, a=a)
     first, second = ("avoided_share", "human_likeness") if index == "S+" else ("c", "d")
     a_values, b_values = (_scores(evaluation, scenario, field) for field in (first, second))
     totals = {}
     for ads, value in a_values.items():
         terms = np.array([value]), np.array([b_values[ads]])
-        total = (
-            score_plus(*terms, a, 100.0 - a) if index == "S+" else combined(*terms, a, 100.0 - a, scales.k5, scales.k6)
-        )
+        total = ordering_score(*terms, points) if index == "S+" else paper_score(*terms, points)
         totals[ads] = float(total[0])
     return totals
 
@@ -139,8 +137,8 @@ def sensitivity_lines(rows: Sequence[SensitivityRow]) -> list[str]:
     """The table for a terminal."""
     table = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
     for row in rows:
-        ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:.3g}" for ads in row.ranking) or "none"
-        table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:.2f}"))
+        ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:z.3g}" for ads in row.ranking) or "none"
+        table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:z.2f}"))
     return aligned(table)
 
 

@@ -55,6 +55,6 @@ def similarity_lines(rows: Sequence[SimilarityRow]) -> list[str]:
     near = rank_correlation(indexes, [-row.dtw for row in rows])
     common = rank_correlation(indexes, [row.lcss for row in rows])
     return [
-        f"D_i and nearness by DTW: Spearman's rho {near.value:.3f} over {near.n} cases.",
-        f"D_i and LCSS: Spearman's rho {common.value:.3f} over {common.n} cases.",
+        f"D_i and nearness by DTW: Spearman's rho {near.value:z.3f} over {near.n} cases.",
+        f"D_i and LCSS: Spearman's rho {common.value:z.3f} over {common.n} cases.",
     ]

@@ -49,11 +49,11 @@ def comparison_lines(rows: Sequence[Comparison]) -> list[str]:
     body = [
         (
             row.name,
-            " ".join(f"{value:.2f}" for value in row.recorded),
+            " ".join(f"{value:z.2f}" for value in row.recorded),
             str(row.recorded_count),
-            " ".join(f"{value:.2f}" for value in row.synthetic),
+            " ".join(f"{value:z.2f}" for value in row.synthetic),
             str(row.synthetic_count),
-            f"{row.distance:.2f}",
+            f"{row.distance:z.2f}",
             row.words,
         )
         for row in rows

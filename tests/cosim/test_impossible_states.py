@@ -225,3 +225,49 @@ def test_a_native_ego_that_sumo_has_lost_in_mid_road_is_sumos_error():
     assert found.end_reason == "sim_error"
     assert "SUMO gave vehicle `ego` the place (" in found.error
     assert physical(found)
+
+
+def after_a_listener(action, controller=follow):
+    """What a drive comes to when a listener of libsumo's does something between SUMO's step at 0.5 s and our look."""
+
+    class Acts(libsumo.StepListener):
+        def step(self, t=0):
+            if abs(libsumo.simulation.getTime() - 0.5) < 1e-9:
+                action()
+            return True
+
+    number = libsumo.addStepListener(Acts())
+    try:
+        return alone(lead(50.0, speed=20.0), controller=controller)
+    finally:
+        libsumo.removeStepListener(number)
+
+
+def turned_to_nan(name):
+    place = libsumo.vehicle.getPosition(name)
+    libsumo.vehicle.moveToXY(name, "road", 0, *place, math.nan, 2)
+
+
+@pytest.mark.parametrize("controller", [follow, "sumo:IDM"], ids=["model", "idm"])
+def test_a_speed_no_vehicle_can_have_ends_the_case_although_its_place_is_possible(controller):
+    found = after_a_listener(lambda: libsumo.vehicle.setPreviousSpeed("lead", 5000.0), controller)
+    assert found.end_reason == "sim_error"
+    assert found.error == "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s, which no vehicle can have."
+    assert physical(found)
+
+
+@pytest.mark.parametrize(("name", "controller"), [("lead", follow), ("lead", "sumo:IDM"), ("ego", "sumo:IDM")])
+def test_an_angle_that_is_no_number_ends_the_case(name, controller):
+    found = after_a_listener(lambda: turned_to_nan(name), controller)
+    assert found.end_reason == "sim_error"
+    assert found.error == f"SUMO gave vehicle `{name}` the angle nan deg at 0.50 s, which no vehicle can have."
+    assert physical(found)
+
+
+def test_a_native_ego_that_jumps_further_than_anything_drives_ends_the_case():
+    found = after_a_listener(lambda: libsumo.vehicle.moveTo("ego", "road_0", 4000.0), "sumo:IDM")
+    assert found.end_reason == "sim_error"
+    # 20 m/s for 0.45 s from the start, then to 4,000 m: the words name the way of that one step
+    assert "SUMO moved vehicle `ego` 39" in found.error
+    assert found.error.endswith(" m in the step after 0.45 s.")
+    assert found.ego.x[-1] < 100.0, "the jump is no sample"

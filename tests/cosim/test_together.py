@@ -22,7 +22,7 @@ from sumo_eval.record.worker import run_case
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start, catalogue
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording
+from sumo_eval.trajectory import CHANNELS, Alone, Recording
 
 simulating = importlib.import_module("sumo_eval.cosim.simulate")
 DECIDED = SimulationSettings(end_when_decided=True)
@@ -205,14 +205,14 @@ def test_a_policy_over_arrays_that_gives_too_few_actions_is_told_so():
             return np.zeros(1)
 
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
-    why: Counter[str] = Counter()
+    why: Counter[Alone] = Counter()
     found = list(simulate_many(cases, TooFew, SHORT, alone=why))
     assert [recording.end_reason for recording in found] == ["time_limit"] * 2  # alone one action is right
-    assert "must have the shape (2,) or (2, 2), got (1,)" in next(iter(why))
+    assert "must have the shape (2,) or (2, 2), got (1,)" in str(next(iter(why)))
 
 
 def test_what_cannot_be_driven_together_is_driven_alone_and_counted(alone):
-    why: Counter[str] = Counter()
+    why: Counter[Alone] = Counter()
     cut_ins = points("cut_in", 997)
     assert list(simulate_many(cut_ins, lambda traci, ego, time: None, SHORT, alone=why))
     nobody = [case(speed=20.0)]
@@ -313,7 +313,7 @@ SCRIPTS = {
 def test_what_the_other_vehicles_do_is_the_same_in_a_pack_whatever_their_script(name):
     settings = SimulationSettings(time_limit=9.0)
     cases = [SCRIPTS[name]] * len(SWAYS)
-    why: Counter[str] = Counter()
+    why: Counter[Alone] = Counter()
     for driver, recording in zip(SWAYS, simulate_many(cases, SWAYS, settings, alone=why), strict=True):
         assert everything(recording) == everything(simulate(SCRIPTS[name], driver, settings))
     assert not why

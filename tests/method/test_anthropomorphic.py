@@ -15,6 +15,7 @@ from twins import anthropomorphic as twin
 from sumo_eval.errors import InputError
 from sumo_eval.method import anthropomorphic as module
 from sumo_eval.method.anthropomorphic import (
+    IndexNote,
     Pairing,
     anthropomorphic_index,
     count_operations,
@@ -183,7 +184,7 @@ def test_what_lies_past_the_roads_end_changes_nothing() -> None:
     here, there = anthropomorphic_index(drive(24.0), short, ROAD), anthropomorphic_index(far, long, ROAD)
     assert 0.0 < there.value == here.value < 1.0
     assert there.ads_operations == 0
-    assert "4 of 4 trajectories go on past the road's end and are read up to it." in there.notes
+    assert IndexNote("past_the_road", 4, 4) in there.notes
 
 
 def test_the_further_from_the_humans_the_lower_the_score() -> None:
@@ -254,7 +255,7 @@ def test_centre_three_floors_off() -> None:
     # Drivers all at y = 0: deviation 0, floor 0.15 m. The ADS at 0.45 m is z = 3: exp(-2.5) at every slice.
     index = anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD)
     assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
-    assert "Deviation floor of the centre applied at 121 of 121 slices." in index.notes
+    assert IndexNote("centre_floor", 121, 121) in index.notes
     wider = AnthropomorphicSettings(centre_deviation_floor=0.225)  # z = 2
     assert anthropomorphic_index(drive(y=0.45), [drive()] * 3, ROAD, wider).centre_similarity == 1.0
 
@@ -264,7 +265,7 @@ def test_centre_with_a_real_deviation() -> None:
     drivers = [drive(y=y) for y in (0.0, 0.4, 0.8)]
     index = anthropomorphic_index(drive(y=1.6), drivers, ROAD)
     assert index.centre_similarity == pytest.approx(math.exp(-2.5), rel=1e-9)
-    assert not [note for note in index.notes if "floor of the centre" in note]
+    assert not [note for note in index.notes if note.kind == "centre_floor"]
 
 
 @pytest.mark.parametrize(
@@ -340,7 +341,7 @@ def test_a_shorter_drive_scales_the_score_and_a_longer_one_does_not() -> None:
     beyond = anthropomorphic_index(drive(), drivers, ROAD)
     assert beyond.length_factor == 1.0
     assert beyond.slices[-1] == pytest.approx(50.0)
-    assert "At 40 of 101 slices some drivers had not got that far." in beyond.notes  # 30.5 .. 50
+    assert IndexNote("driver_not_so_far", 40, 101) in beyond.notes  # 30.5 .. 50
 
 
 def test_drivers_who_did_not_get_there_have_no_centre() -> None:
@@ -361,8 +362,7 @@ def test_where_one_driver_alone_got_there_the_others_hold_their_last_position() 
     assert index.slices[-2:] == pytest.approx([33.0, 100.0 / 3.0])
     assert index.centre_similarity == pytest.approx(math.exp(2.0 - 3.125), rel=1e-9)
     # 20.5, 21, .. 33 and 33.33
-    held = "At 27 of 68 slices fewer than two drivers had got that far; the others hold their last y."
-    assert held in index.notes
+    assert IndexNote("drivers_hold_last_y", 27, 68) in index.notes
 
 
 # --- worked numbers: slices -------------------------------------------------------------------------------------------
@@ -611,7 +611,7 @@ def test_more_operations_than_the_humans_lower_the_score_and_fewer_do_not_raise_
 def test_operations_where_the_humans_make_none_leave_nothing_and_say_so() -> None:
     index = anthropomorphic_index(drive(acceleration=1.0), [drive(), drive()], ROAD)
     assert (index.value, index.operation_factor) == (0.0, 0.0)
-    assert "The drivers made no operation at all, so the ADS's operations make D zero." in index.notes
+    assert IndexNote("drivers_without_operation", 1, 1) in index.notes
 
 
 # --- the human-likeness of a case -------------------------------------------------------------------------------------
@@ -668,58 +668,58 @@ def test_an_ordinary_case_has_no_notes() -> None:
         (
             drive(),
             [drive(y=y) for y in (0.0, 0.1, 3.4, 3.5)],
-            "Bimodal: at 121 of 121 slices one Gaussian spans two groups of drivers over half a lane apart.",
+            IndexNote("two_groups", 121, 121),
         ),
-        (drive(), [drive()] * 2, "Deviation floor of the field applied at 847 of 847 points."),
+        (drive(), [drive()] * 2, IndexNote("field_floor", 847, 847)),
         (
             drive(y=-2.0),
             [drive()] * 2,
-            "At 121 of 121 slices the ADS's centre is off the road; that side's points collapse on it.",
+            IndexNote("ads_off_road", 121, 121),
         ),
         (
             drive(until=30.0),
             [drive()] * 2,
-            "The ADS was still driving when last seen: its length counts to the road's end, and slices end there.",
+            IndexNote("ads_still_driving", 1, 1),
         ),
         (
             drive(y=6.0, until=30.0),
             [drive()] * 2,
-            "The ADS left the road: its length is what it drove.",
+            IndexNote("ads_left_the_road", 1, 1),
         ),
         (
             drive(),
             [drive(), drive(until=30.0)],
-            "1 of 2 drivers were still driving when last seen: their length counts to the road's end.",
+            IndexNote("drivers_still_driving", 1, 2),
         ),
         (
             drive(),
             [drive(), drive(start=5.0)],
-            "1 of 2 drivers start beyond the ADS's start and hold their first y up to there.",
+            IndexNote("drivers_start_late", 1, 2),
         ),
     ],
 )
-def test_a_reading_that_steps_in_says_so(ads: Trajectory, drivers: list[Trajectory], note: str) -> None:
+def test_a_reading_that_steps_in_says_so(ads: Trajectory, drivers: list[Trajectory], note: IndexNote) -> None:
     assert note in anthropomorphic_index(ads, drivers, ROAD).notes
 
 
 @pytest.mark.parametrize("offsets", [(0.0, 0.1, 0.2, 3.5), (0.0, 3.3, 3.4, 3.5), (0.0, 0.1, 1.8, 1.9), (0.0, 3.5)])
 def test_one_outlier_or_a_small_gap_is_not_bimodal(offsets: tuple[float, ...]) -> None:
     notes = anthropomorphic_index(drive(), [drive(y=y) for y in offsets], ROAD).notes
-    assert not [note for note in notes if note.startswith("Bimodal")]
+    assert not [note for note in notes if note.kind == "two_groups"]
 
 
 def test_a_group_that_did_not_get_there_does_not_make_it_bimodal() -> None:
     drivers = [drive(y=0.0), drive(y=0.1), stopping(30.0, 3.4), stopping(30.0, 3.5)]
     notes = anthropomorphic_index(drive(), drivers, ROAD).notes
     # Mean length 45 m: 91 slices, 61 of them up to 30 m.
-    assert "Bimodal: at 61 of 91 slices one Gaussian spans two groups of drivers over half a lane apart." in notes
+    assert IndexNote("two_groups", 61, 91) in notes
 
 
 def test_drivers_who_did_not_get_there_are_no_group() -> None:
     drivers = [*(stopping(30.0, y) for y in (0.0, 0.1)), *(drive(y=y) for y in (3.2, 3.3, 3.4, 3.5))]
     notes = anthropomorphic_index(drive(y=3.4), drivers, ROAD).notes
     # Mean length 50 m: 101 slices, 61 of them up to 30 m.
-    assert "Bimodal: at 61 of 101 slices one Gaussian spans two groups of drivers over half a lane apart." in notes
+    assert IndexNote("two_groups", 61, 101) in notes
 
 
 # --- Eq. 13 -----------------------------------------------------------------------------------------------------------

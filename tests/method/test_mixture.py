@@ -10,7 +10,7 @@ import pytest
 from drivers.real_data import needs_recordings, recording
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.anthropomorphic import BIMODAL, anthropomorphic_index
+from sumo_eval.method.anthropomorphic import IndexNote, anthropomorphic_index
 from sumo_eval.method.leave_one_out import human_band
 from sumo_eval.method.manoeuvres import choose, manoeuvre_of, pooled_deviation
 from sumo_eval.scenario.concrete import Road, smooth_step
@@ -69,7 +69,7 @@ def test_the_ads_is_compared_with_those_who_did_as_it_did_times_how_usual_that_i
 def test_a_manoeuvre_that_no_driver_made_scores_zero_and_says_so():
     found = anthropomorphic_index(drive(), OVERTAKERS, ROAD, MIXTURE)
     assert found.value == 0.0
-    assert any("No driver made the ADS's manoeuvre (keeps lane 0)" in note for note in found.notes)
+    assert IndexNote("manoeuvre_made_by_nobody", manoeuvre=(0,)) in found.notes
 
 
 def test_the_car_that_drives_through_fools_one_gaussian_but_not_the_mixture():
@@ -77,7 +77,7 @@ def test_the_car_that_drives_through_fools_one_gaussian_but_not_the_mixture():
     through = drive()
     gaussian = anthropomorphic_index(through, people, ROAD, GAUSSIAN)
     assert gaussian.similarity > 0.8
-    assert any(note.startswith(BIMODAL) for note in gaussian.notes)
+    assert any(note.kind == "two_groups" for note in gaussian.notes)
     assert anthropomorphic_index(through, people, ROAD, MIXTURE).similarity < 0.15
 
 

@@ -15,6 +15,7 @@ from sumo_eval.record.identity import with_fingerprint
 from sumo_eval.record.kept import KeptRecording
 from sumo_eval.record.packs import LEAST, Packs
 from sumo_eval.record.store import open_store
+from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import (
     AdsSettings,
@@ -25,6 +26,7 @@ from sumo_eval.settings import (
     ScenarioSettings,
     SimulationSettings,
 )
+from sumo_eval.trajectory import Alone
 
 HERE = Path(__file__).parent
 SPACE = catalogue.load("front_vehicle_low_speed")
@@ -234,7 +236,7 @@ def test_packs_of_a_kind_get_smaller_when_they_break_and_larger_again_when_they_
     pack = packs.take()
     assert pack is not None
     assert len(pack) == 64
-    packs.did_not_come_through(pack, "it broke", "", too_slow=too_slow)
+    packs.did_not_come_through(pack, [Alone("pack_lost", "it broke")] * 64, "", too_slow=too_slow)
     packs.look_ahead()
     alone = [packs.take() for _ in range(64)]
     assert [case for one in alone if one is not None for case in one] == list(pack)
@@ -278,8 +280,8 @@ def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
         drivers=DriverSettings(count=2),
     )
     mine, idm = sumo_eval.evaluate(settings, tmp_path / "run").scores
-    (note,) = (note for note in mine.notes if "pack" in note)
+    (note,) = (text for note in mine.notes if "pack" in (text := score_note(note)))
     lost = "Its pack was lost. The process that ran it died with exit code 7."
     assert note == f"{mine.cases} drives left the pack and had to be simulated alone. {mine.cases} x: {lost}"
     assert mine.not_evaluated >= 1
-    assert not any("pack" in note for note in idm.notes)
+    assert not any("pack" in score_note(note) for note in idm.notes)

@@ -271,7 +271,7 @@ def test_a_file_of_an_older_format_is_refused_with_what_to_do(tmp_path: Path) ->
     filled(path, [1])
     edit(path, "PRAGMA user_version = 2")
     said = reads(path)
-    assert "has format version 2; this sumo_eval reads version 3" in said
+    assert f"has format version 2; this sumo_eval reads version {FORMAT_VERSION}" in said
     assert "carry no hash" in said
     assert "run its evaluation again into a new folder" in said
 

@@ -18,9 +18,11 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.measures import time_to_collision, vehicle_ahead
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, open_store
+from sumo_eval.report.page_data import drawn_line
 from sumo_eval.report.replay import recorded, write_replay
 from sumo_eval.results import Evaluation
-from sumo_eval.scenario import catalogue
+from sumo_eval.scenario import Road, catalogue
+from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.trajectory import Collision, Trajectory
 
 REPLAY_JS = str(files("sumo_eval.report") / "templates" / "replay.js")
@@ -135,3 +137,20 @@ def test_without_sumo_gui_a_sentence_says_how_to_get_it(monkeypatch: pytest.Monk
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match=r"pip install 'sumo_eval\[gui\]'"):
         sumo_gui()
+
+
+@needs_node
+def test_the_page_puts_a_bend_where_the_road_has_it() -> None:
+    line = (Piece(40.0), Piece(60.0, 0.0, 1 / 200), arc(300.0, 200.0), Piece(90.0, 1 / 200, -1 / 80))
+    s, d = np.linspace(-20.0, 600.0, 63), np.linspace(-2.0, 5.0, 63)
+    given = {"line": drawn_line(Road("bend", 400.0, 2, 3.5, 0.0, line=line)), "places": np.stack([s, d], 1).tolist()}
+    script = f"""
+        const replay = require({json.dumps(REPLAY_JS)});
+        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
+        console.log(JSON.stringify(given.places.map(([x, y]) => replay.onMap(given, x, y))));
+    """
+    done = subprocess.run(
+        [str(NODE), "-e", script], input=json.dumps(given), capture_output=True, text=True, check=True
+    )
+    found = np.array(json.loads(done.stdout))
+    assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5  # nine digits of the line travel

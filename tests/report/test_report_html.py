@@ -23,7 +23,7 @@ from sumo_eval.report.html import template, term, write_report
 from sumo_eval.report.page_data import choose_view, telling_slice
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sections import Beside, ranking_content
-from sumo_eval.report.words import GLOSSARY, unevaluated
+from sumo_eval.report.words import GLOSSARY, count, unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.settings import DriverSettings
@@ -134,7 +134,7 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) ->
 def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation, page: str) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
     assert score.d is None
-    assert f"not computed {score.safe_collisions} collisions in the safe zone" in visible(page)
+    assert f"not computed {count(score.safe_collisions, 'collision')} in the safe zone" in visible(page)
 
 
 def test_the_drivers_are_called_synthetic_and_only_when_they_are(

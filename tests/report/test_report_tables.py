@@ -13,6 +13,7 @@ import pytest
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.tables import cases_csv, scores_json
+from sumo_eval.report.words import count, exposure_note_words, index_note_words, reference_note_words
 from sumo_eval.results import Evaluation
 
 
@@ -26,7 +27,11 @@ def table(evaluation: Evaluation, tmp_path_factory: pytest.TempPathFactory) -> p
 def test_every_case_is_a_row_and_every_field_comes_back(evaluation: Evaluation, table: pd.DataFrame) -> None:
     assert len(table) == len(evaluation.cases)
     for (_, row), case in zip(table.iterrows(), evaluation.cases, strict=True):
-        plain = asdict(case)
+        plain = asdict(case) | {
+            "index_note": index_note_words(case),
+            "reference_note": reference_note_words(case),
+            "exposure_note": exposure_note_words(case),
+        }
         values = plain.pop("values")
         for name, value in {**plain, **values}.items():
             if value is None or value == "":
@@ -60,7 +65,9 @@ def test_scores_json_is_strictly_valid_and_holds_the_scores(evaluation: Evaluati
     assert [row["c"] for row in again["scores"]] == [score.c for score in evaluation.scores]
     without = [row for row in again["scores"] if row["d"] is None]
     assert [(row["ads"], row["d_reason"]) for row in without] == [
-        (score.ads, score.d_reason) for score in evaluation.scores if score.d is None
+        (score.ads, f"not computed: {count(score.safe_collisions, 'collision')} in the safe zone")
+        for score in evaluation.scores
+        if score.d is None
     ]
     assert without
     assert again["drivers"] == {"source": "synthetic", "count": builders.DRIVERS}

@@ -9,7 +9,7 @@ import builders
 from rich.console import Console
 
 from sumo_eval.report.terminal import closing_lines, ledger_lines, plain_table, score_table
-from sumo_eval.report.words import unevaluated
+from sumo_eval.report.words import count, unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import DriverSettings
 
@@ -51,7 +51,11 @@ def test_the_plain_table_is_aligned(evaluation: Evaluation) -> None:
 def test_closing_lines_say_what_the_table_cannot(evaluation: Evaluation) -> None:
     lines = closing_lines(evaluation)
     text = "\n".join(lines)
-    assert "collisions in the safe zone. Its term counts 0 points." in text
+    without = [score for score in evaluation.scores if score.d is None]
+    assert without
+    for score in without:
+        hits = count(score.safe_collisions, "collision")
+        assert f"is not computed: {hits} in the safe zone. Its term counts 0 points." in text
     assert "2 cases could not be evaluated" in text
     assert "exit code -11" in text
     assert "lost the lane" in text

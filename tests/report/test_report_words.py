@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
+from typing import get_args
 
 import builders
 import numpy as np
 import pytest
 
-from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
+from sumo_eval.report import words
 from sumo_eval.report.words import (
-    BIMODAL,
     cases_of,
     collision_shares,
+    count,
     explain_c,
     explain_d,
     explain_s,
     factor_means,
+    index_note_sentence,
     index_notes,
+    number,
     percent,
     unevaluated,
 )
 from sumo_eval.results import Evaluation
-from sumo_eval.scenario import catalogue
 from sumo_eval.settings import CollisionSettings, MethodSettings
 
 CUT_OUT = builders.SCENARIOS[1]
@@ -95,7 +100,7 @@ def test_d_names_the_factor_that_limits_it(evaluation: Evaluation) -> None:
 def test_a_perfect_d_is_limited_by_nothing(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.CALM, CUT_OUT)
     rows = [
-        replace(row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note="")
+        replace(row, index=1.0, length_factor=1.0, operation_factor=1.0, similarity=1.0, index_note=())
         for row in cases_of(evaluation, score)
         if row.index is not None
     ]
@@ -108,7 +113,8 @@ def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, CUT_OUT)
     (sentence,) = explain_d(score, cases_of(evaluation, score))
     assert (
-        sentence == f"D is not computed: {score.safe_collisions} collisions in the safe zone. Its term counts 0 points."
+        sentence == f"D is not computed: {count(score.safe_collisions, 'collision')} in the safe zone. "
+        "Its term counts 0 points."
     )
     assert "D, not computed, gives 0" in explain_s(score, evaluation.settings)
 
@@ -116,19 +122,22 @@ def test_no_d_is_a_value_with_a_reason(evaluation: Evaluation) -> None:
 def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) -> None:
     notes = [note for note in index_notes(evaluation) if (note.ads, note.scenario) == (builders.CALM, CUT_OUT)]
     assert len(notes) == 1
-    numbers = [int(row.index_note.split()[2]) for row in evaluation.cases if row.ads == builders.CALM
+    numbers = [row.index_note[0].count for row in evaluation.cases if row.ads == builders.CALM
                and row.scenario == CUT_OUT and row.index_note]  # fmt: skip
     assert notes[0].cases == len(numbers)
     assert notes[0].text == (
-        f"Bimodal: at {min(numbers)} to {max(numbers)} of 1101 slices one Gaussian spans two groups of drivers."
+        f"Bimodal: at {min(numbers)} to {max(numbers)} of 1101 slices one Gaussian spans two groups of drivers "
+        "over half a lane apart."
     )
 
 
-def test_the_method_still_begins_its_note_on_two_groups_with_the_word_we_look_for() -> None:
-    road = catalogue.load(CUT_OUT).road
-    drivers = [builders.drive(50.0, y, 25.0, 25.0) for y in (0.0, 0.1, 3.4, 3.5)]
-    ads = builders.drive(50.0, 0.0, 25.0, 25.0)
-    assert any(note.startswith(BIMODAL) for note in anthropomorphic_index(ads, drivers, road).notes)
+@pytest.mark.parametrize("kind", get_args(NoteKind))
+def test_every_kind_of_note_has_a_sentence_with_its_numbers(kind: NoteKind) -> None:
+    sentence = index_note_sentence(IndexNote(kind, 3, 7, (0, 1)))
+    assert sentence.endswith(".")
+    assert "{" not in sentence
+    if "3" in sentence:
+        assert "3 of 7" in sentence or "the 3 of 7" in sentence
 
 
 @pytest.mark.parametrize(
@@ -137,3 +146,12 @@ def test_the_method_still_begins_its_note_on_two_groups_with_the_word_we_look_fo
 )
 def test_shares_have_three_digits(share: float, text: str) -> None:
     assert percent(share) == text
+
+
+def test_no_number_is_shown_as_minus_zero() -> None:
+    assert number(-0.0004, 3) == number(-0.0, 3) == "0.000"
+    assert number(-0.0006, 3) == "-0.001"
+    found = re.compile(r":[<>^]?[+]?[0-9]*[.]([0-9]|[{]digits[}])+[fge%][}]")  # a fixed format without `z`
+    for room in ("report", "cli", "nightly", "studies"):
+        for file in (Path(words.__file__).parents[1] / room).glob("*.py"):
+            assert not found.findall(file.read_text(encoding="utf-8")), file

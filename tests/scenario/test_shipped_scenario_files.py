@@ -26,6 +26,11 @@ CONTENT = {
     "ncap_ccrm": ("eed4f8560d1c34f2", "4c0ce48c30566017", "9d8d34ed6c73f45b"),
     "ncap_ccrs": ("e2776def4727f84f", "55ec2f06fa2ce51a", "077c00c05eff1066"),
     "r157_cut_out": ("ad3eb578dcfc8bd6", "017e7722d0687349", "49b23036d9d0ec89"),
+    "curve_braking": ("8d14369afdd3b43c", "a281c74aef7230e3", "25408157f2e99186"),
+    "curve_cut_in": ("cc63ca576d417cd0", "75596380c27d9578", "815b8bb46c52f50d"),
+    "curve_cut_in?radius=-1000": ("175597611e2fe6f0", "75596380c27d9578", "210c86245552c472"),
+    "curve_cut_out": ("47050b2156141897", "017e7722d0687349", "bd183c644b45b854"),
+    "curve_following": ("c4752e1d139d9c17", "d3229e4573170531", "a0ce281c20a2855c"),
     "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
     "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
 }
@@ -100,7 +105,7 @@ def _rest(logical: LogicalScenario) -> str:
 
 def test_the_catalogue_is_the_folder_of_files() -> None:
     assert set(catalogue.SCENARIOS) == set(scenario_files()) == {use for use in CONTENT if "?" not in use}
-    assert len(catalogue.SCENARIOS) == 8
+    assert len(catalogue.SCENARIOS) == 12
     assert "front_vehicle" not in catalogue.SCENARIOS
     with pytest.raises(KeyError):
         catalogue.SCENARIOS["front_vehicle"]
@@ -166,7 +171,7 @@ def test_a_scenario_is_read_when_it_is_asked_for_and_once() -> None:
         "import sys; read = []\n"
         "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else None)\n"
         "from sumo_eval.scenario import catalogue\n"
-        "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) == 8\n"
+        "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) == 12\n"
         "before = len([name for name in read if name.endswith('.toml')])\n"
         "assert catalogue.load('ncap_ccrs') is catalogue.SCENARIOS['ncap_ccrs'] is catalogue.find('ncap_ccrs')\n"
         "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if name.endswith('.toml')])"

@@ -22,7 +22,16 @@ from urllib.parse import parse_qsl
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
 from sumo_eval.cosim.doors.observation import NO_LEAD_GAP, Observation, SeenVehicle, Senses
 from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
-from sumo_eval.errors import ControllerError, InputError, SimulationError, did_you_mean, must_be, said, unknown
+from sumo_eval.errors import (
+    ControllerError,
+    InputError,
+    SimulationError,
+    did_you_mean,
+    must_be,
+    needs_extra,
+    said,
+    unknown,
+)
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = (
@@ -395,7 +404,7 @@ def _fmpy() -> Any:
         import fmpy.fmi2
         import fmpy.fmi3
     except ImportError as error:
-        raise InputError("An FMU needs the extra `fmu`: pip install 'sumo_eval[fmu]'.") from error
+        raise needs_extra("An FMU", "fmu") from error
     return fmpy
 
 

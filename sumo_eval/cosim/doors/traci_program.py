@@ -27,7 +27,7 @@ from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.sumo.session import check_start, command_line, libsumo, quoted
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.errors import ControllerError, ControllerTimeoutError, InputError, SimulationError, said
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, needs_extra, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
@@ -85,7 +85,7 @@ def sumo_binary() -> str:
         except (ImportError, AttributeError):
             found = None
     if found is None:
-        raise InputError("`traci:` needs the program sumo, which is not installed: pip install 'sumo_eval[gui]'.")
+        raise needs_extra("`traci:`, for the program sumo,", "gui")
     return found
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, view_xml
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, needs_extra
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import Collision, Trajectory
@@ -32,7 +32,7 @@ def sumo_gui() -> str:
     beside = Path(sys.executable).with_name("sumo-gui")
     found = str(beside) if beside.is_file() else shutil.which("sumo-gui")
     if found is None:
-        raise InputError("There is no sumo-gui on this machine; install it with: pip install 'sumo_eval[gui]'.")
+        raise needs_extra("The program sumo-gui, of which there is none on this machine,", "gui")
     return found
 
 

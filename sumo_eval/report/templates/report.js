@@ -312,8 +312,7 @@
   }
 
   function distribution(plot, scenario) {
-    const meanOf = (items) => items.reduce((sum, item) => sum + item.exposure * item.index, 0) / items.reduce((sum, item) => sum + item.exposure, 0);
-    histogram(plot, scenario, { value: (item) => item.index, high: 1, bins: BINS, digits: 2, axis: "D<sub>i</sub>", count: "safe cases", mean: meanOf });
+    histogram(plot, scenario, { value: (item) => item.index, high: 1, bins: BINS, digits: 2, axis: "D<sub>i</sub>", count: "safe cases", mean: (ads) => scenario.meanIndex[ads] });
   }
 
   /** Bars of one value by ADS from 0 to `high`; what lies beyond is in the last bin. mean: a dashed line and a word. */
@@ -324,7 +323,7 @@
     const shapes = [];
     const traces = compared.map(([ads, items], position) => {
       const [colour, shape] = styles[position % styles.length];
-      const middle = mean === null ? null : mean(items);
+      const middle = mean === null ? null : mean(ads);
       if (middle !== null) shapes.push({ type: "line", x0: middle, x1: middle, y0: 0, y1: 1, yref: "paper", line: { color: colour, width: 2, dash: "dash" } });
       const counts = new Array(bins).fill(0);
       for (const item of items) counts[Math.min(bins - 1, Math.floor(value(item) / high * bins))] += 1;

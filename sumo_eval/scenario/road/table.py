@@ -43,7 +43,7 @@ def line_of(
         begin = _curvature(table.begin_radius if table.radius is None else table.radius, options, owner)
         end = _curvature(table.end_radius if table.radius is None else table.radius, options, owner)
         pieces.append(Piece(table.length, begin, end))
-        _check_radius(pieces[-1], lanes, lane_width, owner)
+        check_line(pieces[-1:], lanes, lane_width, owner)
     drawn = sum(piece.length for piece in pieces)
     if drawn > length + 1e-9:
         raise must_be("The pieces", f"the road of {where}", f"at most as long as the road ({length:g} m)", drawn)
@@ -58,11 +58,16 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     found = float(checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options))
     if math.isnan(found) or found == 0.0:
         raise must_be("The radius", owner, "a number other than 0 m", found)
-    return 1.0 / found  # 0 where an option that nobody gives is infinite
+    return 1.0 / float(found)  # 0 where an option that nobody gives is infinite
+
+
+def check_line(pieces: Sequence[Piece], lanes: int, lane_width: float, owner: str) -> None:
+    """The ego of the usual settings must be able to turn as tightly as any lane does. Raises InputError."""
+    for piece in pieces:
+        _check_radius(piece, lanes, lane_width, owner)
 
 
 def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str) -> None:
-    """The ego of the usual settings must be able to turn as tightly as any lane does."""
     vehicle = VehicleSettings()
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0

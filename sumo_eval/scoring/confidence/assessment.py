@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sumo_eval.method.anthropomorphic import exposure_weighted_index
-from sumo_eval.method.score_terms import once, weighted_mean
+from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.recording import Progress, quiet
 from sumo_eval.results import Evaluation, ScenarioResult
@@ -98,15 +97,13 @@ def intervals_of(score: ScenarioResult) -> dict[str, Interval]:
 
 def influence(terms: CaseTerms, method: MethodSettings) -> FloatArray:
     """How many points of S each case moves, (n,): the first-order effect of its weight on C and D."""
-    moved = np.zeros(len(terms.exposure))
+    moved, whole = np.zeros(len(terms.exposure)), worth(method.score)
     hit = np.isfinite(terms.ratio) & np.isfinite(terms.weight)
     if hit.any():
-        r = terms.weight[hit] if terms.weight[hit].any() else np.ones(int(hit.sum()))
-        c = float(weighted_mean(terms.ratio[hit], r, once(len(r)))[0])
-        moved[hit] += method.score.a * method.score.k5 * r * (terms.ratio[hit] - c) / r.sum()
+        shares, ratio = mean_shares(terms.weight[hit]), terms.ratio[hit]
+        moved[hit] += whole.c * shares * (ratio - float(shares @ ratio))
     counted = np.isfinite(terms.index)
     if counted.any() and not terms.voids.any():
-        p = terms.exposure[counted]
-        d = exposure_weighted_index(terms.index[counted], p)
-        moved[counted] += method.score.b * method.score.k6 * p * (terms.index[counted] - d) / p.sum()
+        shares, index = mean_shares(terms.exposure[counted]), terms.index[counted]
+        moved[counted] += whole.d * shares * (index - float(shares @ index))
     return moved

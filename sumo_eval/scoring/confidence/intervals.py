@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.method.score_terms import combined, excess, score_plus
+from sumo_eval.method.score_terms import excess, ordering_score, paper_score
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.settings import MethodSettings
@@ -215,9 +215,8 @@ def _with_drivers(
 
 def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
     """The scores with S and S+ of what they are made of."""
-    points = method.score
-    s = combined(scores["c"], scores["d"], points.a, points.b, points.k5, points.k6)
-    plus = score_plus(scores["avoided_share"], scores["human_likeness"], points.a, points.b)
+    s = paper_score(scores["c"], scores["d"], method.score)
+    plus = ordering_score(scores["avoided_share"], scores["human_likeness"], method.score)
     return {**scores, "s": s, "s_plus": plus}
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
+from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.tables import scores_json

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DECISIONS = tuple(f"docs/decisions/{path.name}" for path in sorted((ROOT / "docs" / "decisions").glob("*.md")))
 PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "GLOSSARY.md", *DECISIONS)
 PICTURE = ROOT / "docs" / "pictures" / "flow.svg"

@@ -13,7 +13,7 @@ from sumo_eval import settings
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 GLOSSARY = (ROOT / "GLOSSARY.md").read_text(encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ TIED = 0.02  # share of the pairs that A may tie
 
 @pytest.fixture(scope="module")
 def ladder() -> ModuleType:
-    path = Path(__file__).resolve().parents[1] / "tools" / "ladder.py"
+    path = Path(__file__).resolve().parents[2] / "tools" / "ladder.py"
     spec = importlib.util.spec_from_file_location("ladder", path)
     assert spec is not None
     assert spec.loader is not None

@@ -91,7 +91,8 @@ def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None
     export(tmp_path / "run", tmp_path / "csv")
     export(tmp_path / "run", tmp_path / "parquet", "parquet")
     for table, column in (("cases", "ads"), ("drives", "driver")):
-        names = {row[column] for row in csv.DictReader((tmp_path / "csv" / f"{table}.csv").open(newline=""))}
+        rows = csv.DictReader((tmp_path / "csv" / f"{table}.csv").read_text(encoding="utf-8").splitlines())
+        names = {row[column] for row in rows}
         assert {"'=1+1", "'-x", "'plain"} <= names
         path = tmp_path / "parquet" / f"{table}.parquet"
         found = duckdb.sql(f"SELECT DISTINCT {column} FROM read_parquet(?)", params=[str(path)]).fetchall()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.settings import RunSettings
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation, settings_from, to_toml, with_changes
 
 SMALLEST = """
@@ -131,3 +133,29 @@ def test_a_change_reaches_the_setting_it_names_and_no_other() -> None:
 def test_a_wrong_change_is_refused_with_a_sentence(change: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence.replace(".", r"\.").replace("?", r"\?")):
         with_changes(read_evaluation(PAPER_EVALUATION), [change])
+
+
+def test_a_mistake_is_told_with_its_line_and_a_value_of_no_kind_in_one_sentence(tmp_path: Path) -> None:
+    text = 'name = "n"\nsead = 1\n[[scenario]]\nuse = "cut_in"\n[scenario.sampling]\nlevels = "three"\n'
+    text += '[[ads]]\nname = "a"\ncontroller = "idm"\n[[ads]]\nname = "b"\ncontroller = 3\n[run]\nmethod.a = 3\n'
+    assert refusal(tmp_path, text).splitlines() == [
+        f"`scenario[0].sampling.levels` in {tmp_path / 'evaluation.toml'} (line 6) must be a whole number or a table, "
+        "got 'three'.",
+        f"`ads[1].controller` in {tmp_path / 'evaluation.toml'} (line 12) must be a text, got 3.",
+        f"Unknown key `run.method` in {tmp_path / 'evaluation.toml'} (line 14). Known: "
+        + ", ".join(field.name for field in fields(RunSettings))
+        + ".",
+        f"Unknown key `sead` in {tmp_path / 'evaluation.toml'} (line 2). Did you mean `seed`?",
+    ]
+
+
+def test_a_folder_in_place_of_the_file_is_a_sentence_that_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="it is a folder") as caught:
+        read_evaluation(tmp_path)
+    assert "Did you mean" not in str(caught.value)
+    (tmp_path / "mine.toml").write_text(SMALLEST)
+    with pytest.raises(InputError, match=r"mine\.toml"):
+        read_evaluation(tmp_path)
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match="It holds a run: `sumo-eval score"):
+        read_evaluation(tmp_path)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
+from scoring.test_scoring_intervals import HIT, LOST, LOST_SAFE, SAFE, combined
 
 import sumo_eval
 from sumo_eval.method.criticality import max_inverse_ttc
 from sumo_eval.record.store import open_store
 from sumo_eval.report.tables import write_tables
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, IdealCollidesToo, NotComputed, ScenarioResult
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
 CUT_OUT = "front_vehicle_cut_out"
@@ -120,14 +120,14 @@ def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) ->
 
 def test_after_a_collision_in_the_safe_zone_there_is_no_d_but_there_is_an_h(both: Evaluation) -> None:
     score = both.score("no_reaction", CUT_OUT)
-    assert (score.d, score.h_reason) == (None, "")
-    assert "in the safe zone" in score.d_reason
+    assert (score.d, score.h_reason) == (None, None)
+    assert score.d_reason == NotComputed("collisions", score.safe_collisions)
     assert score.human_likeness is not None
     # by hand: likeness 0.6 of exposure 3, and an avoidable collision, 0, of exposure 1: H = 1.8 / 4
     made = combined(
         replace(SAFE, human_likeness=0.6), replace(HIT, zone="safe", ideal_severity=0.0, human_likeness=0.0)
     )
-    assert (made.d, made.d_reason) == (None, "not computed: 1 collision in the safe zone")
+    assert (made.d, made.d_reason) == (None, NotComputed("collisions", 1))
     assert made.human_likeness == pytest.approx(0.45)
 
 
@@ -137,7 +137,7 @@ def test_a_collision_in_the_safe_zone_that_the_ideal_vehicle_has_as_well_does_no
     assert (made.d, made.human_likeness, made.safe_collisions) == (pytest.approx(0.8), 0.6, 1)
     assert made.c == pytest.approx(0.4), "it is in C all the same: 4 / 10"
     assert made.not_evaluated == 0
-    assert "The ideal vehicle has 1 of 1 collision in the safe zone as well" in made.notes[0]
+    assert made.notes[0] == IdealCollidesToo(1, 1)
 
 
 def test_tables_hold_every_name(both: Evaluation) -> None:

@@ -1,0 +1,89 @@
+"""Operations of an ADS and of drivers, the n of Eq. 12: how often somebody turned the wheel or moved the pedals.
+
+Readings of the paper:
+- The signal of an operation is neutral at or below its threshold. Neutral time runs from the first neutral sample to
+  the next sample above the threshold. Steering wheel angles that are not known (nan) are left out.
+- One rule counts the steering operations of both sides. By default an operation is a lateral manoeuvre: a move to one
+  side at more than 0.12 m/s (mean over 1 s) that shifts the vehicle by at least 1 m. At motorway speed a lane change
+  turns the wheel by 1 to 7 degrees, so the paper's 10 degrees would count none there.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.trajectory_field import SAME_TIME
+from sumo_eval.settings import AnthropomorphicSettings
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+
+DEFAULTS = AnthropomorphicSettings()
+
+MANOEUVRE_SPEED = 0.12  # m/s; a vehicle that keeps its lane wanders more slowly
+MANOEUVRE_SHIFT = 1.0  # m; and less far
+MANOEUVRE_WINDOW = 1.0  # s; lateral speed is a mean over this time, because recorded positions are noisy
+
+
+def count_operations(trajectory: Trajectory, settings: AnthropomorphicSettings = DEFAULTS) -> int:
+    """Eq. 12: n, operations of steering and of the pedals, counted separately and added.
+
+    An operation of the pedals is |acceleration| > 0.5 m/s2 until the signal has stayed neutral for 0.5 s, so drive and
+    then brake is one; one that still runs at the end counts. One of steering is a lateral manoeuvre, or, with
+    `steering_rule = "wheel"`, |steering wheel angle| > 10 deg (or what gives a lateral acceleration) likewise.
+    Raises InputError for that rule where a trajectory has no steering wheel angle: both sides are counted alike or not
+    at all.
+    """
+    time = trajectory.time
+    pedals = len(_operations(np.abs(trajectory.acceleration) > settings.acceleration_threshold, time, settings))
+    if settings.steering_rule == "manoeuvre":
+        return pedals + _lateral_manoeuvres(trajectory, settings)
+    if not _steering_is_known(trajectory):
+        raise InputError(
+            '`steering_rule = "wheel"` of the anthropomorphic index needs the steering wheel angle of the ADS and of '
+            'all drivers, and a trajectory has none; "manoeuvre" counts both alike without it.'
+        )
+    known = np.isfinite(trajectory.steering_wheel_angle)
+    turned = np.abs(trajectory.steering_wheel_angle[known]) > _wheel_threshold(trajectory.speed[known], settings)
+    return pedals + len(_operations(turned, time[known], settings))
+
+
+def _wheel_threshold(speed: FloatArray, settings: AnthropomorphicSettings) -> FloatArray:
+    """Eq. 12: the steering wheel angle above which an operation begins at each speed (n,), rad."""
+    lateral = settings.steering_lateral_acceleration
+    if lateral is None:
+        return np.full(speed.shape, math.radians(settings.steering_threshold_deg))
+    curvature = np.divide(lateral, speed**2, out=np.full(speed.shape, np.inf), where=speed > 0.0)
+    return np.asarray(settings.steering_ratio * np.arctan(settings.wheelbase * curvature))
+
+
+def _operations(active: BoolArray, time: FloatArray, settings: AnthropomorphicSettings) -> list[tuple[int, int]]:
+    """First and last active sample of each operation: active samples without `neutral_time` of neutral between them."""
+    samples = np.flatnonzero(active)
+    if samples.size == 0:
+        return []
+    neutral_from = time[samples[:-1] + 1]
+    ended = (np.diff(samples) > 1) & (time[samples[1:]] - neutral_from >= settings.neutral_time - SAME_TIME)
+    first = samples[np.append(True, ended)]
+    last = samples[np.append(ended, True)]
+    return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def _lateral_manoeuvres(trajectory: Trajectory, settings: AnthropomorphicSettings) -> int:
+    """Moves to one side that are too fast and too far for keeping a lane."""
+    time, y = trajectory.time, trajectory.y
+    if time.size < 2:
+        return 0
+    before = np.maximum(time - MANOEUVRE_WINDOW / 2, time[0])
+    after = np.minimum(time + MANOEUVRE_WINDOW / 2, time[-1])
+    rate = (np.interp(after, time, y) - np.interp(before, time, y)) / (after - before)
+    return sum(
+        bool(side * (y[last] - y[first]) >= MANOEUVRE_SHIFT)
+        for side in (-1.0, 1.0)
+        for first, last in _operations(side * rate > MANOEUVRE_SPEED, time, settings)
+    )
+
+
+def _steering_is_known(trajectory: Trajectory) -> bool:
+    return bool(np.any(np.isfinite(trajectory.steering_wheel_angle)))

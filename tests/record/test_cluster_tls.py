@@ -1,0 +1,82 @@
+"""The certificates and settings of docs/clusters.md, word for word: a cluster on loopback that talks to nobody else."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from record.runs import command, digest, write_evaluation
+
+pytest.importorskip("distributed")
+PAGE = Path(__file__).parents[2] / "docs" / "clusters.md"
+
+pytestmark = [
+    pytest.mark.skipif(not (shutil.which("openssl") and shutil.which("bash")), reason="needs openssl and bash"),
+    pytest.mark.skipif(sys.platform != "linux", reason="child processes need Linux"),
+]
+
+
+def block(begins: str) -> str:
+    """The shell block of the page that begins with a word."""
+    (found,) = [text for text in re.findall(r"```sh\n(.*?)```", PAGE.read_text(), re.DOTALL) if text.startswith(begins)]
+    return str(found)
+
+
+def with_certificates(folder: Path) -> dict[str, str]:
+    """Certificates made as the page says, and the environment that it asks for."""
+    made = subprocess.run(["bash", "-ec", block("openssl")], cwd=folder, capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    shown = subprocess.run(
+        ["bash", "-ec", block("export") + "\nenv -0"], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return dict(pair.split("=", 1) for pair in shown.stdout.split("\0") if "=" in pair)
+
+
+def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(tmp_path: Path) -> None:
+    environment = with_certificates(tmp_path)
+    address = tmp_path / "scheduler.json"
+    path = write_evaluation(tmp_path, levels=2)
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def start(program: str, *options: str) -> None:
+        line = [sys.executable, "-m", f"distributed.cli.{program}", "--host", "127.0.0.1", "--no-dashboard", *options]
+        with (tmp_path / f"{program}.log").open("wb") as log:
+            processes.append(subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=log, stderr=log))
+
+    def run(out: str, env: dict[str, str], *options: str) -> subprocess.CompletedProcess[str]:
+        line = command("run", path, "--out", tmp_path / out, *options)
+        return subprocess.run(line, env=env, capture_output=True, text=True, timeout=300, check=False)
+
+    try:
+        start("dask_scheduler", "--protocol", "tls", "--port", "0", "--scheduler-file", str(address))
+        until = time.monotonic() + 60.0
+        while not address.is_file() and time.monotonic() < until:
+            time.sleep(0.05)
+        scheduler = json.loads(address.read_text())["address"]
+        assert scheduler.startswith("tls://127.0.0.1:")
+        start("dask_worker", scheduler, "--nthreads", "1", "--no-nanny")
+        done = run("far", environment, "--engine", "dask", "--scheduler", scheduler)
+        assert done.returncode == 0, done.stderr
+        without, open_one = dict(os.environ), scheduler.replace("tls", "tcp")
+        for out, env, named in (("a", without, scheduler), ("b", without, open_one), ("c", environment, open_one)):
+            refused = run(out, env, "--engine", "dask", "--scheduler", named)
+            assert (refused.returncode, "Traceback" in refused.stderr) == (2, False), refused.stderr
+            assert "There is no Dask scheduler at" in refused.stderr
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+    assert run("near", dict(os.environ)).returncode == 0
+    assert digest(tmp_path / "far") == digest(tmp_path / "near")

@@ -1,0 +1,47 @@
+"""The lock of run folders and histories: one holder, whose words a refusal repeats; it ends with the process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.record.lock import HeldError, held
+
+HOLDER = """
+import sys
+from pathlib import Path
+from sumo_eval.record.lock import held
+with held(Path(sys.argv[1]), "process of the test"):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_whoever_comes_second_is_told_who_holds_it_and_wipes_out_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with held(path, "the first"):
+        for _ in range(2):
+            with pytest.raises(HeldError, match="the first"), held(path, "the second"):
+                pass
+        assert path.read_text() == "the first\n"
+    assert not path.exists()
+    with held(path, "the second"):
+        assert path.read_text() == "the second\n"
+
+
+def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(HeldError, match="process of the test"), held(path, "mine"):
+            pass
+        holder.kill()
+    assert path.exists(), "a killed process takes nothing away"
+    with held(path, "mine"):
+        assert path.read_text() == "mine\n"

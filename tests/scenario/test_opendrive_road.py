@@ -1,0 +1,145 @@
+"""Roads out of OpenDRIVE files: those of the ALKS and NCAP catalogues, one written here, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim.openscenario import opendrive_xml
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.reference_line import Piece, arc, frame_places, map_places
+
+CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
+ALKS = CATALOGUES / "osc_alks" / "logical_scenarios" / "concrete_scenarios" / "road_networks"
+needs_catalogues = pytest.mark.skipif(not ALKS.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+LINE = (Piece(100.0), Piece(60.0, 0.0, 1 / 200), arc(150.0, 200.0), Piece(60.0, 1 / 200, 0.0))
+PLAN = """<OpenDRIVE><road id="{id}" length="1"><planView>
+<geometry s="0" x="7" y="3" hdg="1.5" length="100"><line/></geometry>
+{more}</planView>{profile}<lanes><laneSection s="0"><right>
+<lane id="-1" type="border"><width sOffset="0" a="2" b="0" c="0" d="0"/></lane>
+<lane id="-2" type="driving"><width sOffset="0" a="3.5" b="{b}" c="0" d="0"/></lane>
+<lane id="-3" type="driving"><width sOffset="0" a="{a}" b="0" c="0" d="0"/></lane>
+</right></laneSection></lanes></road></OpenDRIVE>"""
+
+NEXT = '<geometry s="100" x="{x}" y="102.75" hdg="1.5" length="9"><{shape}/></geometry>'
+SLOPE = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+
+
+def written(tmp_path: Path, **parts: object) -> Path:
+    path = tmp_path / "road.xodr"
+    path.write_text(PLAN.format(**{"id": "0", "more": "", "profile": "", "a": 3.5, "b": 0, **parts}), encoding="utf-8")
+    return path
+
+
+@needs_catalogues
+@pytest.mark.parametrize(
+    ("name", "radius"),
+    [("left_radius_250m", 250.0), ("right_radius_250m", -250.0), ("left_radius_1000m", 1000.0),
+     ("right_radius_1000m", -1000.0)],
+)  # fmt: skip
+def test_the_bends_of_the_alks_catalogue(name: str, radius: float) -> None:
+    """Driving lanes begin 2.75 m to the right; the third one's centre is 2.75 + 2.5 * 3.5 = 11.5 m from the line."""
+    read = read_opendrive(ALKS / f"alks_road_{name}.xodr")
+    assert (read.lanes, read.lane_width) == (3, 3.5)
+    (piece,) = [piece for piece in read.line if piece.begin]
+    assert 1.0 / piece.begin == pytest.approx(radius + 11.5, rel=1e-12)
+
+
+@needs_catalogues
+def test_the_road_of_many_curvatures_is_the_offset_of_its_reference_line() -> None:
+    """The reference line is drawn again from the file's own numbers; ours must lie 11.5 m to its right everywhere."""
+    from lxml import etree
+
+    path = ALKS / "alks_road_different_curvatures.xodr"
+    read = read_opendrive(path)
+    reference = []
+    for geometry in etree.parse(path).iterfind(".//geometry"):
+        shape = geometry[0]
+        begin = float(shape.get("curvStart") or shape.get("curvature") or 0.0)
+        end = float(shape.get("curvEnd") or shape.get("curvature") or 0.0)
+        reference.append(Piece(float(geometry.get("length")), begin, end))
+    assert len(reference) == 33
+    s = np.linspace(0.0, read.length, 4001)
+    x, y, heading = map_places(read.line, s, 0.0)  # which begins at the origin, 11.5 m beside the reference line
+    along, across, turned = frame_places(tuple(reference), x, y - 11.5, heading)
+    assert np.abs(across + 11.5).max() < 2e-3
+    assert np.abs(turned).max() < 2e-5
+    assert along[-1] == pytest.approx(5100.0, abs=2e-3)
+
+
+@needs_catalogues
+def test_straight_roads_are_straight_and_a_crossing_asks_which_road() -> None:
+    straight = read_opendrive(ALKS / "alks_road_straight.xodr")
+    assert (straight.line, straight.lanes, straight.length) == ((), 3, 10_000.0)
+    ncap = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP"
+    assert read_opendrive(ncap / "StraightRoad_NCAP_Roadmarks.xodr").line == ()
+    with pytest.raises(InputError, match="has 10 roads: `opendrive_road` must name one of"):
+        read_opendrive(ncap / "X-Intersection_NCAP.xodr")
+
+
+def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
+    """What is written has a lane offset, which readers of the format know and this one refuses; without it the lanes
+    lie to the right of the line: with two lanes of 3.5 m the right one's centre at -5.25 m.
+    """
+    text = opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE))
+    path = tmp_path / "bend.xodr"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"<laneOffset> .* must be 0 throughout"):
+        read_opendrive(path)
+    kept = "\n".join(line for line in text.splitlines() if "laneOffset" not in line)
+    path.write_text(kept, encoding="utf-8")
+    read = read_opendrive(path)
+    assert (read.lanes, read.lane_width) == (2, 3.5)
+    s = np.linspace(0.0, read.length, 500)
+    x, y, heading = map_places(read.line, s, 0.0)
+    _, across, turned = frame_places(LINE, x, y - 5.25, heading)
+    assert np.abs(across + 5.25).max() < 1e-5
+    assert np.abs(turned).max() < 2e-5
+
+
+def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
+    written(tmp_path, more='<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" length="80"><arc curvature="0.01"/>'
+            "</geometry>")  # fmt: skip
+    content = {
+        "name": "theirs",
+        "parameter": [{"name": "ego_speed", "unit": "m/s", "low": 10.0, "high": 20.0, "step": 5.0}],
+        "ego": {"speed": "ego_speed"}, "vehicle": [{"name": "lead", "speed": 5.0, "gap": 40.0}],
+        "zone": {"obstacle": "lead"}, "end": {"x": 150.0}, "road": {"opendrive": "road.xodr"},
+    }  # fmt: skip
+    road = scenario_from(content, "the file", tmp_path).road
+    assert (road.lanes, road.lane_width, road.length) == (2, 3.5, 150.0)
+    assert road.line == (Piece(100.0), Piece(80.0 * (1 + 0.01 * 7.25), 0.01 / 1.0725, 0.01 / 1.0725))
+    for key, value in (("line", [{"length": 9.0}]), ("network", "town.net.xml")):
+        with pytest.raises(InputError, match="opendrive"):
+            scenario_from({**content, "road": {"opendrive": "road.xodr", key: value}}, "the file", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("parts", "sentence"),
+    [
+        ({"more": NEXT.format(x="14.07", shape="paramPoly3")}, "a line, an arc"),
+        ({"more": NEXT.format(x="20", shape="line")}, "within 0.01 m and rad"),
+        ({"b": 0.1}, "The width of lane -2 .* must be constant"),
+        ({"a": 3.0}, "of one width"),
+        ({"profile": SLOPE}, "<elevation>"),
+        ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
+    ],
+)  # fmt: skip
+def test_what_would_be_another_road_is_refused_by_name(tmp_path: Path, parts: dict[str, object], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        read_opendrive(written(tmp_path, **parts))
+
+
+def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        read_opendrive(tmp_path / "none.xodr")
+    (tmp_path / "text.xodr").write_text("hello", encoding="utf-8")
+    with pytest.raises(InputError, match="is not XML"):
+        read_opendrive(tmp_path / "text.xodr")
+    with pytest.raises(InputError, match=r"Unknown road .* `main`\. Did you mean `mein`\?"):
+        read_opendrive(written(tmp_path, id="mein"), "main")
