@@ -1,0 +1,60 @@
+"""The examples of docs/learn.md and of drivers that nobody here wrote: they run, and drive as their pages say."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import SimulationSettings
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
+
+
+@pytest.fixture
+def trainer(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import train_policy
+
+    for name, value in {"PAIRS": 6, "EACH": 2, "HORIZON": 60}.items():
+        monkeypatch.setattr(train_policy, name, value)
+    yield train_policy
+    sys.modules.pop("train_policy")
+
+
+def test_what_was_trained_drives_as_it_was_trained(trainer: Any, tmp_path: Path) -> None:
+    """Three generations of few, short episodes; the file's answers are the trainer's to float32."""
+    weights, history = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
+    assert len(history) == 3
+    assert np.isfinite(history).all()
+    again, _ = trainer.train("front_vehicle_cut_out", 60.0, generations=3)
+    np.testing.assert_array_equal(weights, again)
+    trainer.write(weights, tmp_path / "policy.onnx")
+    policy = load_controller("onnx:policy.onnx", tmp_path).target  # type: ignore[attr-defined]
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (50, len(trainer.INTERFACE.features))).astype(np.float32)
+    expected = trainer.answers(np.repeat(weights[None], 50, axis=0), seen)
+    np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    assert simulate(concrete, "onnx:policy.onnx", SimulationSettings(time_limit=5.0), folder=tmp_path).error is None
+
+
+def test_highway_envs_drivers_keep_or_change_their_lane() -> None:
+    """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives past."""
+    pytest.importorskip("highway_env")
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    settings = SimulationSettings(time_limit=30.0)
+    idm, mobil = (
+        simulate(concrete, f"highway_drivers.py:{name}", settings, folder=EXAMPLES) for name in ("Idm", "Mobil")
+    )
+    assert (idm.error, mobil.error) == (None, None)
+    assert np.abs(idm.ego.y).max() < 0.1
+    assert idm.ego.speed.min() < 12.0
+    assert mobil.ego.y.max() > 3.0
+    assert mobil.ego.speed.min() > 15.0
