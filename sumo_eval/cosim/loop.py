@@ -22,7 +22,7 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses
+from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
@@ -181,6 +181,7 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout:
         settings.step,
         concrete.values if revealed else None,
         step_timeout,
+        *task_of(concrete),
     )
 
 
@@ -309,9 +310,10 @@ class Policies:
         self._usual = all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
         self._direct = world.settings.plant is None and conditions == ConditionSettings()
         self._delayed = _Delayed(world, self._plant)
+        self._tasks = [task_of(concrete) for concrete in world.cases]
         self._senses = [
-            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}")
-            for it, seed in zip(world.cases, self._seeds, strict=True)
+            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}", task)
+            for it, seed, task in zip(world.cases, self._seeds, self._tasks, strict=True)
             if not self._usual
         ]
         self._took = [0.0] * len(world.cases)
@@ -323,7 +325,7 @@ class Policies:
         self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
         first = [name for name, _ in _numbers(world.egos.dtype)].index("command.acceleration")
         self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, first : first + 2]
-        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :7]
+        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :8]
 
     def after(self, world: World, now: float) -> None:
         """Nothing."""
@@ -331,12 +333,13 @@ class Policies:
     def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
         acceleration = me.pop()
         if self._usual:
-            return Observation(time, self._road, me, acceleration, Look(me, list(enumerate(others, 1))))
+            look = Look(me, list(enumerate(others, 1)))
+            return Observation(time, self._road, me, acceleration, look, self._tasks[case])
         body = _body(me)
         senses = self._senses[case]
         names = [actor.name for actor in world.cases[case].actors]
         senses.take_in(
-            time, body, acceleration, {name: _body(other) for name, other in zip(names, others, strict=True)}
+            time, body, acceleration, {name: _body(other[:7]) for name, other in zip(names, others, strict=True)}
         )
         return senses.observe()
 
@@ -532,6 +535,7 @@ class Batch(Policies):
         """Reset it once for all rows."""
         self._begin(world, stage)
         self._held = len(world.cases)
+        self._desired = np.array([task.desired_speed for task in self._tasks])
         briefing = told(world.cases[0], world.settings, self._step_timeout)
         try:
             self._policy.reset(replace(briefing, values=None), TRACI, EGO)
@@ -542,7 +546,7 @@ class Batch(Policies):
         """One call for all."""
         live = np.flatnonzero(world.egos["live"])
         seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
-                            world.others[live])  # fmt: skip
+                            world.others[live], self._desired[world.rows[live]])  # fmt: skip
         asked = clock.perf_counter()
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)

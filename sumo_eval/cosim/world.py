@@ -78,8 +78,9 @@ OTHER = np.dtype(
         *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves"),
     ]
 )  # fmt: skip
-"""Another vehicle and its script. told: the harness has moved it in this step. script_begin, script_end: s. leaves:
-when its script takes it beside the lanes for good, s: SUMO does not move a vehicle that is on no lane."""
+"""Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2. told: the harness has
+moved it in this step. script_begin, script_end: s. leaves: when its script takes it beside the lanes for good, s: SUMO
+does not move a vehicle that is on no lane."""
 
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
@@ -416,6 +417,7 @@ def see_rows(
                 continue
             _place(other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], now, as_read)
             was = other.before
+            other.acceleration = (other.speed - was.speed) / step
             there = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
             here = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
             share = share_at_touch(before, body, there, here)

@@ -34,6 +34,8 @@ from sumo_eval.settings.locators import load_object
 class Briefing:
     """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
 
+    desired_speed: the speed that the ego wants, m/s: the one that it starts with. goal: the end of the road in the lane
+    that it starts in, x, y m.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
     """
 
@@ -43,6 +45,13 @@ class Briefing:
     step: float
     values: Mapping[str, float] | None = None
     step_timeout: float = math.inf
+    desired_speed: float = math.nan
+    goal: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def speed_limit(self) -> float:
+        """Of the road, m/s."""
+        return self.road.speed_limit
 
 
 class Controller(Protocol):

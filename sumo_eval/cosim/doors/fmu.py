@@ -18,16 +18,13 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.observation import Senses, signal_names
 from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
 from sumo_eval.errors import InputError, SimulationError, did_you_mean, must_be, said, unknown
 from sumo_eval.settings import FmuSettings
 
-SIGNALS = (
-    "time", "ego_x", "ego_y", "ego_heading", "ego_speed", "ego_acceleration", "ego_lane", "left_edge", "right_edge",
-    "lane_offset", "lead_present", "lead_gap", "lead_speed", "lead_relative_speed", "lead_offset",
-)  # fmt: skip
-"""What an ADS's inputs can be given; without a lead the gap is 1000 m."""
+SIGNALS = signal_names()
+"""What an ADS's inputs can be given; where no vehicle is its gap is 1000 m."""
 
 _SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
 _TYPES = {"Real": "Real", "Float64": "Float64", "Float32": "Float32", "Integer": "Integer", "Int32": "Int32",

@@ -18,7 +18,7 @@ from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.observation import Senses, lane_lines
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
@@ -51,7 +51,11 @@ class JsonLinesProgram(ObservingController):
         road = scenario.road
         briefing = {
             "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
-            "road": {"lanes": road.lanes, "lane_width": road.lane_width, "length": road.length},
+            "road": {
+                "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
+                "speed_limit": road.speed_limit, "lane_lines": [line._asdict() for line in lane_lines(road)],
+            },
+            "desired_speed": scenario.desired_speed, "goal": scenario.goal,
         }  # fmt: skip
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
