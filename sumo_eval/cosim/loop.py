@@ -11,6 +11,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,8 +25,8 @@ from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_comm
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
-from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
+from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
@@ -317,6 +318,7 @@ class Policies:
             if not self._usual
         ]
         self._took = [0.0] * len(world.cases)
+        self._wheels = [Wheel(world.settings, partial(world.note, case)) for case in range(len(world.cases))]
         self.keep(world, world.rows)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
@@ -414,7 +416,9 @@ class OneEach(Policies):
                 if type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:
-                    command = checked(as_command(action), time)
+                    wheel = self._wheels[case]
+                    wanted = None if action is None and wheel.holds_plan else as_command(action)
+                    command = wheel.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering
                 took = now() - asked
                 if took > self._step_timeout:
@@ -483,27 +487,6 @@ def check_clock(traci: Any, time: float, step: float) -> None:
         raise ControllerError(
             f"The ADS moved SUMO's clock by {ahead:+.2f} s at {time:.2f} s; stepping is the harness's."
         )
-
-
-def checked(answer: object, time: float) -> Command:
-    """The ADS's answer, if it is a command that a vehicle can be given."""
-    if not isinstance(answer, Command):
-        raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
-    try:
-        acceleration, steering = answer.acceleration, answer.steering
-    except Exception as error:  # what a Command of the ADS's own making may do
-        raise ControllerError(f"The ADS's Command cannot be read at {time:.2f} s: {said(error)}.") from error
-    if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
-        return answer
-    found = []
-    for name, value in (("acceleration", acceleration), ("steering", steering)):
-        number = finite_number(value)
-        if number is None:
-            raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {shown(value)} at {time:.2f} s."
-            )
-        found.append(number)
-    return Command(*found)
 
 
 def with_time(error: ControllerError, when: str) -> ControllerError:

@@ -96,7 +96,13 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
         ("read x; echo {}; read x; echo brake", "answer with a JSON object on one line, got 'brake' at 0.00 s."),
         ("read x; echo {}; read x; echo 3", "answer with a JSON object on one line, got '3' at 0.00 s."),
         ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
-        ('read x; echo {}; read x; echo "{\\"brake\\": 1}"', "unknown `brake`, and not only acceleration and steering"),
+        ('read x; echo {}; read x; echo "{\\"honk\\": 1}"', "unknown `honk`, and not only acceleration and steering"),
+        ('read x; echo {}; read x; echo "{\\"brake\\":1,\\"speed\\":1}"', "`brake`, and not only speed and steering"),
+        (
+            'read x; echo {}; read x; echo "{\\"brake\\": 2}"',
+            "`brake` of the ADS's pedals must be within 0..1, got 2",
+        ),
+        ('read x; echo {}; read x; echo "{\\"plan\\": null}"', "must give a plan before one can hold at 0.00 s."),
         ('read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"', "must be a finite number, got nan at 0.00 s."),
         (
             'read x; echo {}; read x; echo "{\\"acceleration\\": \\"1\\"}"',

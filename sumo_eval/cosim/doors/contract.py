@@ -16,7 +16,7 @@ from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulate import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording
+from sumo_eval.trajectory import CHANNELS, Clip, Recording
 
 _WORDS = {
     "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
@@ -25,9 +25,13 @@ _WORDS = {
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
+    "plan_error": "the vehicle was {applied:.2f} m from its plan",
+    "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until {applied:.2f} s",
 }
 _OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
                  "actor_off_its_script")  # fmt: skip
+_OF_A_PLAN = ("plan_error", "plan_ended")
+_FAR_FROM_A_PLAN = 1.0  # m
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
 _PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
@@ -78,6 +82,7 @@ def check_controller(
         return [*findings, *left_out, *clock]
     findings.append(Finding("ok", "commands are finite numbers"))
     findings.append(_in_range(first))
+    findings += _planned(first)
     again: list[Recording] = []
     for case in driven:
         if sum(recording.wall_time for recording in again) <= _PATIENCE:
@@ -159,6 +164,23 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
         )
         return Finding("warn", text, mend)
     return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
+
+
+def _planned(recordings: Sequence[Recording]) -> list[Finding]:
+    """How far the vehicle was from what its ADS planned at worst, where it plans."""
+    worst: dict[str, Clip] = {}
+    for clip in (clip for recording in recordings for clip in recording.clips if clip.what in _OF_A_PLAN):
+        if clip.what not in worst or abs(clip.applied) > abs(worst[clip.what].applied):
+            worst[clip.what] = clip
+    if not worst:
+        return []
+    text = "; ".join(
+        _WORDS[what].format(requested=clip.requested, applied=clip.applied) for what, clip in worst.items()
+    )
+    if worst["plan_error"].applied > _FAR_FROM_A_PLAN or "plan_ended" in worst:
+        return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of the case, from where "
+                        "the ego is, and reaches until the next one is given")]  # fmt: skip
+    return [Finding("ok", text)]
 
 
 def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:

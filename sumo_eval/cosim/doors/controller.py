@@ -23,7 +23,8 @@ from urllib.parse import parse_qsl
 from sumo_eval.cosim.doors.observation import Observation, Senses
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.plans import Plan, Wanted
+from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, said, unknown
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import VehicleSettings
@@ -60,8 +61,8 @@ class Controller(Protocol):
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Called once, before the first step."""
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | None:
-        """Called every step; returns a command, or None after commanding SUMO itself."""
+    def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
+        """Called every step; returns what is asked of the vehicle, or None after commanding SUMO itself."""
 
     def close(self) -> None:
         """Called once, after the last step, whatever happened."""
@@ -143,7 +144,7 @@ class PolicyController(ObservingController):
         if hasattr(self.target, "reset"):
             self.target.reset(scenario)
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
+    def step(self, traci: Any, ego: str, time: float) -> Wanted:
         """Show what is seen, take the action."""
         return as_command(self.act(self.senses.observe()))
 
@@ -153,11 +154,13 @@ class PolicyController(ObservingController):
             self.target.close()
 
 
-def as_command(action: Any) -> Command:
-    """An action as a Command: a Command, an acceleration in m/s2, or a pair with the steering wheel angle in rad."""
+def as_command(action: Any) -> Wanted:
+    """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or a pair with the
+    steering wheel angle in rad.
+    """
     if type(action) is float:
         return Command(action)
-    if isinstance(action, Command):
+    if isinstance(action, Command | Pedals | Plan):
         return action
     if hasattr(action, "tolist"):
         action = action.tolist()
@@ -166,6 +169,7 @@ def as_command(action: Any) -> Command:
     if not found or None in found:
         raise ControllerError(
             "The action of the ADS must be a Command, an acceleration or (acceleration, steering), of finite numbers, "
+            "or a Plan, "
             f"got {shown(action)}"
         )
     return Command(*cast(list[float], found))

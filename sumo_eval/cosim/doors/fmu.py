@@ -19,7 +19,7 @@ from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
 from sumo_eval.cosim.doors.observation import Senses, signal_names
-from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
+from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState, Pedals
 from sumo_eval.errors import InputError, SimulationError, did_you_mean, must_be, said, unknown
 from sumo_eval.settings import FmuSettings
 
@@ -168,7 +168,11 @@ class FmuController(ObservingController):
     _begun: bool = False
 
     def __post_init__(self) -> None:
-        self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("acceleration",), ("steering",))
+        asks = next((name for name in ("speed", "throttle") if self._gives(name)), "acceleration")
+        if asks == "throttle":
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("throttle", "brake"), ("steer",))
+        else:
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (asks,), ("steering",))
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
@@ -186,14 +190,18 @@ class FmuController(ObservingController):
         """A fresh instance of the FMU is made at the first step, which knows the signals."""
         self._step, self._begun = scenario.step, False
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
+    def step(self, traci: Any, ego: str, time: float) -> Command | Pedals:
         """One step of the FMU: what is seen goes in, the command comes out."""
         signals = self.senses.observe().signals()
         if not self._begun:
             self._begun = True
             self._fmu.begin(signals)
         answer = self._fmu.step(signals, time, self._step)
-        return Command(answer["acceleration"], answer.get("steering", 0.0))
+        return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
+
+    def _gives(self, name: str) -> bool:
+        """Whether the mapping has an output of this name, where it has no acceleration."""
+        return name in self.wiring.outputs and "acceleration" not in self.wiring.outputs
 
     def close(self) -> None:
         """Free the instance."""
