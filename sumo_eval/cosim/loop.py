@@ -171,8 +171,8 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
         stage.without(world)
 
 
-def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float) -> Briefing:
-    """What a controller is told before a case."""
+def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float, every: int = 1) -> Briefing:
+    """What a controller is told before a case. every: it is asked at every so manieth step."""
     revealed = settings.conditions.reveal_scenario
     road = concrete.road
     return Briefing(
@@ -183,6 +183,7 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout:
         concrete.values if revealed else None,
         step_timeout,
         *task_of(concrete),
+        every * settings.step,
     )
 
 
@@ -356,15 +357,19 @@ def _numbers(dtype: np.dtype[Any], within: str = "") -> list[tuple[str, int]]:
 
 
 class OneEach(Policies):
-    """A policy in plain Python for each row: its own exception, time and state."""
+    """A policy in plain Python for each row: its own exception, time and state.
+
+    every: it is asked at every so manieth step; in between its answer holds.
+    """
 
     def __init__(
         self, policies: Sequence[PolicyController], step_timeout: float, seeds: Sequence[int],
         plant: FmuPlant | None = None,
         folder: Path | None = None,
+        every: int = 1,
     ) -> None:  # fmt: skip
         super().__init__(step_timeout, seeds, plant)
-        self._policies, self._folder = policies, folder
+        self._policies, self._folder, self._every = policies, folder, every
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
@@ -373,7 +378,7 @@ class OneEach(Policies):
             if case in world.errors:
                 continue
             try:
-                policy.reset(told(world.cases[case], world.settings, self._step_timeout), TRACI, EGO)
+                policy.reset(told(world.cases[case], world.settings, self._step_timeout, self._every), TRACI, EGO)
             except RefusedCallError as error:
                 world.keep_fault(case, error, policy.target, self._folder)  # the check says what it was
             except ControllerError as error:
@@ -412,8 +417,14 @@ class OneEach(Policies):
             asked = now()
             try:
                 seen = self._observation(world, case, time, egos[row], others[row])
+                if world.steps % self._every:
+                    command = self._wheels[case].command(None, egos[row], time)
+                    given.append((command.acceleration, command.steering))
+                    asked_rows.append(row)
+                    self._took[case] = 0.0
+                    continue
                 action = policy.act(seen)
-                if type(action) is float and -math.inf < action < math.inf:
+                if self._every == 1 and type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:
                     wheel = self._wheels[case]

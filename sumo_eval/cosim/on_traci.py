@@ -40,8 +40,9 @@ class OnTraci:
 
     def __init__(
         self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None,
-        folder: Path | None = None,
+        folder: Path | None = None, every: int = 1,
     ) -> None:  # fmt: skip
+        self._every = every  # steps from one call to the next; in between its answer holds
         self.ads, self.briefing, self.step_timeout, self.plant = ads, briefing, step_timeout, plant
         self._seed = seed
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
@@ -121,6 +122,8 @@ class OnTraci:
             }
             me = self._state[:8].tolist()
             self._senses.take_in(time, Body(*me[:7]), me[7], here)
+        if world.steps % self._every:
+            return self._held(time)
         asked = clock.perf_counter()
         latency = world.latency[0]
         try:
@@ -154,9 +157,17 @@ class OnTraci:
         command = self._obeyed(answer, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
 
+    def _held(self, time: float) -> Command | None:
+        """What holds between two calls."""
+        if not self._wheel.holds:
+            return None
+        command = self._obeyed(HOLD, time)
+        return command if self._actuation.is_direct else self._actuation.pass_on(command, time, 0.0)
+
     def _obeyed(self, answer: object, time: float) -> Command | None:
         """What the vehicle is commanded; None: nothing, SUMO has been told."""
         if answer is None:
+            self._wheel.release()
             return None
         try:
             asked = None if answer is HOLD and self._wheel.holds else wanted(answer)

@@ -73,6 +73,10 @@ class Wheel:
         """Whether a plan is in force."""
         return self._track is not None
 
+    def release(self) -> None:
+        """Nothing is in force."""
+        self._track = self._last = None
+
     def command(self, asked: Wanted | None, ego: Sequence[float], time: float) -> Command:
         """The acceleration and wheel angle for the step that begins at `time` s; None: what was asked for still holds.
 

@@ -620,18 +620,30 @@ class AdsSettings(Checked):
         str, About("a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND or fmu:FILE")
     ]
     fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
+    period: Annotated[
+        float | None, Positive, About("time from one call to the next; its answer holds; default: every step", "s")
+    ] = None
+    options: Annotated[
+        dict[str, Any], About("keyword arguments of the class; a program of `exec:` is told them in its reset")
+    ] = field(default_factory=dict)
+    files: Annotated[
+        tuple[str, ...], About("files that it depends on, such as weights: with other content it is another ADS")
+    ] = ()
 
     @property
     def locator(self) -> str:
         """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
-        if self.fmu is None:
+        pairs = [] if self.period is None else [("period", json.dumps(self.period))]
+        pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
+        if self.fmu is not None:
+            pairs += [
+                (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
+                for group in ("inputs", "outputs", "parameters")
+                for name, value in getattr(self.fmu, group).items()
+            ]
+        if not pairs:
             return self.controller
-        pairs = [
-            (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
-            for group in ("inputs", "outputs", "parameters")
-            for name, value in getattr(self.fmu, group).items()
-        ]
-        return f"{self.controller}?{urlencode(pairs)}" if pairs else self.controller
+        return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
 
 
 @dataclass(frozen=True, slots=True)

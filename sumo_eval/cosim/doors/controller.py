@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 from urllib.parse import parse_qsl
 
+from sumo_eval.cosim.doors.entry import check_options, made, split_entry
 from sumo_eval.cosim.doors.observation import Observation, Senses
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
 from sumo_eval.cosim.vehicle_model import Command, Pedals
-from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, said, unknown
+from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, unknown
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
@@ -35,8 +36,8 @@ from sumo_eval.settings.locators import load_object
 class Briefing:
     """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
 
-    desired_speed: the speed that the ego wants, m/s: the one that it starts with. goal: the end of the road in the lane
-    that it starts in, x, y m.
+    period: s from one call to the next. desired_speed: the speed that the ego wants, m/s: the one that it starts with.
+    goal: the end of the road in the lane that it starts in, x, y m.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
     """
 
@@ -48,6 +49,7 @@ class Briefing:
     step_timeout: float = math.inf
     desired_speed: float = math.nan
     goal: tuple[float, float] = (math.nan, math.nan)
+    period: float = math.nan
 
     @property
     def speed_limit(self) -> float:
@@ -237,6 +239,8 @@ DOORS = {
 Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
 """
 
+_IN_THEIR_OWN_TIME = ("sumo", "traci")
+
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
     "Daniel1", "ACC", "CACC",
@@ -253,13 +257,16 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> C
     """
     with seen_as_traci():
         if isinstance(controller, str):
-            return adapted(find_controller(controller, folder), controller)
+            return adapted(find_controller(controller, folder), controller, split_entry(controller)[1].options)
         return adapted(controller, repr(controller))
 
 
 def find_controller(locator: str, folder: Path | None = None) -> Any:
     """What a locator names, not yet made into a controller: a class stays a class."""
+    locator, entry = split_entry(locator)
     scheme, colon, rest = locator.partition(":")
+    if entry.period and (scheme in _IN_THEIR_OWN_TIME or locator in SHIPPED):
+        raise InputError(f"ADS `{locator}` drives at every step; it takes no `period`.")
     if colon and scheme == "sumo":
         return _native_model(locator, rest)
     if colon and scheme in DOORS:
@@ -271,7 +278,9 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     with seen_as_traci():
-        return load_object(target, folder, "ADS")
+        found = load_object(target, folder, "ADS")
+    check_options(found, entry.options, locator)
+    return found
 
 
 def knows_the_scripts(driver: Any) -> bool:
@@ -291,6 +300,9 @@ def made_absolute(locator: str, folder: Path) -> str:
 
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
+    bare = split_entry(locator)[0]
+    if bare != locator and not bare.partition(":")[2].count("?"):  # the entry goes with it as it is
+        return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
         return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
@@ -327,17 +339,16 @@ def _is_finite(text: str) -> bool:
 _ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerController, ObservingController)
 
 
-def adapted(found: Any, described: str) -> Controller:
-    """A fresh controller from what a locator names, or from what was given in its place."""
+def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Controller:
+    """A fresh controller from what a locator names, or from what was given in its place. options: of its entry."""
+    if inspect.isclass(found):
+        found = made(found, options or {}, described)
+    elif options and hasattr(found, "options"):
+        found.options = dict(options)
+    elif options:
+        raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
     if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
         return cast("Controller", found)
-    if inspect.isclass(found):
-        try:
-            found = found()
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
     if isinstance(found, TRACI.StepListener):
         return ListenerController(found)
     if callable(getattr(found, "act", None)):

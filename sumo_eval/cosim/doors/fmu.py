@@ -188,7 +188,7 @@ class FmuController(ObservingController):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """A fresh instance of the FMU is made at the first step, which knows the signals."""
-        self._step, self._begun = scenario.step, False
+        self._step, self._begun = scenario.period, False
 
     def step(self, traci: Any, ego: str, time: float) -> Command | Pedals:
         """One step of the FMU: what is seen goes in, the command comes out."""

@@ -47,6 +47,7 @@ class JsonLinesProgram(ObservingController):
     folder: Path | None
     log: str = ""
     senses: Senses = field(init=False, repr=False)
+    options: dict[str, Any] = field(default_factory=dict)
     _program: ChildProgram | None = None
     _unread: bytes = b""
     _deadline: float = START_TIMEOUT
@@ -62,13 +63,16 @@ class JsonLinesProgram(ObservingController):
         self._program = ChildProgram(self.command, self.folder, talks=True)
         road = scenario.road
         briefing = {
-            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
+            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
+            "vehicle": asdict(scenario.vehicle),
             "road": {
                 "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
                 "speed_limit": road.speed_limit, "lane_lines": [line._asdict() for line in lane_lines(road)],
             },
             "desired_speed": scenario.desired_speed, "goal": scenario.goal,
         }  # fmt: skip
+        if self.options:
+            briefing["options"] = self.options
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
         self._ask(briefing, START_TIMEOUT)
