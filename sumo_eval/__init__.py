@@ -25,6 +25,10 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Import on first use: `import sumo_eval` and `sumo-eval --help` cost nothing."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("sumo_eval")
     if name in _HOMES:
         import importlib
 

@@ -24,7 +24,7 @@ from sumo_eval.text import clean
 IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
 _LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
-_NOT_PYTHON = ("exec", "traci", "fmu", "sumo")  # locators of commands and files, not of Python objects
+_NOT_PYTHON = ("exec", "traci", "fmu", "sumo", "given")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 

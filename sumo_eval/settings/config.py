@@ -34,7 +34,7 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     """Settings from a plain mapping; `where` names it in error sentences."""
     settings = _validated(content, EvaluationSettings, where)
-    _check(settings, where)
+    check_evaluation(settings, where)
     return settings
 
 
@@ -47,7 +47,8 @@ def _validated(content: Mapping[str, Any], kind: type[Settings], where: str) -> 
     return settings
 
 
-def _check(settings: EvaluationSettings, where: str) -> None:
+def check_evaluation(settings: EvaluationSettings, where: str) -> None:
+    """Refuse an evaluation of nothing, and names that could not be told apart. where: names it in sentences."""
     for what, names in (
         ("`scenario.use`", [scenario.use for scenario in settings.scenario]),
         ("`ads.name`", [ads.name for ads in settings.ads]),

@@ -233,6 +233,7 @@ DOORS = {
     "exec": "sumo_eval.cosim.doors.json_lines:JsonLinesProgram.from_command",
     "traci": "sumo_eval.cosim.doors.traci_program:TraciProgram.from_command",
     "fmu": "sumo_eval.cosim.doors.fmu:FmuController.from_locator",
+    "given": "sumo_eval.cosim.doors.given:load_given",
 }
 """What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
 
