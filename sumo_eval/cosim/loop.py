@@ -42,6 +42,7 @@ _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = "Its ADS asks SUMO, which then has to hold its case alone."
 KEPT = 0.75  # share of the rows that must still be live, or the others are given up
 _body = Body._make
+_look = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 SEEN_AS_IT_IS: dict[str, Any] = {
     "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
     "field_of_view_deg": None, "occlusion": False,
@@ -336,7 +337,7 @@ class Policies:
     def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
         acceleration = me.pop()
         if self._usual:
-            look = Look(me, list(enumerate(others, 1)))
+            look = _look(Look, (me, list(enumerate(others, 1))))
             return Observation(time, self._road, me, acceleration, look, self._tasks[case])
         body = _body(me)
         senses = self._senses[case]

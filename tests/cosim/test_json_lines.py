@@ -109,6 +109,7 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
             "must be a finite number, got '1' at 0.00 s.",
         ),
         ("read x; printf '{}\\n{}\\n'; sleep 5", "must answer with one line, got more"),
+        ("read x; printf 'loading\\n{}\\n'; sleep 5", "answer with a JSON object on one line, got 'loading' in reset."),
     ],
 )
 def test_what_is_no_answer_is_the_adss_error(text, sentence):

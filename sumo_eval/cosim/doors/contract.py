@@ -16,6 +16,7 @@ from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulate import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
+from sumo_eval.text import last_lines
 from sumo_eval.trajectory import CHANNELS, Clip, Recording
 
 _WORDS = {
@@ -32,6 +33,8 @@ _OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicl
                  "actor_off_its_script")  # fmt: skip
 _OF_A_PLAN = ("plan_error", "plan_ended")
 _FAR_FROM_A_PLAN = 1.0  # m
+_NO_ACCELERATION = 20.0  # m/s2: nobody means more
+_LINES = 12  # of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
 _PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
@@ -147,7 +150,7 @@ def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "mend what the sentence names")
-    log = f"\n{recording.log.rstrip()}" if recording.log.strip() else ""
+    log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""
     return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
 
 
@@ -162,6 +165,8 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
             "the vehicle does what it can, and every case counts that as clips; if it was not meant: acceleration is "
             "in m/s2, steering is the steering WHEEL's angle in rad"
         )
+        if any(clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst):
+            mend += "; who asks for (wanted - v)/dt, to have a speed at once, may return Command(speed=wanted)"
         return Finding("warn", text, mend)
     return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
 

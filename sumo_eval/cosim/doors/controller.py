@@ -358,10 +358,27 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         return ObjectController(found)
     if callable(found):
         return PolicyController(found, None) if _takes_one_argument(found) else FunctionController(found)
+    foreign = next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
+    hint = (
+        f" It has `{foreign}`, as {FOREIGN[foreign]}: put it in a class with `act(observation)` that calls it "
+        "(docs/ads/observation.md)."
+        if foreign is not None
+        else " Or, without TraCI, a function (observation) or one with `act`."
+    )
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
-        f"got {type(found).__name__}."
+        f"got {type(found).__name__}.{hint}"
     )
+
+
+FOREIGN = {
+    "run_step": "CARLA's agents have it",
+    "compute_planner_trajectory": "nuPlan's planners have it",
+    "compute_trajectory": "nuPlan's planners have it",
+    "predict": "the models of stable-baselines3 have it",
+    "plan": "CommonRoad's planners have it",
+}
+"""Methods by which the ADSs of other tools are called."""
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:

@@ -101,9 +101,11 @@ class JsonLinesProgram(ObservingController):
         try:
             answer = json.loads(line)
         except ValueError:
-            raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}") from None
+            answer = None
         if not isinstance(answer, dict):
             raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}")
+        if self._unread:
+            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
         return answer
 
     def _line(self, program: ChildProgram, deadline: float) -> str:
@@ -119,8 +121,6 @@ class JsonLinesProgram(ObservingController):
                 raise self._ended()
             self._unread += chunk
         line, _, self._unread = self._unread.partition(b"\n")
-        if self._unread:
-            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
         return line.decode("utf-8", errors="replace")
 
     def _ended(self) -> ControllerError:
