@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,8 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.record.exchange import export
 from sumo_eval.record.store import FORMAT_VERSION, open_store
+from sumo_eval.report.tables import write_tables
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +73,47 @@ def test_parquet_holds_the_same_as_csv(run: Path, tmp_path: Path) -> None:
         if path.stem == "trajectories":
             np.testing.assert_allclose(table.fetchnumpy()["x"], expected["x"], rtol=1e-14)
     assert sorted(path.name for path in (tmp_path / "it's here").iterdir()) == sorted(p.name for p in written)
+
+
+def test_parquet_holds_text_as_it_is_where_csv_quotes_it(tmp_path: Path) -> None:
+    duckdb = pytest.importorskip("duckdb")
+    evaluation = EvaluationSettings(
+        "quotes",
+        (
+            ScenarioSettings(
+                "front_vehicle_low_speed", SamplingSettings(steps={"ego_speed": 100.0, "lead_speed": 100.0})
+            ),
+        ),
+        (AdsSettings("=1+1", "idm"), AdsSettings("-x", "idm"), AdsSettings("'plain", "idm")),
+        drivers=DriverSettings(count=2),
+    )
+    write_tables(sumo_eval.evaluate(evaluation, tmp_path / "run"))
+    export(tmp_path / "run", tmp_path / "csv")
+    export(tmp_path / "run", tmp_path / "parquet", "parquet")
+    for table, column in (("cases", "ads"), ("drives", "driver")):
+        names = {row[column] for row in csv.DictReader((tmp_path / "csv" / f"{table}.csv").open(newline=""))}
+        assert {"'=1+1", "'-x", "'plain"} <= names
+        path = tmp_path / "parquet" / f"{table}.parquet"
+        found = duckdb.sql(f"SELECT DISTINCT {column} FROM read_parquet(?)", params=[str(path)]).fetchall()
+        assert {("=1+1",), ("-x",), ("'plain",)} <= set(found)
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "exposure.json"])
+def test_an_edited_file_beside_the_facts_is_one_sentence_wherever_it_is_read(
+    run: Path, tmp_path: Path, name: str
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(run, copy)
+    content = json.loads((copy / name).read_text())
+    content["seed"] = 7
+    (copy / name).write_text(json.dumps(content, indent=2))
+    commands = [("score", copy), ("report", copy), ("compare", run, copy)]
+    if name == "manifest.json":  # exposures are written again by a run that goes on
+        commands += [("run", "--out", copy, "--resume"), ("export", copy, "--out", tmp_path / "x"), ("verify", copy)]
+    for command in commands:
+        done = sumo_eval_cli(*command)
+        assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+        assert f"{name} is not as it was written" in " ".join(done.stderr.split())
 
 
 def test_a_run_that_is_none_unscored_or_newer_is_refused(run: Path, tmp_path: Path) -> None:

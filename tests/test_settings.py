@@ -129,3 +129,12 @@ def test_the_papers_constants():
     assert (index.steering_threshold_deg, index.acceleration_threshold, index.neutral_time) == (10.0, 0.5, 0.5)
     assert (index.centre_deviation_floor, index.field_deviation_floor) == (0.15, 0.01)
     assert (SimulationSettings().ideal_deceleration, SimulationSettings().ideal_build_up) == (9.0, 0.15)
+
+
+def test_names_given_in_python_are_cleaned_as_those_of_a_file_are_refused():
+    ads = settings_module.AdsSettings("mine\x1b[2J\u202e\ud800", "idm")
+    assert ads.name == r"mine\x1b[2J\u202e\ud800"
+    assert dataclasses.replace(ads).name == ads.name, "cleaning what is clean changes nothing"
+    scenario = settings_module.ScenarioSettings("cut_in", settings_module.SamplingSettings(count=1))
+    evaluation = settings_module.EvaluationSettings("a\nb\x00", (scenario,), (ads,))
+    assert evaluation.name == r"a b\x00"

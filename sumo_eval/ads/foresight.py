@@ -23,12 +23,14 @@ class Foresight(NamedTuple):
     """What is known of one other vehicle.
 
     noticed: when its first change of state can be seen, s; inf where it never can. meets: whether an ego that keeps
-    its speed would touch it. speed: its lowest speed along the road to come, m/s.
+    its speed would touch it. speed: its lowest speed along the road to come, m/s. hidden: whether a nearer vehicle is
+    what keeps it from being noticed at once.
     """
 
     noticed: float
     meets: bool
     speed: float
+    hidden: bool
 
 
 def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[Foresight, ...]:
@@ -42,7 +44,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + settings.vehicle.width)
         changes = first_change(actor, caught_up=in_path and actor.start.speed < ego.speed)
         noticed = first_sight(ego, actor, actors, changes, 1.0 - settings.ideal_visible_share, until)
-        found.append(Foresight(noticed, meets, actor.start.speed if actor.brake is None else 0.0))
+        slowest = actor.start.speed if actor.brake is None else 0.0
+        found.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(found)
 
 
@@ -58,7 +61,8 @@ def first_sight(ego: Start, actor: Actor, actors: Sequence[Actor], time: float, 
     """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it stays hidden.
 
     It is hidden while a nearer one covers more than the share `hiding` of its width, looking along the road; the ego
-    keeps its speed.
+    keeps its speed. One that has come up to it hides it no longer: bodies are solid, and a collision is seen, also
+    where the script drives through.
     """
     others = [other for other in actors if other is not actor]
     while any(_hides(ego, other, actor, time, hiding) for other in others):
@@ -76,7 +80,8 @@ def first_sight(ego: Start, actor: Actor, actors: Sequence[Actor], time: float, 
 
 
 def _hides(ego: Start, nearer: Actor, actor: Actor, time: float, hiding: float) -> bool:
-    if not ego.x + ego.speed * time < nearer.x(time) < actor.x(time):
+    apart = _half_length(nearer, time) + _half_length(actor, time)
+    if not ego.x + ego.speed * time < nearer.x(time) < actor.x(time) - apart:
         return False
     its, hidden = _half_width(nearer, time), _half_width(actor, time)
     shared = min(its + hidden - abs(nearer.y(time) - actor.y(time)), 2.0 * its, 2.0 * hidden)
@@ -86,6 +91,12 @@ def _hides(ego: Start, nearer: Actor, actor: Actor, time: float, hiding: float) 
 def _heading(actor: Actor, time: float) -> float:
     across = 0.0 if actor.slides else actor.lateral_speed(time)
     return math.atan2(across, actor.speed(time)) if across else 0.0
+
+
+def _half_length(actor: Actor, time: float) -> float:
+    """Half the extent of the (turned) body along the road, m."""
+    heading = _heading(actor, time)
+    return 0.5 * (actor.length * math.cos(heading) + actor.width * abs(math.sin(heading)))
 
 
 def _half_width(actor: Actor, time: float) -> float:

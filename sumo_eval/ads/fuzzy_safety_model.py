@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_visible
 from sumo_eval.ads.r157 import (
     HUMAN_BRAKING,
@@ -150,6 +151,7 @@ def fuzzy_safety_model_rows(
             egos[i].command.acceleration = fuzzy_safety_model(
                 egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], scenario[0], time
             )
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
 
 
 class FuzzySafetyModel(Compiled):

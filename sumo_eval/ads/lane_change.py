@@ -93,16 +93,61 @@ def steering(memory: Any, me: Any, path_y: float, slope: float, bend: float, sce
     of the coming step, predicted with the curvature now steered. The feedback is critically damped with the rate w, per
     second; below `SLOW` it becomes one per metre, so that a stopping vehicle does not turn its wheel without end.
     memory: holds the `curvature`, 1/m. Single-track model: Rajamani, Vehicle Dynamics and Control (2012), ch. 2.
+    On a road that bends the path is y(x) in the road's frame, and the curvature of the line beside the road on which
+    the path lies is steered ahead of the feedback.
     """
+    memory.curvature = steered(memory.curvature, me, path_y, slope, bend, scenario)
+    return float(scenario.vehicle.steering_ratio * math.atan(scenario.vehicle.wheelbase * memory.curvature))
+
+
+@kernel
+def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scenario: Any) -> float:
+    """The curvature, 1/m, that `steering` asks for. now: the one that is steered."""
     vehicle, step, speed = scenario.vehicle, scenario.step, me.speed
-    turned = me.heading + 0.5 * speed * step * memory.curvature
-    y = me.y - 0.5 * vehicle.wheelbase * math.sin(me.heading) + speed * step * math.sin(turned)
-    heading = me.heading + speed * step * memory.curvature
     per_metre = RATE / max(speed, SLOW)
-    wanted = math.atan(slope)
+    if me.curvature == 0.0:
+        turned = me.heading + 0.5 * speed * step * now
+        y = me.y - 0.5 * vehicle.wheelbase * math.sin(me.heading) + speed * step * math.sin(turned)
+        heading = me.heading + speed * step * now
+        wanted, beside = math.atan(slope), 0.0
+    else:
+        half, ahead = 0.5 * vehicle.wheelbase, speed * step
+        line = me.curvature / (1.0 + me.curvature * me.y)
+        left, turn = beside_an_arc(me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading))
+        y, heading = me.y + left, me.heading - turn
+        turned = heading + 0.5 * ahead * now
+        left, turn = beside_an_arc(line / (1.0 - line * y), ahead * math.cos(turned), ahead * math.sin(turned))
+        y, heading = y + left, heading + ahead * now - turn
+        stretched = 1.0 / (1.0 - line * path_y)  # metres of the line for each metre of the path
+        wanted, beside = math.atan(slope * stretched), line * stretched
+        bend = bend * stretched * stretched
     c = math.cos(wanted)
-    memory.curvature = bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading)
-    return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * memory.curvature))
+    return float(
+        bend * (c * c * c) + per_metre * per_metre * (path_y - y) + 2.0 * per_metre * (wanted - heading) + beside
+    )
+
+
+@kernel
+def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, float]:
+    """What a move by (ahead, left) m in the axes of an arc is beside it: how far to its left, m, and by which angle the
+    arc has turned, rad. (2 l - k (a^2 + l^2)) / (1 + sqrt(1 + k^2 (a^2 + l^2) - 2 k l)), atan2(k a, 1 - k l).
+    """
+    square = ahead * ahead + left * left
+    root = math.sqrt(max(1.0 + curvature * (curvature * square - 2.0 * left), 0.0))
+    return (2.0 * left - curvature * square) / (1.0 + root), math.atan2(curvature * ahead, 1.0 - curvature * left)
+
+
+@kernel
+def lane_kept(ego: Any, scenario: Any) -> float:
+    """Steering wheel angle, rad, of those whose rule is for the pedals: on a road that bends they keep to the line on
+    which they began, on a straight one they leave the wheel alone.
+    """
+    if scenario.road.bent == 0:
+        return 0.0
+    vehicle = scenario.vehicle
+    now = math.tan(ego.steering / vehicle.steering_ratio) / vehicle.wheelbase
+    curvature = steered(now, ego.seen, ego.lane_y, 0.0, 0.0, scenario)
+    return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
 
 
 def share_of_duration(done: float) -> float:

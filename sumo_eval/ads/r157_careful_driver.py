@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, carry_on, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
@@ -333,6 +334,7 @@ def careful_driver_rows(
             egos[i].command.acceleration = careful_driver(
                 egos[i].seen, seen[i], memory[i], watched[i], sightings[i], later[i], parameters[i], scenario[0], time
             )
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
             egos[i].settled = 1 if has_settled(memory[i], watched[i]) else 0
 
 

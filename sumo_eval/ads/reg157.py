@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import is_visible, lateral_overlap
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
@@ -119,6 +120,7 @@ def reg157_rows(
             egos[i].command.acceleration = reg157(
                 egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], granted[i], scenario[0], time
             )
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
 
 
 class Reg157(Compiled):

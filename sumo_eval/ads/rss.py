@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_visible
 from sumo_eval.ads.r157 import (
     HUMAN_BRAKING,
@@ -92,6 +93,7 @@ def rss_rows(
             egos[i].command.acceleration = responsibility_sensitive_safety(
                 egos[i].seen, seen[i], memory[i], sightings[i], later[i], scenario[0], time
             )
+            egos[i].command.steering = lane_kept(egos[i], scenario[0])
 
 
 class ResponsibilitySensitiveSafety(Compiled):

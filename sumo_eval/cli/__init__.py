@@ -17,29 +17,46 @@ from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
 from sumo_eval.text import clean, clean_log
 
-COMMANDS: Final = (
-    "run",
-    "score",
-    "report",
-    "compare",
-    "nightly",
-    "trend",
-    "replay",
-    "explain",
-    "humans",
-    "calibrate",
-    "sensitivity",
-    "verify",
-    "merge",
-    "export",
-    "scenarios",
-    "partition",
-    "sample",
-    "boundary",
-    "check",
-    "schema",
-    "bench",
-)  # sumo_eval/cli/NAME.py defines NAME
+TASKS: Final = {
+    "Evaluate": {"run": "run", "score": "run", "merge": "run", "verify": "run"},
+    "Look at a run": {"report": "look", "explain": "look", "replay": "look", "plot": "look", "export": "look"},
+    "Compare runs": {"compare": "compare", "nightly": "compare", "trend": "compare"},
+    "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
+    "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
+    "Write an ADS or a scenario": {"check": "tools", "schema": "tools", "bench": "tools"},
+}
+"""What people do: task -> its commands, each with the file of this folder that defines it."""
+
+COMMANDS: Final = {name: file for commands in TASKS.values() for name, file in commands.items()}
+
+MEANT: Final = {
+    "run": "evaluate simulate start execute go resume launch",
+    "score": "rescore rank ranking recompute",
+    "merge": "combine join gather shards",
+    "verify": "reproduce repeat again rerun",
+    "report": "html page show open result results",
+    "explain": "why case ledger arithmetic",
+    "replay": "watch view animate animation gui video play",
+    "plot": "figure figures draw chart svg pdf png picture",
+    "export": "csv parquet table tables dump xosc sumocfg",
+    "compare": "diff gate regression versus",
+    "nightly": "night cron schedule ci",
+    "trend": "history nights",
+    "scenarios": "list catalogue catalog ls",
+    "partition": "zones zone split hazard",
+    "sample": "points draw grid sobol",
+    "boundary": "search edge limit frontier",
+    "humans": "people drivers import recordings events exposure opinion population similarity",
+    "calibrate": "k5 k6 tune scale",
+    "sensitivity": "k1 k2 constants vary",
+    "check": "validate lint test contract",
+    "schema": "json editor autocomplete",
+    "bench": "benchmark speed performance profile",
+}
+"""Words that people type for a command, by what it does."""
+
+
+_WHOLE: Final = 200  # characters: no first sentence of a command is longer
 
 
 class _Group(click.Group):
@@ -51,7 +68,7 @@ class _Group(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command = getattr(import_module(f"sumo_eval.cli.{cmd_name}"), cmd_name)
+        command = getattr(import_module(f"sumo_eval.cli.{COMMANDS[cmd_name]}"), cmd_name)
         assert isinstance(command, click.Command)
         return command
 
@@ -59,8 +76,19 @@ class _Group(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            raise click.UsageError(f"There is no command `{args[0]}`.{did_you_mean(args[0], self.list_commands(ctx))}")
+            raise click.UsageError(f"There is no command `{clean(args[0])}`.{_nearest(args[0])}")
         return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands by task, each in one line that is not cut."""
+        for task, names in TASKS.items():
+            with formatter.section(task):
+                formatter.write_dl([(name, self._line(ctx, name)) for name in names])
+
+    def _line(self, ctx: click.Context, name: str) -> str:
+        command = self.get_command(ctx, name)
+        assert command is not None
+        return command.get_short_help_str(limit=_WHOLE)
 
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
@@ -81,6 +109,15 @@ class _Group(click.Group):
         except KeyboardInterrupt:
             click.echo("Stopped by Ctrl-C.", err=True)
             sys.exit(INTERRUPTED)
+
+
+def _nearest(name: str) -> str:
+    """The command that was meant, by meaning first and by spelling second, as a closing half-sentence."""
+    word = name.lower()
+    for command, words in MEANT.items():
+        if word in words.split():
+            return f" Did you mean `{command}`?"
+    return did_you_mean(word, COMMANDS)
 
 
 def _one_thread() -> None:

@@ -1,4 +1,4 @@
-"""`sumo-eval run`: simulate and score an evaluation."""
+"""Evaluations: `run` them, `score` them again, `merge` their shards, `verify` that they are reproduced."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.stopping import Stopping
@@ -16,7 +16,7 @@ LIMIT = click.FloatRange(min=0, min_open=True)
 ENGINES = ("processes", "serial", "dask")
 
 
-@click.command()
+@click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
 @click.argument("evaluation", required=False, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="New folder for facts, scores and report.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
@@ -47,7 +47,7 @@ def run(
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
-    from sumo_eval.evaluation import score
+    from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
 
     part = WHOLE if shard is None else parse_shard(shard)
@@ -72,5 +72,59 @@ def run(
         click.echo(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
     with Progress() as progress:
-        result = score(folder, progress=progress)
+        result = score_run(folder, progress=progress)
     finish(result)
+
+
+@click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
+def score(run: Path, changes: tuple[str, ...]) -> None:
+    """Score RUN again from its recorded facts, without a simulation."""
+    from sumo_eval.record.children import warm_up
+
+    warm_up()  # before the imports below, which take a second
+    from sumo_eval.evaluation import score as score_run
+
+    with Progress() as progress:
+        result = score_run(run, changes, progress=progress)
+    finish(result)
+
+
+@click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")
+@click.argument("shards", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the whole run.")
+def merge(shards: tuple[Path, ...], out: Path) -> None:
+    """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
+    from sumo_eval.evaluation import score as score_run
+    from sumo_eval.record.facts import merge as put_together
+
+    put_together(shards, out)
+    with Progress() as progress:
+        result = score_run(out, progress=progress)
+    finish(result)
+
+
+_MOST_LISTED = 20
+
+
+@click.command(epilog="Example: sumo-eval verify results/first --share 0.1")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1, show_default=True,
+              help="Share of the drives that is simulated again.")  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate (default: as in the run).")
+def verify(run: Path, share: float, workers: int | None) -> None:
+    """Simulate a share of RUN again, chosen by its seed. Exit status 1 when any drive differs in a single bit."""
+    from sumo_eval.record.facts import verify as simulate_again
+
+    with Progress() as progress:
+        drives, differences = simulate_again(run, share, workers=workers, progress=progress)
+    for sentence in differences[:_MOST_LISTED]:
+        click.echo(sentence)
+    if len(differences) > _MOST_LISTED:
+        click.echo(f"and {len(differences) - _MOST_LISTED} more.")
+    if differences:
+        click.echo(f"{len(differences)} of {drives} drives of {run} are not what they were.")
+        sys.exit(GATE_FAILED)
+    click.echo(f"{drives} drives of {run} simulated again, all the same to the bit.")
+    sys.exit(DONE)

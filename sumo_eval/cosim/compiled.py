@@ -13,15 +13,17 @@ import numpy as np
 
 from sumo_eval.cosim.sumo.session import vehicles
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import EGO, MOVER, Records, described, show
+from sumo_eval.cosim.world import EGO, MOVER, Records, described, show, show_bend
 from sumo_eval.kernels import rows as compiled_rows
+from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 
 
 @compiled_rows
-def _show_rows(movers: Records, bodies: Any) -> None:
+def _show_rows(movers: Records, bodies: Any, line: Records, rear: float) -> None:
     for i in range(len(movers)):
         body = bodies[i]
         show(movers[i], body[0], body[1], body[2], body[3], body[4], body[5])
+        show_bend(movers[i], body[4], body[5], line, rear if i == 0 else 0.0)
 
 
 def records(objects: Sequence[Any], layout: list[tuple[str, Any]]) -> Records:
@@ -65,6 +67,8 @@ class Compiled:
     def reset(self, scenario: Any, traci: Any, ego: str) -> None:
         """Begin a case that is driven through TraCI."""
         self._scenario = described(scenario.road, scenario.vehicle, scenario.step)
+        self._line = scenario.road.line
+        self._along: list[float] | None = None
         self._names: tuple[str, ...] | None = None
 
     def step(self, traci: Any, ego: str, time: float) -> Command:
@@ -80,12 +84,27 @@ class Compiled:
             [(*_pose(calls, name, size[0]), *size) for name, size in zip((ego, *self._names), self._sizes, strict=True)]
         )
         movers = np.zeros(len(bodies), MOVER)
-        _show_rows(movers, bodies)
+        rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
+        _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
+        if time == 0.0:
+            self._egos["lane_y"] = movers["y"][0]
         self._egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(self._egos, self._seen, *self._own, self._scenario, time)
         command = self._egos["command"][0]
+        self._egos["steering"] = command["steering"]
         return Command(float(command["acceleration"]), float(command["steering"]))
+
+    def _in_frame(self, bodies: Any) -> Any:
+        """Bodies with their places and headings along and across the road, of which SUMO shows those on the map."""
+        if not self._line:
+            return bodies
+        if self._along is None:
+            self._along = frame_places(self._line, bodies[:, 0], bodies[:, 1])[0].tolist()
+        for i, near in enumerate(self._along):
+            x, y, heading = frame_places(self._line, bodies[i, 0], bodies[i, 1], bodies[i, 2], near=near)
+            bodies[i, :3], self._along[i] = (x, y, heading), float(x)
+        return bodies
 
     def settled(self) -> bool:
         """Whether nothing more will come of it in a case that is driven through TraCI."""

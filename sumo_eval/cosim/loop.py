@@ -85,8 +85,9 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             sampling = (world.steps + 1) % every == 0
             world.room_for_samples(sampling)
             count = move_rows(
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, now, int(closely)
-            )
+                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
+                world.steps + 1, int(closely),
+            )  # fmt: skip
             moved = 1
             _tell(world, stage, count)
             stage.step()
@@ -97,7 +98,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, now, int(sampling), as_read,
+                world.scenario, world.line, world.steps + 1, int(sampling), as_read,
             )  # fmt: skip
             world.steps += 1
             if ended:
@@ -215,7 +216,9 @@ class _Delayed:
 def advance_plant(plant: FmuPlant, world: World, command: Command) -> None:
     """Ask the plant for the next state of the single ego, which the coming step then has."""
     ego = world.egos[0]
-    state = EgoState(*(float(ego[name]) for name in ("x", "y", "heading", "speed", "acceleration", "steering")))
+    at = ego["map"] if len(world.line) else ego
+    place = (float(at[name]) for name in ("x", "y", "heading"))
+    state = EgoState(*place, *(float(ego[name]) for name in ("speed", "acceleration", "steering")))
     before = state
     state, clips = plant.advance(state, command, world.settings.step)
     moved = math.hypot(state.x - before.x, state.y - before.y)
@@ -320,7 +323,10 @@ class Policies:
             if not self._usual
         ]
         self._took = [0.0] * len(world.cases)
-        self._wheels = [Wheel(world.settings, partial(world.note, case)) for case in range(len(world.cases))]
+        self._wheels = [
+            Wheel(world.settings, partial(world.note, case), concrete.road.line)
+            for case, concrete in enumerate(world.cases)
+        ]
         self.keep(world, world.rows)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
@@ -520,8 +526,10 @@ class Batch(Policies):
     together is part of what it is given.
     """
 
-    def __init__(self, policy: PolicyController, step_timeout: float, seeds: Sequence[int]) -> None:
-        super().__init__(step_timeout, seeds)
+    def __init__(
+        self, policy: PolicyController, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None
+    ) -> None:
+        super().__init__(step_timeout, seeds, plant)
         self._policy = policy
         self._act: Callable[[Any], Any] = policy.act
         self._held = 0
@@ -529,8 +537,10 @@ class Batch(Policies):
     def begin(self, world: World, stage: Stage) -> None:
         """Reset it once for all rows."""
         self._begin(world, stage)
+        if not self._usual:
+            for case in range(len(world.cases)):
+                world.note(case, "perception_not_limited", 1.0, 0.0)  # arrays are of the world as it is
         self._held = len(world.cases)
-        self._desired = np.array([task.desired_speed for task in self._tasks])
         briefing = told(world.cases[0], world.settings, self._step_timeout)
         try:
             self._policy.reset(replace(briefing, values=None), TRACI, EGO)
@@ -541,7 +551,7 @@ class Batch(Policies):
         """One call for all."""
         live = np.flatnonzero(world.egos["live"])
         seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
-                            world.others[live], self._desired[world.rows[live]])  # fmt: skip
+                            world.others[live], world.cases)  # fmt: skip
         asked = clock.perf_counter()
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)
@@ -570,3 +580,5 @@ class Batch(Policies):
         self._held -= 1
         if self._held == 0:
             let_go(world, row, "The ADS", self._policy.close, "ads_error")
+        if self._plant is not None:
+            let_go(world, row, "The vehicle model", self._plant.close, "sim_error")

@@ -28,11 +28,13 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 
 _LIMIT_TOLERANCE = 1e-6  # m/s2
 _JUMP_TOLERANCE = 0.01  # m, motion of one step that speed cannot explain
 _SIDEWAYS_SPEED = 3.0  # m/s, the fastest lane change that counts as driving
 _PLACE_TOLERANCE = 1e-3  # m
+_CHORD_SHARE = 0.03  # of the motion on a bend, by which SUMO's polylines and its stretching of lanes change it
 
 
 class OnTraci:
@@ -51,6 +53,7 @@ class OnTraci:
         self._folder = folder
         self._handed_over = False  # from the vehicle model back to SUMO, in this step
         self._senses: Senses | None = None
+        self._bend = 0.0  # 1/m, the road's curvature beside the ego
 
     # -- the ADS -------------------------------------------------------------------------------------------------------
 
@@ -63,7 +66,7 @@ class OnTraci:
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         self._state = world.egos.view(np.float64).reshape(-1)  # its first numbers: a body's, and the acceleration
         self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
-        self._wheel = Wheel(settings, partial(world.note, 0))
+        self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
         GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -234,12 +237,17 @@ class OnTraci:
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(EGO)
         angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
+        road = self._world.cases[0].road
         last_x, last_y, last_heading, last_speed = state[:4].tolist()
         last = Body(last_x, last_y, last_heading, last_speed, self._limits.length, self._limits.width)
+        if road.bent:
+            last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
         if not (abs(front_x) < LOST and abs(front_y) < LOST and abs(speed) < LOST and 0.0 <= angle <= 360.0):
-            if front_x <= -LOST and leaves_the_lanes(last, self._world.cases[0].road, self._step):
+            if front_x <= -LOST and leaves_the_lanes(last, road, self._step):
                 raise LeftTheRoadError
-            raise impossible(calls, EGO, front(last), now, self._step)
+            raise impossible(
+                calls, EGO, front(last._replace(x=last_x, y=last_y, heading=last_heading)), now, self._step
+            )
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
@@ -250,20 +258,35 @@ class OnTraci:
         else:
             moved_x = front_x - last_x - self._half * math.cos(last_heading)
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
+        stretch = 1.0
+        if road.bent:  # SUMO counts along the line, and on the map a vehicle beside it drives less or more
+            place, stretch = self._on_the_map(x, y, heading, last)
+            moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         acceleration = (speed - self._lane_speed) / self._step
         self._lane_speed = speed
         if self._handed_over:
             self._handed_over = False
-            if abs(heading - last_heading) > 1e-3:
+            if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(0, "heading", last_heading, heading)
         across = calls.getLateralSpeed(EGO)
         if not abs(across) < FASTEST:
             raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
+        if road.bent:
+            x, y, heading = place
+            speed *= stretch
         if across:
             speed = math.hypot(speed, across)
         state[:4] = x, y, heading, speed
         state[7] = acceleration
+
+    def _on_the_map(self, x: float, y: float, heading: float, last: Body) -> tuple[tuple[float, float, float], float]:
+        """Keep the ego's place on the map; its place in the frame, and metres there for a metre of the line."""
+        self._world.egos["map"][0] = (x, y, heading)
+        line = self._world.cases[0].road.line
+        (s,), (d,), (turned,) = frame_places(line, [x], [y], [heading], near=last.x)
+        self._bend = float(curvatures(line, s))
+        return (float(s), float(d), float(turned)), 1.0 - self._bend * float(d)
 
     def _check_native_motion(self, ahead: float, across: float, speed: float, now: float) -> None:
         """TraCI calls can move the ego in ways no vehicle can. ahead, across: of the front bumper in the step, m.
@@ -282,7 +305,8 @@ class OnTraci:
         elif not lowest + _LIMIT_TOLERANCE <= gained <= highest - _LIMIT_TOLERANCE:
             self._world.note(0, "vtype_limit", gained, gained)
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
-        least, most = slower * step - _JUMP_TOLERANCE, faster * step + _JUMP_TOLERANCE
+        tolerance = _JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
+        least, most = slower * step - tolerance, faster * step + tolerance
         if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
             return
         moved = math.hypot(ahead, across)

@@ -13,6 +13,7 @@ from lxml import etree
 
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
 
@@ -21,21 +22,48 @@ HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
 
 
 def opendrive_xml(road: Road) -> str:
-    """The road as OpenDRIVE 1.6: the reference line is its left edge; lane -1 is the leftmost one."""
+    """The road as OpenDRIVE 1.6; lane -1 is the leftmost one. The reference line is the left edge; of a road that bends
+    it is the right lane's centre, from which the lanes are offset.
+    """
     length = road.length + road.run_out
     root = etree.Element("OpenDRIVE")
     etree.SubElement(root, "header", revMajor="1", revMinor="6", name=road.name)
     element = etree.SubElement(root, "road", name=road.name, length=_text(length), id="0", junction="-1")
     plan = etree.SubElement(element, "planView")
-    geometry = etree.SubElement(plan, "geometry", s="0", x="0", y=_text(road.left_edge), hdg="0", length=_text(length))
-    etree.SubElement(geometry, "line")
-    section = etree.SubElement(etree.SubElement(element, "lanes"), "laneSection", s="0")
+    lanes = etree.SubElement(element, "lanes")
+    if not road.bent:
+        geometry = etree.SubElement(
+            plan, "geometry", s="0", x="0", y=_text(road.left_edge), hdg="0", length=_text(length)
+        )
+        etree.SubElement(geometry, "line")
+    else:  # the line itself, which a spiral's offset would not be
+        _plan(plan, road, length)
+        etree.SubElement(lanes, "laneOffset", s="0", a=_text(road.left_edge), b="0", c="0", d="0")
+    section = etree.SubElement(lanes, "laneSection", s="0")
     etree.SubElement(etree.SubElement(section, "center"), "lane", id="0", type="none", level="false")
     right = etree.SubElement(section, "right")
     for number in range(1, road.lanes + 1):
         lane = etree.SubElement(right, "lane", id=str(-number), type="driving", level="false")
         etree.SubElement(lane, "width", sOffset="0", a=_text(road.lane_width), b="0", c="0", d="0")
     return _document(root)
+
+
+def _plan(plan: etree._Element, road: Road, length: float) -> None:
+    """The pieces of a line, and the straight behind them."""
+    s, pieces = 0.0, list(road.line)
+    pieces.append(Piece(max(length - sum(piece.length for piece in pieces), 1e-3)))
+    for piece in pieces:
+        x, y, heading = (float(it) for it in map_places(road.line, s, 0.0))
+        geometry = etree.SubElement(
+            plan, "geometry", s=_text(s), x=_text(x), y=_text(y), hdg=f"{heading:.12g}", length=_text(piece.length)
+        )
+        if piece.begin == piece.end == 0.0:
+            etree.SubElement(geometry, "line")
+        elif piece.begin == piece.end:
+            etree.SubElement(geometry, "arc", curvature=f"{piece.begin:.12g}")
+        else:
+            etree.SubElement(geometry, "spiral", curvStart=f"{piece.begin:.12g}", curvEnd=f"{piece.end:.12g}")
+        s += piece.length
 
 
 def openscenario_xml(
@@ -65,7 +93,7 @@ def openscenario_xml(
     for name, start in [(EGO, concrete.ego), *((actor.name, actor.start) for actor in concrete.actors)]:
         private = etree.SubElement(actions, "Private", entityRef=name)
         teleport = etree.SubElement(etree.SubElement(private, "PrivateAction"), "TeleportAction")
-        _position(teleport, start.x, start.y, 0.0)
+        _position(teleport, concrete.road, start.x, start.y, start.heading)
         speed = _under(private, "PrivateAction", "LongitudinalAction", "SpeedAction")
         etree.SubElement(speed, "SpeedActionDynamics", dynamicsShape="step", value="0", dynamicsDimension="time")
         etree.SubElement(_under(speed, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=_text(start.speed))
@@ -73,9 +101,14 @@ def openscenario_xml(
     act = etree.SubElement(story, "Act", name="others")
     scripted = [actor for actor in concrete.actors if actor.lane_changes or actor.brake]
     for actor in scripted:
-        _manoeuvre(act, actor, settings.time_limit, concrete.road.length + concrete.road.run_out)
+        _manoeuvre(act, actor, settings.time_limit, concrete.road)
     if ego is not None and len(ego) > 1:
-        _follow(act, EGO, zip(*(getattr(ego, name).tolist() for name in ("time", "x", "y", "heading")), strict=True))
+        _follow(
+            act,
+            EGO,
+            zip(*(getattr(ego, name).tolist() for name in ("time", "x", "y", "heading")), strict=True),
+            concrete.road,
+        )
     if not scripted and ego is None:
         group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name="nobody")
         etree.SubElement(group, "Actors", selectTriggeringEntities="false")
@@ -102,21 +135,21 @@ def _entity(parent: etree._Element, name: str, length: float, width: float, acce
     etree.SubElement(vehicle, "Properties")
 
 
-def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road_end: float) -> None:
+def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road: Road) -> None:
     """Everything a scripted vehicle does, as one timed trajectory, until it leaves the road."""
     vertices = []
     for number in range(round(time_limit / VERTEX_INTERVAL) + 1):
         time = round(number * VERTEX_INTERVAL, 6)
         x = actor.x(time)
-        if x > road_end:
+        if x > road.length + road.run_out:
             break
         along, across = actor.speed(time), actor.lateral_speed(time)
         heading = 0.0 if actor.slides or across == 0.0 else math.atan2(across, along)
         vertices.append((time, x, actor.y(time), heading))
-    _follow(act, actor.name, vertices)
+    _follow(act, actor.name, vertices, road)
 
 
-def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, float, float, float]]) -> None:
+def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> None:
     """A vehicle on one timed trajectory. vertices: time, x, y, heading."""
     group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name=name)
     etree.SubElement(etree.SubElement(group, "Actors", selectTriggeringEntities="false"), "EntityRef", entityRef=name)
@@ -126,7 +159,7 @@ def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, floa
     trajectory = etree.SubElement(_under(follow, "TrajectoryRef"), "Trajectory", name=name, closed="false")
     line = _under(trajectory, "Shape", "Polyline")
     for time, x, y, heading in vertices:
-        _position(etree.SubElement(line, "Vertex", time=_text(time)), x, y, heading)
+        _position(etree.SubElement(line, "Vertex", time=_text(time)), road, x, y, heading)
     etree.SubElement(
         _under(follow, "TimeReference"), "Timing", domainAbsoluteRelative="absolute", scale="1", offset="0"
     )
@@ -142,7 +175,8 @@ def _after(trigger: etree._Element, time: float, name: str) -> None:
     )
 
 
-def _position(parent: etree._Element, x: float, y: float, heading: float) -> None:
+def _position(parent: etree._Element, road: Road, x: float, y: float, heading: float) -> None:
+    x, y, heading = (float(it) for it in map_places(road.line, x, y, heading))
     etree.SubElement(
         _under(parent, "Position"), "WorldPosition", x=_text(x), y=_text(y), z="0", h=_text(heading), p="0", r="0"
     )

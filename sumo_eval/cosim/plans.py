@@ -18,6 +18,7 @@ from sumo_eval.cosim.contact import within_a_turn
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, said
+from sumo_eval.scenario.road.reference_line import Piece, curvatures
 from sumo_eval.settings import SimulationSettings
 
 _NO_WAY = 1e-6  # m, points closer than this are one place
@@ -55,9 +56,15 @@ def wanted(answer: object) -> Command | Pedals | Plan:
 
 
 class Wheel:
-    """Carries out what the ADS of one case asks for. note: puts on record what, the value asked for, the value got."""
+    """Carries out what the ADS of one case asks for.
 
-    def __init__(self, settings: SimulationSettings, note: Callable[[str, float, float], None]) -> None:
+    note: puts on record what, the value asked for, the value got. line: the road's, where it bends.
+    """
+
+    def __init__(
+        self, settings: SimulationSettings, note: Callable[[str, float, float], None], line: tuple[Piece, ...] = ()
+    ) -> None:
+        self._line = line
         self._law, self._vehicle, self._step = settings.tracker, settings.vehicle, settings.step
         self._note = note
         self._track: _Track | None = None
@@ -112,8 +119,9 @@ class Wheel:
     def _along(self, track: _Track, ego: Sequence[float], time: float) -> Command:
         """The tracker: Stanley's law for the front axle, and for the speed feed-forward with feedback of both errors.
 
-        wheel angle = ratio (theta - heading + atan(k e / (v_s + v))), e: the path to the left of the front axle, m,
-        theta: its direction there. Source: Hoffmann, Tomlin, Montemerlo, Thrun, ACC 2007.
+        wheel angle = ratio (theta - heading + atan(k e / (v_s + v)) + atan(wheelbase x curvature of the road)),
+        e: the path to the left of the front axle, m, theta: its direction there. Source: Hoffmann, Tomlin, Montemerlo,
+        Thrun, ACC 2007.
         acceleration = dv_plan/dt + k_v (v_plan - v) + k_s s, s: how far the ego is behind the plan, m.
         """
         x, y, heading, speed = ego[:4]
@@ -127,11 +135,14 @@ class Wheel:
         faster = (track.at(time + self._step)[3] - planned) / self._step
         acceleration = faster + law.speed_gain * (planned - speed) + law.position_gain * behind
         half = 0.5 * limits.wheelbase
-        found = track.beside(x + half * math.cos(heading), y + half * math.sin(heading))
+        front = x + half * math.cos(heading)
+        found = track.beside(front, y + half * math.sin(heading))
         if found is None:  # a plan to stay where it is says nothing of a direction
             return Command(acceleration, 0.0)
         theta, aside = found
         turn = within_a_turn(theta - heading) + math.atan2(law.steering_gain * aside, law.softening_speed + speed)
+        if self._line:  # theta and the heading are along a road that turns itself
+            turn += math.atan(limits.wheelbase * float(curvatures(self._line, front)))
         return Command(acceleration, turn * limits.steering_ratio)
 
 

@@ -137,10 +137,10 @@ def _policies(
     ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
     folder: Path | None = None, every: int = 1,
 ) -> Driver:  # fmt: skip
-    if getattr(ads[0].target, "batch", False) is True and plant is None:
+    if getattr(ads[0].target, "batch", False) is True:
         if every > 1:
             raise InputError("A policy over arrays (`batch`) is asked at every step; it takes no `period`.")
-        return Batch(ads[0], step_timeout, seeds)
+        return Batch(ads[0], step_timeout, seeds, plant)
     return OneEach(ads, step_timeout, seeds, plant, folder, every)
 
 

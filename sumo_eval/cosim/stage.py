@@ -7,16 +7,18 @@ has it; what follows a script in between is told when it begins to, then, and wh
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
-from sumo_eval.cosim.sumo.session import NOWHERE, check_start, vehicles
+from sumo_eval.cosim.sumo.session import CHORD_TOLERANCE, NOWHERE, check_start, vehicles
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import MODEL, STRAIGHT, World
 from sumo_eval.errors import SimulationError
+from sumo_eval.scenario.road.reference_line import map_places
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
 EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle model has applied the limits
@@ -40,6 +42,9 @@ class Stage:
         self.names = vehicle_names(world.cases)
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
+        self._bent, self._road, self._step = road.bent, road, world.settings.step
+        self._on_lanes = self._bent and not as_read  # it is told places on lanes: a place on the map costs fifty times
+        self._told: dict[str, float] = {}  # m/s along the line, which SUMO goes on with until it is told again
         own = road.network is not None or as_read  # a network of many edges, or whatever the ADS has made of it
         self._edges = [("" if own else edge_name(case, count)) for case in range(count)]
         self._lane = -1 if own else 0
@@ -47,7 +52,8 @@ class Stage:
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        self._fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
+        fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
+        self._fronts = [(float(x), float(y)) for x, y, _ in (map_places(road.line, *front) for front in fronts)]
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -78,6 +84,7 @@ class Stage:
                 calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setLaneChangeMode(name, 0)
                 calls.setSpeed(name, start.speed)
+                self._told[name] = start.speed
 
     def closely(self, steps: int) -> bool:
         """Whether everything is told in the step after so many."""
@@ -91,11 +98,28 @@ class Stage:
         """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
         if not count:
             return
+        if self._on_lanes:
+            self._tell_lanes(world, count)
+            return
         set_speed, move, names = self.calls.setSpeed, self.calls.moveToXY, self._flat
-        for vehicle, x, y, angle, speed in world.tell[:count].tolist():
+        for vehicle, x, y, angle, speed in world.tell[:count, :5].tolist():
             number = int(vehicle)
             set_speed(names[number], speed)
             move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+
+    def _tell_lanes(self, world: World, count: int) -> None:
+        """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step."""
+        calls, end = self.calls, self._road.length + self._road.run_out
+        for vehicle, _, _, _, _, s, d, along in world.tell[:count].tolist():
+            number = int(vehicle)
+            name = self._flat[number]
+            before = s - 0.5 * (self._told.get(name, along) + along) * self._step
+            if not (before >= 0.0 and s < end):  # there are no lanes
+                continue
+            calls.setSpeed(name, along)
+            calls.moveTo(name, f"{self._edge[number // self._width]}_0", before)
+            calls.setLateralLanePosition(name, d)
+            self._told[name] = along
 
     def step(self) -> None:
         """One step of SUMO."""
@@ -105,6 +129,8 @@ class Stage:
         """Where SUMO shows the other vehicles."""
         if self.as_read:
             self._read_closely(world)
+        elif self._bent:
+            return  # everybody is where his script has him; `compare` looks whether SUMO shows him there
         elif self._alone:
             for j, name in enumerate(self._others):
                 self._places[j] = self.calls.getPosition(name)
@@ -149,6 +175,9 @@ class Stage:
 
     def compare(self, world: World) -> None:
         """A case in which SUMO shows something else than it was told has come to its end."""
+        if self._bent:
+            self._compare_on_a_bend(world)
+            return
         calls, live, egos = self.calls, self._live, world.egos
         names = [self._flat[row * self._width] for row in live.tolist()]
         half = 0.5 * world.settings.vehicle.length
@@ -166,6 +195,29 @@ class Stage:
             )  # fmt: skip
         if self._others:
             self._compare_others(world)
+
+    def _compare_on_a_bend(self, world: World) -> None:
+        """Everybody was told his place along and across the line in this step."""
+        end = self._road.length + self._road.run_out - BESIDE
+        for row in self._live.tolist():
+            if world.egos["reason"][row] != 0:
+                continue
+            for j in range(self._width):
+                body = world.egos[row] if j == 0 else world.others[row, j - 1]
+                if j and not (body["present"] and body["told"] == 2):
+                    continue
+                name = self._flat[row * self._width + j]
+                if not (body["x"] - 0.5 * body["length"] >= 0.0 and body["x"] + 0.5 * body["length"] < end):
+                    continue
+                x, y = self.calls.getPosition(name)
+                off = math.hypot(x - float(body["front_x"]), y - float(body["front_y"]))
+                if not off <= CHORD_TOLERANCE:  # which also finds a nan
+                    who = "the ego" if j == 0 else f"vehicle `{world.cases[int(world.rows[row])].actors[j - 1].name}`"
+                    world.fail(
+                        row, "sim_error",
+                        f"SUMO put the front bumper of {who} at ({x:.3f}, {y:.3f}) m instead of "
+                        f"({float(body['front_x']):.3f}, {float(body['front_y']):.3f}) m.",
+                    )  # fmt: skip
 
     def _compare_others(self, world: World) -> None:
         live, others = self._live, world.others[self._live]

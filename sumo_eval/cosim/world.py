@@ -1,7 +1,9 @@
 """The world of one case or of many: who is where, what the scripts say, what touched, what ended, what is recorded.
 
-A row is a case: its ego in `EGO`, its m other vehicles in `OTHER`. Bodies are in the map's coordinates; what rules see
-of them is a `MOVER`, along and across the road. On a straight road both are the same numbers.
+A row is a case: its ego in `EGO`, its m other vehicles in `OTHER`. x, y and heading of a body are those of the road's
+frame, along and across it; what rules see of it is a `MOVER`. On a road that bends every body stands on the map as
+well (`map`): there the vehicle model moves the ego and contact is judged. On a straight one both are the same numbers,
+and nobody looks at the map.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from sumo_eval.scenario.motion import (
     lateral_acceleration,
     lateral_speed,
 )
+from sumo_eval.scenario.road.reference_line import curvatures, knots_of, line_at, map_places, to_frame, to_map
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Clip, Collision, EndReason, FloatArray, Recording, Trajectory
@@ -51,10 +54,14 @@ def flags(*names: str) -> list[tuple[str, Any]]:
     return [(name, "i8") for name in names]
 
 
-MOVER = np.dtype(fields("x", "y", "heading", "along", "across", "half_length", "half_width", "speed", "braking"))
-"""A vehicle as rules see it: along and across the road; x is nan where there is none (`ads.perception`)."""
+MOVER = np.dtype(
+    fields("x", "y", "heading", "along", "across", "half_length", "half_width", "speed", "braking", "curvature")
+)
+"""A vehicle as rules see it: along and across the road; x is nan where there is none (`ads.perception`). along: dx/dt,
+m/s. curvature: of the road beside it, at the offset y, 1/m, positive to the left."""
+_MAP = fields("x", "y", "heading")
 _BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
-_BEFORE = fields("x", "y", "heading", "speed", "across")
+_BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP)]
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
 
 EGO = np.dtype(
@@ -62,12 +69,14 @@ EGO = np.dtype(
         *_BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
-        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples"),
+        *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
+        ("map", _MAP), *fields("lane_y"),
     ]
 )  # fmt: skip
 """The ego of a case. The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
 stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of the step at which
-it touched number `struck`. samples: how many there are."""
+it touched number `struck`. samples: how many there are. begun: the step of the world at which the case began.
+lane_y: where it began, across the road, m."""
 
 OTHER = np.dtype(
     [
@@ -76,6 +85,7 @@ OTHER = np.dtype(
         ("start", fields("x", "y", "speed")),
         ("brake", fields("begin", "deceleration", "jerk", "end")),
         *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves"),
+        ("map", _MAP),
     ]
 )  # fmt: skip
 """Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2. told: the harness has
@@ -85,7 +95,7 @@ does not move a vehicle that is on no lane."""
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
 
-_ROAD = [*fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes")]
+_ROAD = [*fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes", "bent")]
 _LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg", "max_steering_wheel_rate_deg",
     "friction", "max_acceleration", "max_deceleration", "brake_build_up", "drive_jerk", "max_speed", "brake_jerk",
@@ -110,6 +120,7 @@ _OFF_SCRIPT = len(LIMITED)
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
 _ALONG = 1e-9  # rad, a heading smaller than this is none
+_ALONG_A_BEND = 0.01  # rad, an ego on a bend that keeps its lane turns less than that against the road
 _DEGREES = 180.0 / math.pi
 
 
@@ -120,7 +131,7 @@ _DEGREES = 180.0 / math.pi
 def show(mover: Any, x: float, y: float, heading: float, speed: float, length: float, width: float) -> None:
     """Write into `mover` what a sensor shows of a body: its centre, its speeds and extents by the road's axes."""
     half_length, half_width = 0.5 * length, 0.5 * width
-    mover.x, mover.y, mover.speed, mover.braking = x, y, speed, 0.0
+    mover.x, mover.y, mover.speed, mover.braking, mover.curvature = x, y, speed, 0.0, 0.0
     if abs(heading) < _ALONG:
         mover.heading, mover.along, mover.across = 0.0, speed, 0.0
         mover.half_length, mover.half_width = half_length, half_width
@@ -130,6 +141,76 @@ def show(mover: Any, x: float, y: float, heading: float, speed: float, length: f
     mover.heading, mover.along, mover.across = heading, speed * c, speed * s
     mover.half_length = half_length * abs(c) + half_width * abs(s)
     mover.half_width = half_length * abs(s) + half_width * abs(c)
+
+
+@kernel
+def show_bend(mover: Any, length: float, width: float, line: Any, rear: float) -> None:
+    """Add to what `show` has written what the road's bend is to it. line: the road's, of no knots if straight.
+
+    rear: m from the centre back to the axle that runs along the lane. A body that follows a bend leans out of it there
+    by atan(rear * curvature), which takes no more of the road from others than on a straight.
+    """
+    if len(line):
+        _, _, _, curvature = line_at(line, mover.x)
+        inner = 1.0 - curvature * mover.y
+        mover.along, mover.curvature = mover.along / inner, curvature / inner
+        lean = mover.heading + math.atan(rear * mover.curvature)
+        c, s = abs(math.cos(lean)), abs(math.sin(lean))
+        if s < _ALONG:
+            c, s = 1.0, 0.0
+        mover.half_length, mover.half_width = 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
+
+
+@kernel
+def show_body(mover: Any, body: Any, line: Any, rear: float) -> None:
+    """Write into `mover` what a sensor shows of a vehicle. line, rear: as in `show_bend`."""
+    show(mover, body.x, body.y, body.heading, body.speed, body.length, body.width)
+    show_bend(mover, body.length, body.width, line, rear)
+
+
+@kernel
+def put_on_map(body: Any, line: Any) -> float:
+    """Put a vehicle of which the frame is known on the map; the share of a metre along the line that it drives there
+    for each metre of the line.
+    """
+    at = body.map
+    at.x, at.y, at.heading, curvature = to_map(line, body.x, body.y, body.heading)
+    return float(1.0 - curvature * body.y)
+
+
+@kernel
+def find_in_frame(body: Any, line: Any, near: float) -> None:
+    """Find a vehicle of which the place on the map is known in the frame. near: about its x there, m."""
+    at = body.map
+    body.x, body.y, body.heading, _ = to_frame(line, at.x, at.y, at.heading, near)
+
+
+@kernel
+def _keep_map(body: Any) -> None:
+    was, at = body.before.map, body.map
+    was.x, was.y, was.heading = at.x, at.y, at.heading
+
+
+@kernel
+def _map_body(at: Any, speed: float, across: float, body: Any) -> Body:
+    """A vehicle on the map. at: its place there."""
+    return Body(at.x, at.y, at.heading, speed, body.length, body.width, across)
+
+
+@kernel
+def _put_front(tell: Any, told: int, number: int, body: Any, line: Any, along: float) -> None:
+    """Write what SUMO hears of a vehicle on a bend into a row of `tell`. along: dx/dt, m/s."""
+    at, half = body.map, 0.5 * body.length
+    body.front_x, body.front_y = at.x + half * math.cos(at.heading), at.y + half * math.sin(at.heading)
+    s, d, _, _ = to_frame(line, body.front_x, body.front_y, at.heading, body.x + half)
+    tell[told, 0] = number
+    tell[told, 1] = body.front_x
+    tell[told, 2] = body.front_y
+    tell[told, 3] = STRAIGHT - at.heading * _DEGREES
+    tell[told, 4] = body.speed
+    tell[told, 5] = s
+    tell[told, 6] = d
+    tell[told, 7] = along
 
 
 # -- scripts -----------------------------------------------------------------------------------------------------------
@@ -220,14 +301,23 @@ def _sample_row(ego: Any, others: Any, moves: Any, samples: Any) -> None:
 
 
 @rows
-def begin_rows(egos: Records, others: Records, moves: Records, seen: Records, samples: FloatArray) -> None:
+def begin_rows(
+    egos: Records, others: Records, moves: Records, seen: Records, samples: FloatArray, scenario: Records,
+    line: Records,
+) -> None:  # fmt: skip
     """Show and record every vehicle at its start."""
     for i in range(len(egos)):
         ego = egos[i]
-        show(ego.seen, ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width)
+        if len(line):
+            put_on_map(ego, line)
+            _keep_map(ego)
+        show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
         for j in range(len(others[i])):
             other = others[i][j]
-            show(seen[i][j], other.x, other.y, other.heading, other.speed, other.length, other.width)
+            if len(line):
+                put_on_map(other, line)
+                _keep_map(other)
+            show_body(seen[i][j], other, line, 0.0)
         _sample_row(ego, others[i], moves[i], samples[i])
 
 
@@ -238,11 +328,13 @@ def stop_rows(egos: Records, others: Records, moves: Records, samples: FloatArra
     if back:
         was = ego.before
         ego.x, ego.y, ego.heading, ego.speed = was.x, was.y, was.heading, was.speed
+        ego.map.x, ego.map.y, ego.map.heading = was.map.x, was.map.y, was.map.heading
         for j in range(len(others[row])):
             other = others[row][j]
             was = other.before
             other.x, other.y, other.heading, other.speed = was.x, was.y, was.heading, was.speed
             other.across = was.across
+            other.map.x, other.map.y, other.map.heading = was.map.x, was.map.y, was.map.heading
     _sample_row(ego, others[row], moves[row], samples[row])
 
 
@@ -252,36 +344,49 @@ def stop_rows(egos: Records, others: Records, moves: Records, samples: FloatArra
 @rows
 def move_rows(
     egos: Records, others: Records, moves: Records, clips: Records, tell: FloatArray, scenario: Records,
-    now: float, closely: int,
+    line: Records, steps: int, closely: int,
 ) -> int:  # fmt: skip
-    """Move the egos as they are commanded and the others as their scripts say to the time `now`, s.
+    """Move the egos as they are commanded and the others as their scripts say to the end of so many steps.
 
     What SUMO has to hear of it is written to `tell`, a row each: number of the vehicle, x and y of the front bumper's
-    centre, angle and speed. closely: SUMO hears of everybody; else of those that it takes over in the next step.
-    Returns how many rows of `tell` there are.
+    centre on the map, angle and speed; on a road that bends its place along and across the line and dx/dt besides.
+    closely: SUMO hears of everybody; else of those that it takes over in the next step. line: the road's, of no knots
+    if it is straight. Returns how many rows of `tell` there are.
     """
     told = 0
+    bent = len(line) > 0
     step, limits = scenario[0].step, scenario[0].vehicle
     for i in range(len(egos)):
         ego = egos[i]
         if ego.live == 0 or ego.reason != 0:
             continue
+        now = (steps - ego.begun) * step
         before = ego.before
         before.x, before.y, before.heading, before.speed = ego.x, ego.y, ego.heading, ego.speed
+        if bent:
+            _keep_map(ego)
         if ego.placed == MODEL:
             wanted, steering = ego.command.acceleration, ego.command.steering
             if not math.isfinite(wanted + steering):
                 ego.reason = _ADS_ERROR
                 continue
-            ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering = moved(
-                ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, wanted, steering, limits, step,
-                ego.time, clips[i],
-            )  # fmt: skip
+            if bent:
+                _drive(ego, ego.map, wanted, steering, limits, step, clips[i])
+            else:
+                _drive(ego, ego, wanted, steering, limits, step, clips[i])
         elif ego.placed == PLANT:
-            ahead = ego.next
-            ego.x, ego.y, ego.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
-            ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
-        if ego.placed != SUMO:
+            if bent:
+                _go_on(ego, ego.map)
+            else:
+                _go_on(ego, ego)
+        if bent and ego.placed != SUMO:
+            find_in_frame(ego, line, before.x + before.speed * step)
+            if closely:
+                _, _, _, curvature = line_at(line, ego.x)
+                along = ego.speed * math.cos(ego.heading) / (1.0 - curvature * ego.y)
+                _put_front(tell, told, i * (1 + len(others[i])), ego, line, along)
+                told += 1
+        elif ego.placed != SUMO:
             if ego.speed != before.speed or ego.heading != 0.0 or before.heading != 0.0:
                 ego.stale = 1
             if closely and ego.stale:
@@ -300,16 +405,34 @@ def move_rows(
             last.x, last.y, last.heading, last.speed = other.x, other.y, other.heading, other.speed
             last.across = other.across
             other.told = 0
-            if other.present == 0 or not _is_scripted(other, moves[i][j], now, step):
+            if bent:
+                _keep_map(other)
+            if other.present == 0 or not (bent or _is_scripted(other, moves[i][j], now, step)):
                 continue
             other.told = 1
             other.x, other.y = _script_x(other, now), _script_y(other, moves[i][j], now)
             along, across = _script_speed(other, now), _script_across(other, moves[i][j], now)
+            ground = along
+            if bent:
+                if not _is_scripted(other, moves[i][j], now, step):
+                    across = 0.0  # as where SUMO drives it
+                _, _, _, curvature = line_at(line, other.x)
+                ground = along * (1.0 - curvature * other.y)
             if other.slides:
-                other.heading, other.speed, other.across = 0.0, along, across
+                other.heading, other.speed, other.across = 0.0, ground, across
             else:
-                other.heading, other.across = math.atan2(across, along), 0.0
-                other.speed = math.sqrt(along * along + across * across)
+                other.heading, other.across = math.atan2(across, ground), 0.0
+                other.speed = math.sqrt(ground * ground + across * across)
+            if bent:
+                put_on_map(other, line)
+                if closely or (
+                    _is_scripted(other, moves[i][j], now, step)
+                    and not _is_scripted(other, moves[i][j], now + step, step)
+                ):
+                    other.told = 2
+                    _put_front(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
+                    told += 1
+                continue
             other.front_x = other.x + 0.5 * other.length * math.cos(other.heading)
             other.front_y = other.y + 0.5 * other.length * math.sin(other.heading)
             if closely or not _is_scripted(other, moves[i][j], now + step, step):
@@ -324,7 +447,34 @@ def move_rows(
 
 
 @kernel
-def _place(other: Any, moves: Any, x: float, y: float, angle: float, speed: float, now: float, as_read: int) -> None:
+def _drive(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
+    """Move an ego by the vehicle model. at: what holds its place on the map."""
+    at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering = moved(
+        at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, wanted, steering, limits, step, ego.time,
+        clips,
+    )  # fmt: skip
+
+
+@kernel
+def _go_on(ego: Any, at: Any) -> None:
+    """Move an ego to where a plant has it next. at: what holds its place on the map."""
+    ahead = ego.next
+    at.x, at.y, at.heading, ego.speed = ahead.x, ahead.y, ahead.heading, ahead.speed
+    ego.acceleration, ego.steering = ahead.acceleration, ahead.steering
+
+
+@kernel
+def _stand(other: Any, at: Any, x: float, y: float, heading: float, speed: float) -> None:
+    """Put another vehicle where SUMO shows its front bumper. at: what holds its place on the map."""
+    half = 0.5 * other.length
+    at.x, at.y = x - half * math.cos(heading), y - half * math.sin(heading)
+    at.heading, other.speed, other.across = heading, speed, 0.0
+
+
+@kernel
+def _place(
+    other: Any, moves: Any, x: float, y: float, angle: float, speed: float, line: Any, now: float, as_read: int
+) -> None:
     """Where another vehicle is at the end of a step: where SUMO shows its front bumper, unless its script moved it.
 
     as_read: SUMO's angle and speed count too, and its place in any case.
@@ -332,8 +482,11 @@ def _place(other: Any, moves: Any, x: float, y: float, angle: float, speed: floa
     half = 0.5 * other.length
     if as_read:
         heading = within_a_turn((STRAIGHT - angle) / _DEGREES) if angle != STRAIGHT else 0.0
-        other.x, other.y = x - half * math.cos(heading), y - half * math.sin(heading)
-        other.heading, other.speed, other.across = heading, speed, 0.0
+        if len(line):
+            _stand(other, other.map, x, y, heading, speed)
+            find_in_frame(other, line, _script_x(other, now))
+        else:
+            _stand(other, other, x, y, heading, speed)
         if other.slides and other.script_begin <= now <= other.script_end:
             other.across = _script_across(other, moves, now)
         return
@@ -344,9 +497,18 @@ def _place(other: Any, moves: Any, x: float, y: float, angle: float, speed: floa
 
 
 @kernel
+def _map_back(body: Any, share: float) -> None:
+    """Where a vehicle stood on the map a share of the way through the step."""
+    was, at = _map_body(body.before.map, 0.0, 0.0, body), _map_body(body.map, 0.0, 0.0, body)
+    here = between(was, at, share)
+    body.map.x, body.map.y, body.map.heading = here.x, here.y, here.heading
+
+
+@kernel
 def _go_back(ego: Any, others: Any, share: float, step: float, now: float) -> None:
     """The case as it was a share of the way through the step, when something touched the ego."""
     was = ego.before
+    _map_back(ego, share)
     before = Body(was.x, was.y, was.heading, was.speed, ego.length, ego.width, 0.0)
     here = between(before, Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0), share)
     ego.x, ego.y, ego.heading, ego.speed = here.x, here.y, here.heading, here.speed
@@ -354,6 +516,7 @@ def _go_back(ego: Any, others: Any, share: float, step: float, now: float) -> No
     for j in range(len(others)):
         other = others[j]
         was = other.before
+        _map_back(other, share)
         before = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
         after = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
         here = between(before, after, share)
@@ -374,7 +537,9 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return _STANDSTILL
     if now >= scenario.time_limit - 1e-9:
         return _TIME_LIMIT
-    if scenario.end_when_decided == 0 or ego.settled == 0 or ego.acceleration != 0.0 or ego.heading != 0.0:
+    if scenario.end_when_decided == 0 or ego.settled == 0 or ego.acceleration != 0.0:
+        return 0
+    if abs(ego.heading) > (_ALONG_A_BEND if road.bent else 0.0):
         return 0
     if now < ego.scripted_until:  # its scripts are not over
         return 0
@@ -390,14 +555,15 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
 @rows
 def see_rows(
     egos: Records, others: Records, moves: Records, clips: Records, seen: Records, samples: FloatArray,
-    shown: FloatArray, scenario: Records, now: float, sampling: int, as_read: int,
+    shown: FloatArray, scenario: Records, line: Records, steps: int, sampling: int, as_read: int,
 ) -> int:  # fmt: skip
-    """Take in what SUMO shows at the end of a step, `now`: places, contact, ends, samples, what rules see next.
+    """Take in what SUMO shows at the end of so many steps: places, contact, ends, samples, what rules see next.
 
-    shown: (n, m, 4), x and y of the front bumper, angle and speed; the last two count if `as_read`. Returns how many
-    cases have ended.
+    shown: (n, m, 4), x and y of the front bumper, angle and speed; the last two count if `as_read`. line: the road's,
+    of no knots if it is straight. Returns how many cases have ended.
     """
     ended = 0
+    bent = len(line) > 0
     step = scenario[0].step
     for i in range(len(egos)):
         ego = egos[i]
@@ -407,19 +573,30 @@ def see_rows(
             _sample_row(ego, others[i], moves[i], samples[i])
             ended += 1
             continue
+        now = (steps - ego.begun) * step
         was = ego.before
-        before = Body(was.x, was.y, was.heading, was.speed, ego.length, ego.width, 0.0)
-        body = Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0)
+        if bent:
+            before = _map_body(was.map, was.speed, 0.0, ego)
+            body = _map_body(ego.map, ego.speed, 0.0, ego)
+        else:
+            before = Body(was.x, was.y, was.heading, was.speed, ego.length, ego.width, 0.0)
+            body = Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0)
         first = 2.0
         for j in range(len(others[i])):
             other = others[i][j]
             if other.present == 0:
                 continue
-            _place(other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], now, as_read)
+            _place(
+                other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line, now, as_read
+            )
             was = other.before
             other.acceleration = (other.speed - was.speed) / step
-            there = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
-            here = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
+            if bent:
+                there = _map_body(was.map, was.speed, was.across, other)
+                here = _map_body(other.map, other.speed, other.across, other)
+            else:
+                there = Body(was.x, was.y, was.heading, was.speed, other.length, other.width, was.across)
+                here = Body(other.x, other.y, other.heading, other.speed, other.length, other.width, other.across)
             share = share_at_touch(before, body, there, here)
             if 0.0 <= share < first:
                 first, ego.struck = share, j
@@ -429,10 +606,10 @@ def see_rows(
         else:
             ego.time = now
             ego.reason = _end(ego, others[i], scenario[0], now)
-            show(ego.seen, ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width)
+            show_body(ego.seen, ego, line, 0.5 * scenario[0].vehicle.wheelbase)
             for j in range(len(others[i])):
                 other = others[i][j]
-                show(seen[i][j], other.x, other.y, other.heading, other.speed, other.length, other.width)
+                show_body(seen[i][j], other, line, 0.0)
                 if other.present == 0:
                     seen[i][j].x = math.nan
         if sampling or ego.reason != 0:
@@ -490,6 +667,7 @@ class World:
         self._shared: list[float] = [0.0, 0.0, 0]  # latency: sum, longest, number of answers
         self.latency: list[list[float]] = [[0.0, 0.0, 0] for _ in cases]
         self.scenario = described(cases[0].road, settings.vehicle, settings.step, settings)
+        self.line = knots_of(cases[0].road.line)
         self.egos = _egos(cases, settings.vehicle, placed)
         self.others, self.moves = _scripts(cases, settings)
         if m:
@@ -497,10 +675,10 @@ class World:
         self.clips = np.zeros((n, len(WHATS)), CLIP)
         self.seen = np.zeros((n, m), MOVER)
         self.shown = np.zeros((n, m, 4))
-        self.tell = np.zeros((n * (1 + m), 5))
+        self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, len(CHANNELS), self._room))
-        begin_rows(self.egos, self.others, self.moves, self.seen, self.samples)
+        begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
     @property
@@ -607,13 +785,21 @@ class World:
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
         ego = self.egos[row]
         struck = int(ego["struck"])
-        ego_body = Body(*ego.tolist()[:7])
+        ego_body = self._touching(ego, float(ego["x"]))
         time = float(self.samples[row, 0, 0, int(ego["samples"]) - 1])  # a touch at a step's first instant is that one
-        return describe(time, actors[struck].name, ego_body, self.body(row, struck))
+        return describe(time, actors[struck].name, ego_body, self._touching(self.others[row, struck], float(ego["x"])))
 
-    def body(self, row: int, other: int) -> Body:
-        """Another vehicle."""
-        return Body(*self.others[row, other].tolist()[:7])
+    def _touching(self, vehicle: Any, x: float) -> Body:
+        """A vehicle as it stands on the map, in the axes that the road has at x."""
+        found = Body(*vehicle.tolist()[:7])
+        if not len(self.line):
+            return found
+        line_x, line_y, along = (float(it) for it in map_places(self.cases[0].road.line, x, 0.0))
+        at, c, s = vehicle["map"], math.cos(along), math.sin(along)
+        ahead, left = float(at["x"]) - line_x, float(at["y"]) - line_y
+        return found._replace(
+            x=x + ahead * c + left * s, y=left * c - ahead * s, heading=within_a_turn(float(at["heading"]) - along)
+        )
 
     def _clips(self, row: int, case: int) -> tuple[Clip, ...]:
         found = [
@@ -630,8 +816,22 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
         egos[name] = [getattr(concrete.ego, name) for concrete in cases]
     egos["length"], egos["width"] = vehicle.length, vehicle.width
     egos["live"], egos["placed"], egos["scripted_until"] = 1, placed, -math.inf
+    egos["heading"] = [concrete.ego.heading for concrete in cases]
+    egos["before"]["heading"] = egos["heading"]
     egos["front_x"], egos["front_y"] = egos["x"] + 0.5 * vehicle.length, egos["y"]
+    egos["lane_y"] = egos["y"]
+    if placed == MODEL and cases[0].road.bent:
+        _put_on_bend(egos, cases[0].road, vehicle)
     return egos
+
+
+def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:
+    """Put egos that begin on a bend as those stand who drive it: the rear axle along it, the wheel turned."""
+    line, half = curvatures(road.line, egos["x"]), 0.5 * vehicle.wheelbase
+    bend = line / (1.0 - line * egos["y"])
+    egos["y"] -= bend * half * half / (1.0 + np.sqrt(1.0 + np.square(bend * half)))
+    egos["heading"] -= np.arctan(bend * half)
+    egos["steering"] = vehicle.steering_ratio * np.arctan(vehicle.wheelbase * bend)
 
 
 def leaves_the_lanes_at(actor: Actor, road: Road) -> float:
@@ -666,12 +866,13 @@ def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) ->
                 braking = (brake.begin, brake.deceleration, brake.jerk, end)
                 spans.append((brake.begin, end + step))
             y = actor.y(0.0)
-            pose = (start.x, y, 0.0, start.speed)
+            pose, nowhere = (start.x, y, 0.0, start.speed), (0.0, 0.0, 0.0)
             others[i, j] = (
-                *pose, actor.length, actor.width, 0.0, 0.0, (*pose, 0.0), start.x + 0.5 * actor.length, y, 1, 0, 0,
+                *pose, actor.length, actor.width, 0.0, 0.0, (*pose, 0.0, nowhere), start.x + 0.5 * actor.length, y, 1,
+                0, 0,
                 (start.x, start.y, start.speed), braking, min((begin for begin, _ in spans), default=math.inf),
                 max((end for _, end in spans), default=-math.inf), leaves_the_lanes_at(actor, concrete.road),
                 actor.slides, brake is not None,
-                len(actor.lane_changes),
+                len(actor.lane_changes), nowhere,
             )  # fmt: skip
     return others, moves

@@ -15,14 +15,21 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from types import ModuleType
 from typing import Any, cast
 
+from sumo_eval.errors import InputError, said
+
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
+_START_TIME = 120.0  # s for a child to begin; it takes milliseconds, and seconds while the simulator is being loaded
+_STARTS = 5  # tries
+_WAKE = 0.2  # s between two looks whether the process that makes the children goes on
+_PAUSE = 0.2  # s before the second try, more before each other
 _ordinary: Any = multiprocessing.get_context(_KIND)
 
 # Sets that iterate in the same order in every run, and no hidden threads, whose number would change sums by a bit.
@@ -62,6 +69,70 @@ def child_context() -> BaseContext:
     if _KIND == "forkserver":
         context.set_forkserver_preload(["sumo_eval.record.worker", "sumo_eval.record.loaded_loops"])
     return cast("BaseContext", context)
+
+
+def started(target: Callable[..., object], arguments: tuple[object, ...]) -> Any:
+    """A child process that has begun `target`. Raises InputError when the system gives none.
+
+    The process that makes the children is within reach of users' code, too: one that has been stopped, ended or cut off
+    costs a new one. Nothing waits for it for ever.
+    """
+    fault: BaseException = TimeoutError(f"no process within {_START_TIME:g} s")
+    for again in range(_STARTS):
+        if again:
+            _end_forkserver()
+            clock.sleep(_PAUSE * again)
+        process: Any = child_context().Process(target=target, args=arguments, name="sumo_eval child")  # type: ignore[attr-defined]
+        faults: list[BaseException] = []
+        starting = threading.Thread(target=_start, args=(process, faults), daemon=True)
+        starting.start()
+        until = clock.monotonic() + _START_TIME
+        while starting.is_alive() and clock.monotonic() < until:
+            wake_forkserver()
+            starting.join(_WAKE)
+        if not starting.is_alive() and not faults:
+            return process
+        fault = faults[0] if faults else fault
+    raise InputError(f"No child process can be started, tried {_STARTS} times: {said(fault)}.") from fault
+
+
+def _start(process: Any, faults: list[BaseException]) -> None:
+    try:
+        process.start()
+    except (OSError, EOFError) as error:
+        faults.append(error)
+
+
+def is_gone(process: Any, within: float) -> bool:
+    """Whether a child process has ended, after at most so many seconds."""
+    until = clock.monotonic() + within
+    while process.is_alive() and clock.monotonic() < until:
+        wake_forkserver()  # it tells of the end
+        process.join(_WAKE)
+    return not process.is_alive()
+
+
+def wake_forkserver() -> None:
+    """Let the process that makes the children go on, should users' code have stopped it."""
+    _signal_forkserver(signal.SIGCONT)
+
+
+def _end_forkserver() -> None:
+    """Let the next child come from a new one. Children that are there go on: they hang on their leashes."""
+    pid = _signal_forkserver(signal.SIGKILL)
+    if pid:
+        with suppress(OSError):
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # whoever begins the next one takes its end in
+
+
+def _signal_forkserver(number: signal.Signals) -> int:
+    """Send it a signal; its process id, or 0 where there is none."""
+    pid: int | None = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
+    if pid is None or _KIND != "forkserver":
+        return 0
+    with suppress(OSError):
+        os.kill(pid, number)
+    return pid
 
 
 def warm_up() -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Role
 from sumo_eval.record.store import Store, open_store
-from sumo_eval.text import cells, without_quotes
+from sumo_eval.text import cells, from_cell, without_quotes
 from sumo_eval.trajectory import CHANNELS, Trajectory
 
 if TYPE_CHECKING:
@@ -104,9 +105,10 @@ def export(path: str | os.PathLike[str], out: str | os.PathLike[str], kind: str 
         folder.mkdir(parents=True, exist_ok=True)
         if kind == "csv":
             (folder / CASES).write_bytes(scored.read_bytes())
-            return [folder / CASES, *_write_drives(run, folder)]
+            return [folder / CASES, *_write_drives(run, folder, cells)]
         with tempfile.TemporaryDirectory(prefix="sumo_eval_", dir=folder) as scratch:
-            return _to_parquet([scored, *_write_drives(run, Path(scratch))], folder)
+            plain = _unquoted(scored, Path(scratch) / CASES)
+            return _to_parquet([plain, *_write_drives(run, Path(scratch), lambda table: table)], folder)
     except OSError as error:
         raise InputError(f"The export to {folder} cannot be written: {error}.") from error
 
@@ -117,7 +119,15 @@ def _scored(folder: Path, name: str) -> Path:
     return folder / name
 
 
-def _write_drives(run: Run, folder: Path) -> list[Path]:
+def _unquoted(table: Path, out: Path) -> Path:
+    """A CSV file again without the `'` that keeps a spreadsheet from running a cell; a typed file needs none."""
+    with table.open(newline="", encoding="utf-8") as one, out.open("w", newline="", encoding="utf-8") as other:
+        csv.writer(other).writerows([from_cell(value) for value in row] for row in csv.reader(one))
+    return out
+
+
+def _write_drives(run: Run, folder: Path, fit: Callable[[pd.DataFrame], pd.DataFrame]) -> list[Path]:
+    """`drives.csv` and `trajectories.csv`; fit: makes of a table what is written of it."""
     import pandas as pd
 
     drives, trajectories = folder / "drives.csv", folder / "trajectories.csv"
@@ -132,12 +142,12 @@ def _write_drives(run: Run, folder: Path) -> list[Path]:
             values = row.pop("values")
             rows.append({**row, **{f"parameter_{name}": values.get(name) for name in names}})
             table = _trajectory_table(row["case"], store.trajectories(row["case"]))
-            cells(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
+            fit(table).to_csv(other, index=False, header=number == 0, float_format=_ROUND_TRIP)
             if len(rows) == _ROWS_AT_ONCE:
-                cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+                fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
                 rows.clear()
         if rows:
-            cells(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
+            fit(pd.DataFrame(rows)).to_csv(one, index=False, header=one.tell() == 0)
     return [drives, trajectories]
 
 

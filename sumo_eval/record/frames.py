@@ -17,6 +17,9 @@ _MAGIC = b"sevl"
 _HEADER = struct.Struct("<4s16sQIQI")  # magic, nonce, item number, length of the text, length of the rest, checksum
 
 NONCE_BYTES = 16
+LONGEST_TEXT = 4 << 20
+"""Bytes of a frame's JSON at most: reading it takes up to forty times as much memory here. A pack with more to say is
+lost, and its cases run alone."""
 
 
 class FrameError(Exception):
@@ -86,6 +89,8 @@ class FrameReader:
             raise FrameError("answered for another case than its own")
         if text + rest > self._ticket.bound:
             raise FrameError(f"gave a result of {text + rest} bytes, at most {self._ticket.bound} are one")
+        if text > LONGEST_TEXT:
+            raise FrameError(f"gave a result of {text} bytes of text, at most {LONGEST_TEXT} are one")
         self._size, self._text, self._checksum = _HEADER.size + text + rest, text, checksum
 
     def _message(self) -> Message:

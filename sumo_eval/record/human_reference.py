@@ -11,7 +11,6 @@ deleted.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -21,15 +20,19 @@ from itertools import islice
 from pathlib import Path
 
 import sumo_eval.method
+from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, indexes_by_group
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.shared_fields import prepare
+from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.spread import Spread, beside, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
+from sumo_eval.text import words_of
 
 KEPT = "bands.json"
+_MEND = "It may be deleted: what it holds is computed again from the recorded drives."
 _CHUNK = 2
 _WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than processes start
 
@@ -162,9 +165,12 @@ def _method() -> str:
 
 
 def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
-    """What is kept; nothing of a file that is missing or damaged, because everything in it can be computed again."""
+    """What is kept; nothing where there is no file. Raises InputError for one that is not as it was written."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_sealed(path, _MEND)
+    except OSError:
+        return {}, {}
+    try:
         bands = {
             key: HumanBand(tuple(band["values"]), tuple(band["similarities"])) for key, band in content["bands"].items()
         }
@@ -174,8 +180,8 @@ def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
             )
             for key, one in content["left_out"].items()
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}, {}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path} holds no drivers' bands: {words_of(error)}. {_MEND}") from error
     return bands, left_out
 
 
@@ -187,7 +193,7 @@ def _write(path: Path, bands: Mapping[str, HumanBand], left_out: Mapping[str, Le
         "left_out": {key: asdict(one) for key, one in left_out.items()},
     }
     with suppress(OSError):
-        half.write_text(json.dumps(content), encoding="utf-8")
+        half.write_text(sealed(content), encoding="utf-8")
         half.replace(path)
 
 

@@ -27,6 +27,7 @@ MEGABYTE = 1 << 20
 _SET_DEATH_SIGNAL, _SET_SUBREAPER = 1, 36  # of prctl(2)
 _LOOK = 0.1  # s between two looks at the memory
 _LEAVE_TIME = 5.0  # s for killed processes to be gone
+_KILLS = 10  # rounds
 _REPORT = struct.Struct("<id")
 _PREFIX = "sumo_eval_pool_"
 _PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
@@ -59,6 +60,9 @@ def supervise(work: Callable[[], object], leash: int, report: int, memory_limit:
             os._exit(1)
         _work_and_leave(work)
     keep_open(leash, report)
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for standard in (0, 1, 2):  # it has nothing to say, and what it held open would lie open to the child
+        os.dup2(nowhere, standard)
     ended = _watch(child, leash, memory_limit)
     _end_family()
     with suppress(OSError):  # nobody may be there to read it
@@ -119,10 +123,19 @@ def _end_family() -> None:
         clock.sleep(0.0005)
 
 
-def family() -> list[int]:
-    """Every process below this one."""
+def kill_below(pid: int) -> None:
+    """Kill all that is below a process again and again, for a moment: what is killed may be starting something."""
+    for _ in range(_KILLS):
+        for other in family(pid):
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(other, signal.SIGKILL)
+        clock.sleep(0.01)
+
+
+def family(pid: int | None = None) -> list[int]:
+    """Every process below one, by default below this one."""
     found: list[int] = []
-    ask = [os.getpid()]
+    ask = [os.getpid() if pid is None else pid]
     while ask:
         children = _children(ask.pop())
         found += children

@@ -24,7 +24,7 @@ from sumo_eval.text import clean
 IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
 _LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
-_NOT_PYTHON = ("exec", "traci", "fmu", "sumo", "given")  # locators of commands and files, not of Python objects
+_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
@@ -64,6 +64,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     in_words = locator.partition(":")[0] in _NOT_PYTHON
     module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
     files = _own_files(module, before) if module is not None else _named_files(locator, folder)
+    files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}  # such as a model's table
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
     return _text({"locator": locator, "version": _version(base, module), "sources": sources})

@@ -33,10 +33,10 @@ def load(part: int = 0, parts: int = 1) -> None:
         type(ads).loop(world.egos, world.seen, *own, world.scenario, 0.0)
     if part == 0:
         shown = np.zeros((1, 1, 4))
-        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, 0.05, 1)
+        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, 1, 1)
         see_rows(
-            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, shown, world.scenario, 0.05,
-            1, 0,
+            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, shown, world.scenario,
+            world.line, 1, 1, 0,
         )  # fmt: skip
         stop_rows(world.egos, world.others, world.moves, world.samples, 0, 0)
 

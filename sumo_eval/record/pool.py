@@ -14,6 +14,7 @@ import os
 import pickle
 import select
 import shutil
+import signal
 import struct
 import sys
 import tempfile
@@ -29,12 +30,13 @@ from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.children import child_context
+from sumo_eval.record.children import child_context, is_gone, started
 from sumo_eval.record.frames import NONCE_BYTES, FrameError, FrameReader, Message, Ticket, frame
 from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
     keep_open,
+    kill_below,
     read_report,
     scratch_folder,
     shared_memory,
@@ -130,6 +132,7 @@ class Pool:
         self._items_per_child = items_per_child
         self._children: list[_Child] = []
         self._numbers = count(1)
+        self._looked = clock.monotonic()
 
     def __enter__(self) -> Pool:
         # A child that is killed leaves SUMO's files behind; here they go when the pool does.
@@ -190,16 +193,22 @@ class Pool:
         return child
 
     def _next_ended(self, busy: dict[_Child, Item], work: Work[Item]) -> list[tuple[_Child, Ended[Item]]]:
-        """Wait until something happens; the items that have ended by then, often none."""
+        """Wait until something happens; the items that have ended by then, often none.
+
+        What this process did between two looks - ending a child, writing what came - is no child's time.
+        """
+        away = clock.monotonic() - self._looked
         poll = select.poll()
         of: dict[int, _Child] = {}
         for child in busy:
+            child.deadline += away
             for descriptor, events in child.watched():
                 poll.register(descriptor, events)
                 of[descriptor] = child
         wait = min(child.deadline for child in busy) - clock.monotonic()
         for descriptor, _ in poll.poll(1e3 * min(max(wait, 0.0), _LONGEST_WAIT)):
             of[descriptor].attend(descriptor)
+        self._looked = clock.monotonic()
         found: list[tuple[_Child, Ended[Item]]] = []
         for child, item in busy.items():
             end = child.how_it_ended(partial(work.read, item))
@@ -236,6 +245,7 @@ class _Child:
         self.home = home
         self.items = 0
         self.deadline = 0.0
+        scratch.mkdir(exist_ok=True)  # an ADS may have removed it
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
         self._to_send = memoryview(b"")
@@ -245,10 +255,7 @@ class _Child:
         self._ended: Report | None = None
         self._reported = False
         theirs = (orders, results, output, leash, report)
-        self._process: Any = child_context().Process(  # type: ignore[attr-defined]
-            target=_begin, args=(*theirs, memory_limit, str(self._folder)), name="sumo_eval child"
-        )
-        self._process.start()
+        self._process: Any = started(_begin, (*theirs, memory_limit, str(self._folder)))
         for one in theirs:
             one.close()
 
@@ -368,9 +375,13 @@ class _Child:
     def end(self) -> None:
         """End it, leave no zombie and no file."""
         self.let_go()
-        self._process.join(_LEAVE_TIME)
-        self._process.kill()  # a supervisor that cannot end what it has under it takes the child with it
-        self._process.join(_LEAVE_TIME)
+        if self._process.is_alive():
+            with suppress(ProcessLookupError):  # an ADS may have stopped it
+                os.kill(self._process.pid, signal.SIGCONT)
+        if not is_gone(self._process, _LEAVE_TIME):  # something keeps the supervisor from its work: it is done for it
+            kill_below(self._process.pid)
+            self._process.kill()
+            is_gone(self._process, _LEAVE_TIME)
         self._read_output()
         for pipe in (self._orders, self._results, self._output, self._report):
             pipe.close()
@@ -416,6 +427,7 @@ def _serve(orders: int, results: int, output: int, memory_limit: float, scratch:
     threads = len(sys._current_frames())
     while (order := _read_order(orders)) is not None:
         task, item, shared, deadline, ticket = pickle.loads(order)  # noqa: S301 - from the owner
+        os.makedirs(scratch, exist_ok=True)  # another ADS may have removed it
         faulthandler.dump_traceback_later(_WARNING_SHARE * deadline, file=2)
         message = task(item, shared)
         faulthandler.cancel_dump_traceback_later()

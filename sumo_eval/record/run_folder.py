@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import platform
 import sys
@@ -16,10 +15,12 @@ from typing import Any
 
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError
+from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
+from sumo_eval.text import shown
 
 FACTS = "facts.sqlite"
 EVALUATION = "evaluation.toml"
@@ -27,6 +28,7 @@ MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 LOCK = ".lock"
 GIVEN = "ads"  # where ADSs lie that were given by value
+_MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 _HALF_MADE = {
     EVALUATION,
     MANIFEST,
@@ -146,25 +148,24 @@ def create(folder: Path, settings: EvaluationSettings, source: Path, examples: S
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
             manifest["resumed"] = [*before.get("resumed", []), now]
-        _write(folder / MANIFEST, json.dumps(manifest, indent=2) + "\n")
+        _write(folder / MANIFEST, sealed(manifest, indent=2))
     except OSError as error:
         raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
 
 
 def write_exposures(folder: Path, exposures: Mapping[str, Any]) -> None:
     """Keep what the exposure of every scenario was made of: the recordings need not be there when scores are."""
-    _write(folder / EXPOSURES, json.dumps(exposures, indent=2) + "\n")
+    _write(folder / EXPOSURES, sealed(exposures, indent=2))
 
 
 def read_exposures(folder: Path) -> dict[str, Any]:
     """What `write_exposures` kept; nothing where a run has none."""
     try:
-        exposures: dict[str, Any] = json.loads((folder / EXPOSURES).read_text(encoding="utf-8"))
+        return read_sealed(folder / EXPOSURES, _MEND)
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, RecursionError) as error:
+    except OSError as error:
         raise InputError(f"The exposures of run {folder} cannot be read: {error}.") from error
-    return exposures
 
 
 def _write(path: Path, text: str) -> None:
@@ -182,16 +183,19 @@ def read_settings(folder: Path) -> EvaluationSettings:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a run."""
+    """The manifest of a run. Raises InputError for one of another format, and for one that is not as it was written."""
+
+    def refuse_other_formats(content: Mapping[str, Any]) -> None:
+        if content.get("format_version") != FORMAT_VERSION:
+            raise InputError(
+                f"Run {folder} has format version {shown(content.get('format_version'))}; this sumo_eval reads "
+                f"{FORMAT_VERSION}."
+            )
+
     try:
-        manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        return read_sealed(folder / MANIFEST, _MEND, first=refuse_other_formats)
+    except OSError as error:
         raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
-    if manifest.get("format_version") != FORMAT_VERSION:
-        raise InputError(
-            f"Run {folder} has format version {manifest.get('format_version')}; this sumo_eval reads {FORMAT_VERSION}."
-        )
-    return manifest
 
 
 def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: Path) -> dict[str, Any]:

@@ -33,7 +33,9 @@ from sumo_eval.report.words import (
     unevaluated,
 )
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -168,6 +170,7 @@ def _scenario(
             "left": logical.road.left_edge,
             "lanes": logical.road.lanes,
             "laneWidth": logical.road.lane_width,
+            "line": drawn_line(logical.road),
         },
         "view": {
             "x": view.x,
@@ -344,7 +347,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
     """
     logical = zones.logical
     ticks = np.linspace(0.0, 1.0, cells + 1)
-    points = _slice(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
+    points = slice_points(logical, view, panel, ticks, np.array([0.5]) if view.y is None else ticks)
     rows = points.reshape(-1, points.shape[-1])
     return {
         "x": _axis(logical, view.x, ticks),
@@ -355,7 +358,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
     }
 
 
-def _slice(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
+def slice_points(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:
     """Points (len(y), len(x), k) of a panel; x and y in the unit box."""
     unit = np.zeros((len(y), len(x), len(logical.parameters)))
     unit[..., view.x] = x
@@ -378,7 +381,7 @@ def _impossible(logical: LogicalScenario, view: View, panel: int, x: FloatArray)
     """Polygons [[x, y], ...] of points that a constraint rules out: a strip between each two neighbouring x."""
     assert view.y is not None
     y = np.linspace(0.0, 1.0, FINE_CELLS + 1)
-    holds = logical.feasible(_slice(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
+    holds = logical.feasible(slice_points(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
     columns = [_runs(~column, y) for column in holds.reshape(len(y), len(x)).T]
     low, span = logical.low, logical.high - logical.low
     polygons = []
@@ -444,6 +447,11 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
     if hit is None or ego is None:
         return None
     return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+
+
+def drawn_line(road: Road) -> list[list[float]]:
+    """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; [] for none."""
+    return [[float(f"{value:.9g}") for value in row] for row in knots_of(road.line).tolist()]
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """A concrete scenario: one point of a space, as plain data for SUMO to be set up from and a child process to receive.
 
 Positions are vehicle centres in road coordinates: x along the road, y to the left, y = 0 on the right lane's centre
-line.
+line, headings from the road's direction. On a road that bends x is the distance along that line.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import must_be
 from sumo_eval.scenario import motion
+from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -33,9 +34,10 @@ class NetworkFile:
 
 @dataclass(frozen=True, slots=True)
 class Road:
-    """A straight road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m.
+    """A road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m.
 
-    network: the user's network that holds it; None: a network is written for it.
+    network: the user's network that holds it; None: a network is written for it. line: the right lane's centre line
+    from x = 0 on, piece by piece, behind which the road is straight; none: it is straight throughout.
     """
 
     name: str
@@ -45,6 +47,12 @@ class Road:
     run_out: float
     speed_limit: float = 60.0
     network: NetworkFile | None = None
+    line: tuple[Piece, ...] = ()
+
+    @property
+    def bent(self) -> bool:
+        """Whether its frame and the map are not the same numbers."""
+        return bool(self.line)
 
     @property
     def right_edge(self) -> float:
@@ -63,11 +71,20 @@ class Road:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road."""
+    """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
+
+    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way.
+    """
 
     x: float
     y: float
     speed: float
+    lateral_speed: float = 0.0
+
+    @property
+    def heading(self) -> float:
+        """Where it heads, rad to the left of the road."""
+        return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:

@@ -34,6 +34,7 @@ from sumo_eval.scenario.logical import (
     ZoneCoordinates,
     uniform_exposure,
 )
+from sumo_eval.scenario.road.table import PieceTable, bend_name, line_of
 from sumo_eval.scenario.sumo_network import read_road
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.settings.config import mistakes
@@ -74,7 +75,7 @@ class ConstraintTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class RoadTable(Checked):
-    """A straight road, written for the scenario or found in a network of the user's."""
+    """A road, written for the scenario, or a straight one found in a network of the user's."""
 
     name: Annotated[str | None, About("name of its files; default: from its measures")] = None
     lanes: Annotated[int, Ge(1), About("number of lanes")] = 2
@@ -82,6 +83,10 @@ class RoadTable(Checked):
     length: Annotated[float, Positive, About("length of the road; the end of the case is in [end]", "m")] = 6000.0
     network: Annotated[str | None, About("a .net.xml instead, relative to this file")] = None
     edges: Annotated[tuple[str, ...], About("the edges of that network to drive along, in order")] = ()
+    line: Annotated[
+        tuple[PieceTable, ...],
+        About("the right lane's centre line from x = 0 on, piece by piece; behind the last one it is straight"),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +96,9 @@ class EgoTable(Checked):
     speed: Annotated[Formula, About("speed at the start", "m/s")]
     x: Annotated[Formula, About("centre along the road at the start", "m")] = 50.0
     y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
+    lateral_speed: Annotated[
+        Formula, About("speed to the left with which it starts, below `speed`; it heads that way", "m/s")
+    ] = 0.0
     length: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
     width: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
 
@@ -180,7 +188,11 @@ class GivenTable(Checked):
     """What else is different where an option is given."""
 
     suffix: Annotated[
-        str | None, MinLen(1), About("appended to the scenario's name after `_`; default: the option's name")
+        str | None,
+        MinLen(1),
+        About(
+            "appended to the scenario's name after `_`, `{value}` in it is what is given; default: the option's name"
+        ),
     ] = None
     about: Annotated[str | None, About("what happens then, instead of the scenario's own `about`")] = None
     road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
@@ -271,11 +283,16 @@ def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[Scenar
         then = item.given
         table = replace(
             table,
-            name=f"{table.name}_{item.name if then.suffix is None else then.suffix}",
+            name=f"{table.name}_{item.name if then.suffix is None else then.suffix.replace('{value}', _worded(value))}",
             about=table.about if then.about is None else then.about,
             road=table.road if then.road is None else then.road,
         )
     return table, values
+
+
+def _worded(value: float) -> str:
+    """A number as a part of a name."""
+    return f"{value:g}".replace("-", "minus_").replace(".", "_").replace("+", "")
 
 
 def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str, ...]:
@@ -448,13 +465,18 @@ class Place:
     ego_speed: Quantity
     ego_x: Quantity
     ego_y: Quantity
+    ego_lateral: Quantity
     ego_length: float
     vehicles: tuple[Vehicle, ...]
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
         known = self.definitions.at(values)
-        ego = Start(self.ego_x.at(known), self.ego_y.at(known), self.ego_speed.at(known))
+        ego = Start(self.ego_x.at(known), self.ego_y.at(known), self.ego_speed.at(known), self.ego_lateral.at(known))
+        if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
+            raise must_be(
+                "`lateral_speed`", self.ego_lateral.owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed
+            )
         return ego, tuple([self._actor(item, ego, known) for item in self.vehicles])
 
     def _actor(self, item: Vehicle, ego: Start, known: Mapping[str, float]) -> Actor:
@@ -571,7 +593,14 @@ class _Builder:
         ego = table.ego
         ego_speed = self._quantity(ego.speed, "speed of the ego", at_least=0.0)
         ego_x, ego_y = self._quantity(ego.x, "x of the ego"), self._quantity(ego.y, "y of the ego")
-        placed = [ego_speed, ego_x, ego_y, *itertools.chain.from_iterable(_quantities(item) for item in vehicles)]
+        ego_lateral = self._quantity(ego.lateral_speed, "lateral_speed of the ego")
+        placed = [
+            ego_speed,
+            ego_x,
+            ego_y,
+            ego_lateral,
+            *itertools.chain.from_iterable(_quantities(item) for item in vehicles),
+        ]
         return LogicalScenario(
             name=table.name,
             about=table.about or table.name,
@@ -584,6 +613,7 @@ class _Builder:
                 ego_speed=ego_speed,
                 ego_x=ego_x,
                 ego_y=ego_y,
+                ego_lateral=ego_lateral,
                 ego_length=4.5 if body is None else body.length,
                 vehicles=vehicles,
             ),
@@ -655,13 +685,17 @@ class _Builder:
     def _road(self) -> Road:
         road, end = self.table.road, self.table.end
         if road.network is not None:
+            if road.line:
+                raise InputError(f"`road.line` of {self.where} draws a road, and its `network` has one already.")
             return read_road(self.folder / road.network, road.edges, end.x)
         if road.edges:
             raise InputError(f"`road.edges` of {self.where} name edges of a `network`, and there is none.")
         if end.x > road.length:
             raise must_be("`end.x`", self.where, f"at most the road's length {road.length:g}", end.x)
+        line = line_of(road.line, self.options, road.lanes, road.lane_width, road.length, self.where)
         name = road.name or f"road_{road.lanes}x{road.lane_width:g}m_{end.x:g}m_of_{road.length:g}m"
-        return Road(name, end.x, road.lanes, road.lane_width, road.length - end.x)
+        name += bend_name(line, named=road.name is not None)
+        return Road(name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line)
 
     def _vehicle(self, item: VehicleTable) -> Vehicle:
         what = f"vehicle `{item.name}`"

@@ -124,7 +124,7 @@ def at(share: float) -> SimulationSettings:
 def test_the_first_braking_of_a_lead_is_noticed_when_it_begins():
     lead = Actor("lead", Start(80.0, 0.0, 20.0), brake=Brake(0.73, 6.0))
     (known,) = foresee(case(lead, speed=20.0), SimulationSettings())
-    assert known == (0.73, True, 0.0)
+    assert known == (0.73, True, 0.0, False)
 
 
 @pytest.mark.parametrize("step", [0.02, 0.05, 0.1])

@@ -45,8 +45,8 @@ def test_the_protocol_line_by_line(tmp_path):
     assert found.error is None
     brief, *steps = [json.loads(line) for line in log.read_text().splitlines()]
     assert (brief["type"], brief["protocol"], brief["step"]) == ("reset", 1, 0.05)
-    lines = brief["road"].pop("lane_lines")
-    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0, "speed_limit": 60.0}
+    lines = brief["road"].pop("lane_borders")
+    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0, "speed_limit": 60.0, "line": []}
     end = 600.0 + ROAD.run_out
     assert lines[1] == {"centre": [[0, 3.5], [end, 3.5]], "left": [[0, 5.25], [end, 5.25]],
                         "right": [[0, 1.75], [end, 1.75]]}  # fmt: skip
@@ -59,7 +59,7 @@ def test_the_protocol_line_by_line(tmp_path):
     assert (steps[0]["lead"]["x"], steps[0]["lead"]["y"], steps[0]["lead"]["kind"]) == (154.5, 0.0, "car")
     assert set(steps[0]["neighbours"]) == {"left_ahead", "left_behind", "right_ahead", "right_behind", "behind"}
     assert set(steps[0]) == {"type", "time", "ego", "lead", "second_lead", "neighbours", "vehicles", "lanes",
-                             "left_edge", "right_edge"}  # fmt: skip
+                             "left_edge", "right_edge", "curvature"}  # fmt: skip
 
 
 def test_the_scenario_is_told_when_it_is_revealed(tmp_path):

@@ -164,8 +164,8 @@ def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
 def test_the_road_has_its_lanes_as_lines_and_the_ads_is_told_its_task():
     _, shown = seen_by(None, case(lead(50.0)))
     end = ROAD.length + ROAD.run_out
-    assert [line.centre for line in shown[0].lane_lines] == [((0.0, 0.0), (end, 0.0)), ((0.0, 3.5), (end, 3.5))]
-    assert shown[0].lane_lines[0].left == shown[0].lane_lines[1].right == ((0.0, 1.75), (end, 1.75))
+    assert [line.centre for line in shown[0].lane_borders] == [((0.0, 0.0), (end, 0.0)), ((0.0, 3.5), (end, 3.5))]
+    assert shown[0].lane_borders[0].left == shown[0].lane_borders[1].right == ((0.0, 1.75), (end, 1.75))
     assert (shown[0].desired_speed, shown[0].goal, shown[0].speed_limit) == (20.0, (600.0, 0.0), ROAD.speed_limit)
 
 

@@ -3,18 +3,23 @@
 The tables say what may become of the attacker's own row; every row beside it has to be what it is without it.
 """
 
+import _thread
 import contextlib
 import ctypes
+import faulthandler
 import json
 import math
 import mmap
 import os
+import pathlib
 import pickle
 import random
 import resource
+import shutil
 import signal
 import struct
 import sys
+import tempfile
 import time
 import zlib
 
@@ -55,6 +60,16 @@ LEFTOVERS = {
     "lets_another_fill_memory": {"crashed"},
 }
 DAEMON = "3600.75"
+
+_OUTSIDE = """
+    stops_its_supervisor stops_the_server ends_the_server removes_scratch removes_the_servers_socket
+    writes_to_its_supervisor keeps_its_supervisors_pipes starves_its_supervisor a_hydra forks_in_c
+    forks_under_another_name reads_orders_in_a_thread a_bomb_of_lists leaves_by_faulthandler stops_in_a_thread
+    forks_and_leaves answers_in_a_copy closes_what_it_can_find raises_from_a_signal frees_what_is_not_its_own
+"""
+OUTSIDE = dict.fromkeys(_OUTSIDE.split(), ANY | {"timeout"})
+for _name in ("a_bomb_of_lists", "forks_and_leaves", "closes_what_it_can_find", "frees_what_is_not_its_own"):
+    OUTSIDE[_name] = LOST | {"timeout", "ads_timeout"}  # on a busy machine the attack itself is cut off
 
 
 # --- the protocol -----------------------------------------------------------------------------------------------------
@@ -416,3 +431,176 @@ def fills_shared_memory(traci, ego, now):
 def lets_another_fill_memory(traci, ego, now):
     _daemon(sys.executable, "-c", _FILLS)
     _wait_whatever_comes()
+
+
+# --- what is outside: supervisor, the process that makes children, their files --------------------------------------
+
+
+def _parent_of(pid):
+    with open(f"/proc/{pid}/stat") as file:
+        return int(file.read().rpartition(")")[2].split()[1])
+
+
+def _server():
+    return _parent_of(os.getppid())
+
+
+def stops_its_supervisor(traci, ego, now):
+    if now == 0.0:
+        _daemon("sleep", DAEMON)
+    os.kill(os.getppid(), signal.SIGSTOP)
+    return Command(0.0)
+
+
+def stops_the_server(traci, ego, now):
+    os.kill(_server(), signal.SIGSTOP)
+    return Command(0.0)
+
+
+def ends_the_server(traci, ego, now):
+    if now == 0.0:
+        os.kill(_server(), signal.SIGKILL)
+    return Command(0.0)
+
+
+def removes_scratch(traci, ego, now):
+    shutil.rmtree(pathlib.Path(tempfile.gettempdir()).parent, ignore_errors=True)
+    return Command(0.0)
+
+
+def removes_the_servers_socket(traci, ego, now):
+    if now > 0.0:
+        return Command(0.0)
+    names = [os.readlink(f"/proc/{_server()}/fd/{name}") for name in os.listdir(f"/proc/{_server()}/fd")]
+    inodes = {name[len("socket:[") : -1] for name in names if name.startswith("socket:[")}
+    for line in pathlib.Path("/proc/net/unix").read_text().splitlines():
+        fields = line.split()
+        if len(fields) == 8 and fields[6] in inodes:
+            pathlib.Path(fields[7]).unlink(missing_ok=True)
+    return Command(0.0)
+
+
+def _open_pipes(pid, mode):
+    found = []
+    for link in pathlib.Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if os.readlink(link).startswith("pipe:"):
+                found.append(os.open(link, mode | os.O_NONBLOCK))
+    return found
+
+
+def writes_to_its_supervisor(traci, ego, now):
+    for pipe in _open_pipes(os.getppid(), os.O_WRONLY):
+        with contextlib.suppress(OSError):
+            os.write(pipe, struct.pack("<id", 0, 0.0))
+        os.close(pipe)
+    return Command(0.0)
+
+
+def keeps_its_supervisors_pipes(traci, ego, now):
+    if now == 0.0:
+        for pipe in _open_pipes(os.getppid(), os.O_WRONLY):
+            os.set_inheritable(pipe, True)
+        _daemon("sleep", DAEMON)
+    wait()
+
+
+def starves_its_supervisor(traci, ego, now):
+    for limit in (resource.RLIMIT_NOFILE, resource.RLIMIT_FSIZE, resource.RLIMIT_STACK):
+        resource.prlimit(os.getppid(), limit, (0, 0))
+    return Command(0.0)
+
+
+_HEADS = f"""
+import os, time
+os.setsid()
+until = time.monotonic() + 20.0
+while time.monotonic() < until:  # {DAEMON}
+    time.sleep(0.01)
+    if os.fork():
+        os._exit(0)
+    os.setsid()
+"""
+
+
+def a_hydra(traci, ego, now):
+    if now == 0.0:
+        for _ in range(5):
+            _daemon(sys.executable, "-c", _HEADS)
+    return Command(0.0)
+
+
+def forks_in_c(traci, ego, now):
+    if now == 0.0:
+        ctypes.PyDLL(None).fork()
+    return Command(0.0)
+
+
+def forks_under_another_name(traci, ego, now):
+    if now == 0.0:
+        me = os.getpid()
+        os.getpid = lambda: me
+        os.fork()
+    return Command(0.0)
+
+
+def reads_orders_in_a_thread(traci, ego, now):
+    orders = serving()["orders"]
+    if now > 0.0:
+        return Command(0.0)
+    _thread.start_new_thread(os.read, (orders, 1 << 20))
+    return Command(0.0)
+
+
+def a_bomb_of_lists(traci, ego, now):
+    send(None, text=b"[" + b"[]," * 50_000_000 + b"[]]")
+    wait()
+
+
+def leaves_by_faulthandler(traci, ego, now):
+    faulthandler.dump_traceback_later(0.01, exit=True)
+    time.sleep(0.1)
+    return Command(0.0)
+
+
+def stops_in_a_thread(traci, ego, now):
+    if now == 0.0:
+        _thread.start_new_thread(lambda: (time.sleep(0.05), os.kill(os.getpid(), signal.SIGSTOP)), ())
+    return Command(0.0)
+
+
+def forks_and_leaves(traci, ego, now):
+    if os.fork():
+        os._exit(0)
+    return Command(0.0)
+
+
+def answers_in_a_copy(traci, ego, now):
+    if now == 0.0 and os.fork() == 0:
+        time.sleep(0.3)
+        send(drive(time=1.0), (trajectory(), trajectory()))
+        wait()
+    return Command(0.0)
+
+
+def closes_what_it_can_find(traci, ego, now):
+    for name in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):
+            os.close(int(name))
+    return Command(0.0)
+
+
+def raises_from_a_signal(traci, ego, now):
+    def raises(*_):
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGCHLD):
+        signal.signal(number, raises)
+    signal.setitimer(signal.ITIMER_VIRTUAL, 0.01, 0.01)
+    return Command(0.0)
+
+
+def frees_what_is_not_its_own(traci, ego, now):
+    ctypes.memset(id(traci), 255, 64)
+    ctypes.memset(id(Command), 255, 256)
+    return Command(0.0)

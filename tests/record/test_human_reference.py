@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import sumo_eval
+from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.record import human_reference
 from sumo_eval.record.human_reference import KEPT, PointJob, PointResult, compute_points
@@ -121,9 +122,24 @@ def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) ->
 @pytest.mark.parametrize(
     "damage", ["", "[1, 2]", '{"a": {"values": 3}}', '{"bands": {"a": {"values": 3}}, "left_out": {}}', '{"half": ']
 )
-def test_a_damaged_file_of_bands_costs_only_the_time_to_compute_them(job: Job, damage: str) -> None:
+def test_a_damaged_file_of_bands_is_a_sentence_and_costs_only_the_time_to_compute_them(job: Job, damage: str) -> None:
     first = computed(job)
-    (job[0].parent / KEPT).write_text(damage, encoding="utf-8")
+    kept = job[0].parent / KEPT
+    kept.write_text(damage, encoding="utf-8")
+    with pytest.raises(InputError, match=r"bands\.json .*(not as it was written|changed or damaged).* deleted"):
+        computed(job)
+    kept.unlink()
     assert computed(job) == first
-    kept = json.loads((job[0].parent / KEPT).read_text(encoding="utf-8"))
-    assert [len(kept[what]) for what in ("bands", "left_out")] == [1, 1]
+
+
+def test_an_edited_number_in_a_file_of_bands_is_found_and_new_spaces_are_not(job: Job) -> None:
+    first = computed(job)
+    kept = job[0].parent / KEPT
+    content = json.loads(kept.read_text(encoding="utf-8"))
+    kept.write_text(json.dumps(content, indent=4), encoding="utf-8")
+    assert computed(job) == first
+    (one,) = content["left_out"].values()
+    one["everyone"] = 0.5 * one["everyone"]
+    kept.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(InputError, match="not as it was written"):
+        computed(job)

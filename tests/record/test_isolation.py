@@ -32,7 +32,7 @@ SPACE = catalogue.load("front_vehicle_low_speed")
 CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
 LIMITS = {"case_timeout": 8.0, "step_timeout": 0.5, "memory_limit": 600.0}
 INNOCENT = ("faulty_ads.py:coast", "idm", "faulty_ads.py:random_driver")
-ATTACKS = {**hostile_ads.PROTOCOL, **hostile_ads.STATE, **hostile_ads.LEFTOVERS}
+ATTACKS = {**hostile_ads.PROTOCOL, **hostile_ads.STATE, **hostile_ads.LEFTOVERS, **hostile_ads.OUTSIDE}
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervisors need Linux")
 
@@ -292,7 +292,7 @@ def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: si
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("kind", ["PROTOCOL", "STATE", "LEFTOVERS"])
+@pytest.mark.parametrize("kind", ["PROTOCOL", "STATE", "LEFTOVERS", "OUTSIDE"])
 def test_attacks_again_and_again(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     share = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
     attacks = [name for name in getattr(hostile_ads, kind) for _ in range(max(1, round(20 * share)))]

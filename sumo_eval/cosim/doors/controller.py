@@ -234,6 +234,7 @@ DOORS = {
     "traci": "sumo_eval.cosim.doors.traci_program:TraciProgram.from_command",
     "fmu": "sumo_eval.cosim.doors.fmu:FmuController.from_locator",
     "given": "sumo_eval.cosim.doors.given:load_given",
+    "onnx": "sumo_eval.cosim.doors.onnx:from_locator",
 }
 """What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
 
@@ -309,6 +310,8 @@ def made_absolute(locator: str, folder: Path) -> str:
         return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
     if scheme == "fmu":
         return f"fmu:{folder / rest}"
+    if scheme == "onnx":
+        return f"onnx:{folder / rest.replace('features=', f'features={folder}/')}"
     place, _, name = locator.rpartition(":")
     return f"{folder / place}:{name}" if place.endswith(".py") else locator
 

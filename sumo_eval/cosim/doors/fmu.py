@@ -1,9 +1,10 @@
 """`fmu:FILE`: an FMU (FMI 2.0 or 3.0, co-simulation) as the ADS, or as the ego's vehicle model. Needs the extra `fmu`.
 
 An input of the FMU is given the signal of the same name, or the one that the mapping names (signals:
-`Observation.signals`; of a vehicle model: acceleration and steering of the command). An ADS's outputs are
-`acceleration` and, if it steers, `steering`; a vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them,
-`acceleration` and `steering_wheel_angle`.
+`Observation.signals`; of a vehicle model: acceleration and steering of the command), a constant, or its own start
+value. An array is given a value of each vehicle that is seen (`OBJECTS`). An ADS's outputs are `acceleration` and, if
+it steers, `steering`; a vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them, `acceleration` and
+`steering_wheel_angle`.
 """
 
 from __future__ import annotations
@@ -11,25 +12,39 @@ from __future__ import annotations
 import functools
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses, signal_names
+from sumo_eval.cosim.doors.observation import NO_LEAD_GAP, Observation, SeenVehicle, Senses, signal_names
 from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState, Pedals
-from sumo_eval.errors import InputError, SimulationError, did_you_mean, must_be, said, unknown
+from sumo_eval.errors import ControllerError, InputError, SimulationError, did_you_mean, must_be, said, unknown
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = signal_names()
 """What an ADS's inputs can be given; where no vehicle is its gap is 1000 m."""
 
 _SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
-_TYPES = {"Real": "Real", "Float64": "Float64", "Float32": "Float32", "Integer": "Integer", "Int32": "Int32",
-          "Int64": "Int64", "Boolean": "Boolean"}  # fmt: skip
-_WHOLE = ("Integer", "Int32", "Int64")
+_NUMBERS = ("Real", "Float32", "Float64")
+_WHOLE = {
+    "Integer": 32, "Int8": 8, "Int16": 16, "Int32": 32, "Int64": 64, "UInt8": -8, "UInt16": -16, "UInt32": -32,
+    "UInt64": -64, "Enumeration": 32,
+}  # fmt: skip
+"""Types of whole numbers and their bits, negative without a sign."""
+_TEXTS = ("String", "Binary")
+_TYPES = (*_NUMBERS, *_WHOLE, "Boolean", *_TEXTS)
+_FATAL = 4  # fmi2Fatal, fmi3Fatal
+AS_IT_STARTS = "start"
+"""In the place of a signal: the input keeps the start value of the FMU. `inputs.*=start`: so do all that are left."""
+OBJECTS = ("objects_present", *(f"objects_{name}" for name in SeenVehicle._fields if name not in ("number", "kind")))
+"""What inputs that are arrays can be given: a value of each vehicle that is seen, the nearest first."""
+
+Wired = tuple[Any, str | float]
+Signals = Mapping[str, float | Sequence[float]]
 
 
 class _Fmu:
@@ -46,6 +61,8 @@ class _Fmu:
             self._folder, self.description = _unpacked(path, path.stat().st_mtime_ns)
         except Exception as error:
             raise InputError(f"FMU {path} cannot be read: {said(error)}.") from error
+        if self.description.fmiVersion not in _SLAVES:
+            raise must_be("The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion)
         if self.description.coSimulation is None:
             raise must_be("The FMU", f"`{path.name}`", "one for co-simulation", "one for model exchange only")
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
@@ -53,6 +70,7 @@ class _Fmu:
         self._outputs = self._wire_outputs(wiring, needed, optional)
         self._parameters = self._wire_parameters(wiring)
         self._instance: Any = None
+        self._initialized = False
 
     def _variable(self, name: str, key: str) -> Any:
         if name not in self._variables:
@@ -62,31 +80,59 @@ class _Fmu:
             raise must_be(f"`{name}`", f"FMU `{self.path.name}`", f"one of {', '.join(_TYPES)}", variable.type)
         return variable
 
-    def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[tuple[Any, str]]:
-        wired = [(self._variable(name, "inputs"), signal) for name, signal in wiring.inputs.items()]
-        for _, signal in wired:
-            if signal not in signals:
-                raise unknown(f"signal for FMU `{self.path.name}`", signal, signals)
+    def _wire_inputs(self, wiring: FmuSettings, signals: Sequence[str]) -> list[Wired]:
+        wired = []
+        rest = wiring.inputs.get("*")
+        if rest not in (None, AS_IT_STARTS):
+            raise must_be("`inputs.*`", f"FMU `{self.path.name}`", f"`{AS_IT_STARTS}`", rest)
+        for name, given in wiring.inputs.items():
+            if name != "*" and (found := self._wired(name, given, signals)) is not None:
+                wired.append(found)
         for name, variable in self._variables.items():
             if variable.causality == "input" and name not in wiring.inputs:
-                if name not in signals:
+                if name in signals:
+                    wired.append((self._variable(name, "inputs"), name))
+                elif rest is None:
                     raise InputError(
-                        f"Input `{name}` of FMU `{self.path.name}` is no signal; `inputs` must map it."
+                        f"Input `{name}` of FMU `{self.path.name}` is no signal; `inputs` must map it. A number is a "
+                        f"constant, `{AS_IT_STARTS}` its start value (`inputs.*={AS_IT_STARTS}`: of all that are left)."
                         f"{did_you_mean(name, signals)}"
                     )
-                wired.append((variable, name))
         return wired
 
-    def _wire_outputs(self, wiring: FmuSettings, needed: Sequence[str], optional: Sequence[str]) -> dict[str, Any]:
+    def _wired(self, name: str, given: str | float, signals: Sequence[str]) -> Wired | None:
+        """An input and its signal or constant; None where it is left as it starts."""
+        variable = self._variable(name, "inputs")
+        owner = f"FMU `{self.path.name}`"
+        if given == AS_IT_STARTS:
+            return None
+        if variable.type in _TEXTS:
+            return variable, given
+        constant = _number(given) if isinstance(given, str) else float(given)
+        if isinstance(constant, float):
+            if not math.isfinite(constant):
+                raise must_be(f"`{name}`", owner, "finite", constant)
+            return variable, constant
+        if _count(variable) is None and constant in OBJECTS:
+            raise must_be(f"`{name}`", owner, f"an array to be given `{constant}`", "one number")
+        if _count(variable) is not None and constant not in OBJECTS:
+            raise must_be(f"`{name}`", owner, f"given one of {', '.join(OBJECTS)}, as it is an array", constant)
+        if constant not in (*signals, *OBJECTS):
+            raise unknown(f"signal for {owner}", constant, signals)
+        return variable, constant
+
+    def _wire_outputs(
+        self, wiring: FmuSettings, needed: Sequence[str], optional: Sequence[str]
+    ) -> dict[str, tuple[Any, int]]:
         known = (*needed, *optional)
         for what in wiring.outputs:
             if what not in known:
                 raise unknown(f"output in the mapping of FMU `{self.path.name}`", what, known)
-        wired = {what: self._variable(name, "outputs") for what, name in wiring.outputs.items()}
+        wired = {what: self._output(name) for what, name in wiring.outputs.items()}
         for what in known:
             found = self._variables.get(what)
             if what not in wired and found is not None and found.causality == "output":
-                wired[what] = self._variable(what, "outputs")
+                wired[what] = self._output(what)
             if what in needed and what not in wired:
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{what}`; `outputs` must map it."
@@ -94,17 +140,28 @@ class _Fmu:
                 )
         return wired
 
+    def _output(self, name: str) -> tuple[Any, int]:
+        """An output and which of its values is read: `name`, or `name[2]` of an array."""
+        plain, bracket, place = name.partition("[")
+        variable = self._variable(name if name in self._variables else plain, "outputs")
+        if variable.type in _TEXTS:
+            raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", "a number", variable.type)
+        if not bracket or name in self._variables:
+            if _count(variable) is not None:
+                raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", f"one value, `{name}[0]`", "an array")
+            return variable, 0
+        if not place.rstrip("]").isdigit() or int(place.rstrip("]")) >= (_count(variable) or 1):
+            within = f"within its {_count(variable) or 1} values"
+            raise must_be(f"The output `{name}`", f"FMU `{self.path.name}`", within, place.rstrip("]"))
+        return variable, int(place.rstrip("]"))
+
     def _wire_parameters(self, wiring: FmuSettings) -> list[tuple[Any, float | int | bool | str]]:
         return [(self._variable(name, "parameters"), value) for name, value in wiring.parameters.items()]
 
-    def begin(self, signals: Mapping[str, float]) -> None:
+    def begin(self, signals: Signals) -> None:
         """Instantiate, set parameters and inputs, initialize at time 0."""
         description = self.description
-        kinds = {"2.0": "fmi2.FMU2Slave", "3.0": "fmi3.FMU3Slave"}
-        kind = kinds.get(description.fmiVersion)
-        if kind is None:
-            raise must_be("The FMI version", f"FMU `{self.path.name}`", "2.0 or 3.0", description.fmiVersion)
-        module, name = kind.split(".")
+        module, name = _SLAVES[description.fmiVersion]
         self._instance = fmu = getattr(getattr(self._library, module), name)(
             guid=description.guid,
             unzipDirectory=self._folder,
@@ -115,45 +172,113 @@ class _Fmu:
         if description.fmiVersion == "2.0":
             fmu.setupExperiment(startTime=0.0)
         for variable, value in self._parameters:
-            if isinstance(value, str) and value not in signals:
-                raise unknown(f"signal for FMU `{self.path.name}`", value, list(signals))
-            self._set(variable, signals[value] if isinstance(value, str) else value)
+            if isinstance(value, str) and variable.type not in _TEXTS:
+                if value not in signals:
+                    raise unknown(f"signal for FMU `{self.path.name}`", value, list(signals))
+                self._set(variable, signals[value])
+            else:
+                self._set(variable, value)
         if description.fmiVersion == "2.0":
             fmu.enterInitializationMode()
         else:
             fmu.enterInitializationMode(startTime=0.0)
         self._give(signals)
         fmu.exitInitializationMode()
+        self._initialized = True
 
-    def step(self, signals: Mapping[str, float], time: float, step: float) -> dict[str, float]:
+    def step(self, signals: Signals, time: float, step: float) -> dict[str, float]:
         """Give the inputs, step from `time` to `time + step`, read the outputs."""
         self._give(signals)
-        self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+        with self._unless_fatal():
+            self._instance.doStep(currentCommunicationPoint=time, communicationStepSize=step)
         return self.read()
 
     def read(self) -> dict[str, float]:
         """The outputs as they are."""
-        fmu = self._instance
-        return {
-            what: float(getattr(fmu, f"get{_TYPES[variable.type]}")([variable.valueReference])[0])
-            for what, variable in self._outputs.items()
-        }
+        fmu, found = self._instance, {}
+        for what, (variable, place) in self._outputs.items():
+            get, count = getattr(fmu, f"get{self._kind(variable)}"), _count(variable)
+            values = get([variable.valueReference]) if count is None else get([variable.valueReference], count)
+            found[what] = float(values[place])
+        return found
+
+    @property
+    def sees_objects(self) -> bool:
+        """Whether an input is given a value of each vehicle."""
+        return any(signal in OBJECTS for _, signal in self._inputs)
 
     def end(self) -> None:
         """Terminate and free the instance."""
         if self._instance is not None:
             instance, self._instance = self._instance, None
-            instance.terminate()
+            if self._initialized:  # an FMU may crash that is told to terminate before it has begun
+                self._initialized = False
+                instance.terminate()
             instance.freeInstance()
 
-    def _give(self, signals: Mapping[str, float]) -> None:
-        for variable, signal in self._inputs:
-            self._set(variable, signals[signal])
+    def _kind(self, variable: Any) -> str:
+        """The type by which the FMU is asked."""
+        if variable.type == "Enumeration":
+            return "Integer" if self.description.fmiVersion == "2.0" else "Int64"
+        return str(variable.type)
 
-    def _set(self, variable: Any, value: float | int | bool) -> None:
-        kind = _TYPES[variable.type]
-        plain = bool(value) if kind == "Boolean" else (round(value) if kind in _WHOLE else float(value))
-        getattr(self._instance, f"set{kind}")([variable.valueReference], [plain])
+    def _give(self, signals: Signals) -> None:
+        for variable, signal in self._inputs:
+            text = isinstance(signal, str) and variable.type not in _TEXTS
+            self._set(variable, signals[signal] if text else signal)  # type: ignore[index]
+
+    def _set(self, variable: Any, value: float | int | bool | str | Sequence[float]) -> None:
+        count = _count(variable)
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+            values = [value] * (1 if count is None else count)
+        else:  # of each vehicle: as many as the FMU holds, the rest of its places empty
+            values = [*value[:count], *([value[-1]] * ((count or 1) - len(value)))]
+        plain = [self._plain(variable, one) for one in values]
+        with self._unless_fatal():
+            getattr(self._instance, f"set{self._kind(variable)}")([variable.valueReference], plain)
+
+    @contextmanager
+    def _unless_fatal(self) -> Iterator[None]:
+        """After a call that an FMU answers with `fatal` nothing may be asked of its instance, not even its end."""
+        try:
+            yield
+        except Exception as error:
+            if getattr(error, "status", None) == _FATAL:
+                self._instance = None
+            raise
+
+    def _plain(self, variable: Any, value: Any) -> Any:
+        kind = variable.type
+        if kind == "String":
+            return str(value)
+        if kind == "Binary":
+            return str(value).encode()
+        if kind == "Boolean":
+            return bool(value)
+        if kind in _NUMBERS:
+            return float(value)
+        whole, bits = round(value), _WHOLE[kind]
+        low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if bits > 0 else (0, (1 << -bits) - 1)
+        if not low <= whole <= high:
+            raise ControllerError(
+                f"`{variable.name}` of FMU `{self.path.name}` is of type {kind}, which cannot hold {whole}"
+            )
+        return whole
+
+
+def _count(variable: Any) -> int | None:
+    """How many values an array has; None: it is none."""
+    return math.prod(variable.shape) if variable.dimensions else None
+
+
+def _objects(seen: Observation) -> dict[str, list[float]]:
+    """Values of each vehicle that is seen, the nearest first, and behind them those of nobody."""
+    found: dict[str, list[float]] = {}
+    for name in OBJECTS:
+        field_name = name.removeprefix("objects_")
+        values = [1.0 if field_name == "present" else float(getattr(it, field_name)) for it in seen.vehicles]
+        found[name] = [*values, NO_LEAD_GAP if field_name == "gap" else 0.0]
+    return found
 
 
 @dataclass(slots=True)
@@ -183,7 +308,7 @@ class FmuController(ObservingController):
             group, _, name = key.partition(".")
             if group not in wiring or not name:
                 raise must_be("A mapping", f"ADS `fmu:{text}`", "inputs.NAME, outputs.NAME or parameters.NAME", key)
-            wiring[group][name] = _number(value) if group == "parameters" else value
+            wiring[group][name] = _number(value) if group == "parameters" else value.strip("\"'")
         return cls((folder or Path.cwd()) / file, FmuSettings(**wiring))
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
@@ -192,7 +317,10 @@ class FmuController(ObservingController):
 
     def step(self, traci: Any, ego: str, time: float) -> Command | Pedals:
         """One step of the FMU: what is seen goes in, the command comes out."""
-        signals = self.senses.observe().signals()
+        seen = self.senses.observe()
+        signals: dict[str, Any] = dict(seen.signals())
+        if self._fmu.sees_objects:
+            signals |= _objects(seen)
         if not self._begun:
             self._begun = True
             self._fmu.begin(signals)
@@ -276,6 +404,7 @@ def _fmpy() -> Any:
     return fmpy
 
 
+_SLAVES = {"2.0": ("fmi2", "FMU2Slave"), "3.0": ("fmi3", "FMU3Slave")}
 _unpack_folders: list[tempfile.TemporaryDirectory[str]] = []
 
 

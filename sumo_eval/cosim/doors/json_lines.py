@@ -20,7 +20,7 @@ from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses, lane_lines
+from sumo_eval.cosim.doors.observation import Senses, lane_borders
 from sumo_eval.cosim.doors.traci_numbers import shown
 from sumo_eval.cosim.plans import HOLD, Plan
 from sumo_eval.cosim.vehicle_model import Command
@@ -67,7 +67,8 @@ class JsonLinesProgram(ObservingController):
             "vehicle": asdict(scenario.vehicle),
             "road": {
                 "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length,
-                "speed_limit": road.speed_limit, "lane_lines": [line._asdict() for line in lane_lines(road)],
+                "speed_limit": road.speed_limit, "line": [asdict(piece) for piece in road.line],
+                "lane_borders": [line._asdict() for line in lane_borders(road)],
             },
             "desired_speed": scenario.desired_speed, "goal": scenario.goal,
         }  # fmt: skip

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, within_a_turn
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
@@ -49,7 +50,7 @@ class LaneLine(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def lane_lines(road: Road) -> tuple[LaneLine, ...]:
+def lane_borders(road: Road) -> tuple[LaneLine, ...]:
     """The lanes of a road as lines, the right-hand lane first."""
     end, half = road.length + road.run_out, 0.5 * road.lane_width
 
@@ -199,9 +200,9 @@ class Observation:
         return (math.nan, math.nan) if self._task is None else self._task.goal
 
     @property
-    def lane_lines(self) -> tuple[LaneLine, ...]:
+    def lane_borders(self) -> tuple[LaneLine, ...]:
         """The lanes as lines in the coordinates of the vehicles, the right-hand lane first."""
-        return lane_lines(self.road)
+        return lane_borders(self.road)
 
     @_Worked
     def second_lead(self) -> SeenVehicle | None:
@@ -220,6 +221,25 @@ class Observation:
         """From the ego's centre to the right edge of the road, m."""
         return self._ego[1] - self.road.right_edge
 
+    @property
+    def curvature(self) -> float:
+        """The curvature of the road's line (the right lane's centre) beside the ego, 1/m, positive to the left."""
+        return float(curvatures(self.road.line, self._ego[0])) if self.road.bent else 0.0
+
+    def lane_lines(self, ahead: float = 100.0, every: float = 2.0) -> tuple[NDArray[np.float64], ...]:
+        """The lanes' centre lines from beside the ego to `ahead` m along the road: points (n, 2) `every` m, ahead and
+        to the left of the ego's centre in the ego's own axes; the right-hand lane first.
+        """
+        x, y, heading = self._ego[:3]
+        me_x, me_y, turned = (float(it) for it in map_places(self.road.line, x, y, heading))
+        s = x + np.arange(0.0, ahead + 0.5 * every, every)
+        found = []
+        for lane in range(self.road.lanes):
+            east, north, _ = map_places(self.road.line, s, self.road.lane_centre(lane))
+            c, n = math.cos(turned), math.sin(turned)
+            found.append(np.stack([(east - me_x) * c + (north - me_y) * n, (north - me_y) * c - (east - me_x) * n], 1))
+        return tuple(found)
+
     def plain(self) -> dict[str, Any]:
         """Everything as plain values, ready for JSON."""
         lead = self.lead
@@ -228,7 +248,7 @@ class Observation:
             "second_lead": None if self.second_lead is None else self.second_lead._asdict(),
             "neighbours": {place: None if it is None else it._asdict() for place, it in self.neighbours.items()},
             "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
-            "left_edge": self.left_edge, "right_edge": self.right_edge,
+            "left_edge": self.left_edge, "right_edge": self.right_edge, "curvature": self.curvature,
         }  # fmt: skip
 
     def signals(self) -> dict[str, float]:
@@ -240,7 +260,7 @@ class Observation:
         found = {
             "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading, "ego_speed": me.speed,
             "ego_acceleration": me.acceleration, "ego_lane": float(me.lane), "left_edge": self.left_edge,
-            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane],
+            "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane], "curvature": self.curvature,
             "ego_length": me.length, "ego_width": me.width, "lanes": float(road.lanes), "lane_width": road.lane_width,
             "speed_limit": road.speed_limit, "road_length": road.length, "desired_speed": self.desired_speed,
             "goal_x": self.goal[0], "goal_y": self.goal[1],
@@ -266,7 +286,12 @@ class Observations:
     _egos: NDArray[Any]
     _seen: NDArray[Any]
     _others: NDArray[Any]
-    desired_speed: NDArray[np.float64]
+    _cases: Sequence[ConcreteScenario]
+
+    @cached_property
+    def desired_speed(self) -> NDArray[np.float64]:
+        """The speed that each ego wants, m/s: the one that it starts with."""
+        return np.array([self._cases[number].ego.speed for number in self.number.tolist()])
 
     @cached_property
     def ego(self) -> SimpleNamespace:
@@ -317,6 +342,21 @@ class Observations:
             speed=of_lead(it.speed, self._egos["speed"]),
             offset=of_lead(it.offset, 0.0),
         )
+
+    @cached_property
+    def distances(self) -> NDArray[Any]:
+        """Along the road from each ego's centre to those of the vehicles, (n, m), m; nan where there is none."""
+        return np.asarray(self._seen["x"] - self._egos["seen"]["x"][:, None])
+
+    @cached_property
+    def nearest(self) -> NDArray[np.intp]:
+        """Places of the vehicles of each case in `vehicles`, (n, m), the nearest along the road first."""
+        return np.argsort(np.abs(self.vehicles.gap), axis=1, kind="stable")
+
+    @property
+    def curvature(self) -> NDArray[Any]:
+        """The curvature of the road's line beside each ego, 1/m, positive to the left, (n,)."""
+        return curvatures(self.road.line, self._egos["x"])
 
     @property
     def lanes(self) -> NDArray[Any]:

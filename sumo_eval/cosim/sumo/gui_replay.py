@@ -19,6 +19,7 @@ from lxml import etree
 from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, view_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import Collision, Trajectory
 
 STEP = 0.05  # s; of the animation
@@ -63,12 +64,23 @@ def replay_in_gui(
         except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:
             raise InputError(f"{program} could not be started: {error}.") from error
         try:
-            _play(traci, vehicles, collision, shows=shows)
+            _play(traci, {name: _on_map(road, it) for name, it in vehicles.items()}, collision, shows=shows)
         except traci.FatalTraCIError:
             return  # the person has closed the window
         finally:
             if traci.isLoaded():
                 traci.close(wait=False)
+
+
+def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
+    """A trajectory along and across a road as one on the map."""
+    if not road.bent:
+        return trajectory
+    x, y, heading = map_places(road.line, trajectory.x, trajectory.y, trajectory.heading)
+    return Trajectory(
+        trajectory.time, x, y, heading, trajectory.speed, trajectory.acceleration, trajectory.steering_wheel_angle,
+        length=trajectory.length, width=trajectory.width,
+    )  # fmt: skip
 
 
 def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision | None, *, shows: bool) -> None:

@@ -8,13 +8,17 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
+import numpy as np
 from lxml import etree
 
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.road.reference_line import drawn_points, map_places
 from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.trajectory import FloatArray
 
 EGO = "ego"
+SEGMENT = 1.0  # m between the vertices of a lane on a bend
 _EDGE = "road"
 
 
@@ -44,16 +48,22 @@ def _metres(value: float) -> str:
 
 @functools.lru_cache(maxsize=64)
 def network_xml(road: Road) -> str:
-    """A straight one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
+    """A one-way road as a final SUMO network (no netconvert needed): lane 0's centre line is y = 0.
 
-    A road in a network of the user's is that network, laid along the x axis.
+    On a road that bends all lanes are offsets of that line, with a vertex at every metre of bend, and have its length,
+    as SUMO wants of neighbours: it stretches a shape to the length evenly, so places on lane 0 alone are exact. A road
+    in a network of the user's is that network, laid along the x axis.
     """
     if road.network is not None:
         return laid_along_x(road.network)
     end = road.length + road.run_out
     middle = (road.left_edge + road.right_edge) / 2
+    line = drawn_points(road.line, 0.0, end, SEGMENT) if road.bent else None
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
     bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
+    if line is not None:
+        corners = np.hstack([map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)])
+        bounds = ",".join(f"{value:.2f}" for value in (*corners.min(axis=1), *corners.max(axis=1)))
     etree.SubElement(
         net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
@@ -68,24 +78,34 @@ def network_xml(road: Road) -> str:
             speed=_metres(road.speed_limit),
             length=_metres(end),
             width=_metres(road.lane_width),
-            shape=f"0.00,{_metres(y)} {_metres(end)},{_metres(y)}",
+            shape=f"0.00,{_metres(y)} {_metres(end)},{_metres(y)}" if line is None else _polyline(road, line, y),
         )
     lanes = " ".join(f"{_EDGE}_{lane}" for lane in range(road.lanes))
     for name, x, incoming in (("begin", 0.0, ""), ("end", end, lanes)):
         edges = (road.left_edge, road.right_edge) if name == "begin" else (road.right_edge, road.left_edge)
         shape = " ".join(f"{_metres(x)},{_metres(y)}" for y in edges)
+        at = _metres(x), _metres(middle)
+        if line is not None:
+            shape = " ".join(_polyline(road, np.array([x]), y) for y in edges)
+            at = tuple(_polyline(road, np.array([x]), middle).split(","))  # type: ignore[assignment]
         etree.SubElement(
             net,
             "junction",
             id=name,
             type="dead_end",
-            x=_metres(x),
-            y=_metres(middle),
+            x=at[0],
+            y=at[1],
             incLanes=incoming,
             intLanes="",
             shape=shape,
         )
     return _text(net)
+
+
+def _polyline(road: Road, s: FloatArray, d: float) -> str:
+    """A line beside the road's as SUMO has a shape."""
+    x, y, _ = map_places(road.line, s, d)
+    return " ".join(f"{east:.4f},{north:.4f}" for east, north in zip(x.tolist(), y.tolist(), strict=True))
 
 
 def routes_xml(
@@ -156,6 +176,8 @@ def departures(concrete: ConcreteScenario, ego_length: float) -> list[dict[str, 
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
         lane = min(max(round(start.y / concrete.road.lane_width), 0), concrete.road.lanes - 1)
+        if concrete.road.bent:  # only along the line itself is SUMO's place the one along the line
+            lane = 0
         offset = start.y - concrete.road.lane_centre(lane)
         attributes = {
             "id": name,

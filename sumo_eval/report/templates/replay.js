@@ -62,6 +62,106 @@ const sumoReplay = (() => {
     ]);
   }
 
+  // --- roads that bend: trajectories are along and across the road, pictures on the map ---------------------------------
+
+  const NODES = [-0.906179845938664, -0.5384693101056831, 0, 0.5384693101056831, 0.906179845938664];
+  const WEIGHTS = [0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908];
+  const bends = (road) => Boolean(road.line && road.line.length);
+
+  /** [x, y, heading] of a road's line at s, m and rad. line: [[s, x, y, heading, curvature, rate]], where its stretches
+   *  begin. The twin of `line_at` in sumo_eval/scenario/road/reference_line.py. */
+  function lineAt(line, s) {
+    let low = 0, high = line.length;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (line[middle][0] <= s) low = middle; else high = middle;
+    }
+    if (low === 0) return [s, 0, 0];
+    const [begin, x, y, heading, curvature, rate] = line[low], u = s - begin;
+    const turned = (v) => heading + v * (curvature + rate * v / 2);
+    let east = 0, north = 0;
+    NODES.forEach((node, k) => {
+      const angle = turned(u * (1 + node) / 2);
+      east += WEIGHTS[k] * Math.cos(angle);
+      north += WEIGHTS[k] * Math.sin(angle);
+    });
+    if (rate === 0 && curvature !== 0) { // an arc may be long: its chord
+      const half = curvature * u / 2, chord = u * Math.sin(half) / half || u;
+      return [x + chord * Math.cos(heading + half), y + chord * Math.sin(heading + half), heading + 2 * half];
+    }
+    return [x + u * east / 2, y + u * north / 2, turned(u)];
+  }
+
+  /** [x, y, heading] on the map of a place along and across a road. */
+  function onMap(road, x, y, heading = 0) {
+    if (!bends(road)) return [x, y, heading];
+    const [lineX, lineY, along] = lineAt(road.line, x);
+    return [lineX - y * Math.sin(along), lineY + y * Math.cos(along), along + heading];
+  }
+
+  const maps = new WeakMap();
+
+  /** A trajectory on the map. */
+  function mapped(road, t) {
+    if (!bends(road)) return t;
+    if (!maps.has(t)) {
+      const places = Array.from(t.x, (x, k) => onMap(road, x, t.y[k], t.heading[k]));
+      maps.set(t, { ...t, x: places.map(([x]) => x), y: places.map(([, y]) => y), heading: places.map(([, , heading]) => heading) });
+    }
+    return maps.get(t);
+  }
+
+  /** The road from above where it bends: the ego's stretch of it lies level, the rest turns away. */
+  function drawTopOnMap(canvas, scene, view, colour, time) {
+    const sheet = pen(canvas);
+    if (!sheet) return;
+    const { context, width, height } = sheet, { road } = scene;
+    const scale = Math.min(height / (road.left - road.right + 24), 9);
+    const s = at(view.ego, "x", time), [x0, y0, level] = onMap(road, s, (road.left + road.right) / 2);
+    const [c, n] = [Math.cos(level), Math.sin(level)];
+    const px = ([x, y]) => [
+      0.3 * width + scale * ((x - x0) * c + (y - y0) * n), height / 2 - scale * ((y - y0) * c - (x - x0) * n),
+    ];
+    const begin = s - 0.3 * width / scale - 30, end = s + 0.7 * width / scale + 30;
+    const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => px(onMap(road, begin + 2 * k, y)));
+    context.fillStyle = "#f5f7f9";
+    context.fillRect(0, 0, width, height);
+    outline(context, [...along(road.left), ...along(road.right).reverse()]);
+    context.fillStyle = "#d9dde1";
+    context.fill();
+    const stroke = (y, style, dash) => {
+      context.beginPath();
+      context.setLineDash(dash);
+      context.lineDashOffset = dash.length ? begin * scale : 0;
+      along(y).forEach(([x, z], k) => (k ? context.lineTo(x, z) : context.moveTo(x, z)));
+      context.lineWidth = 2;
+      context.strokeStyle = style;
+      context.stroke();
+      context.setLineDash([]);
+    };
+    stroke(road.left, COLOURS.muted, []);
+    stroke(road.right, COLOURS.muted, []);
+    for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
+    context.fillStyle = COLOURS.muted;
+    context.font = `11px ${FONT}`;
+    context.textAlign = "center";
+    for (let x = Math.ceil(begin / 20) * 20; x < end; x += 20) {
+      const [one, two] = px(onMap(road, x, road.right - 2.6));
+      context.fillText(`${x} m`, one, two + 4);
+    }
+    const car = (t, fill, hollow) => {
+      outline(context, corners(mapped(road, t), time).map(px));
+      context.lineWidth = 1.2;
+      context.strokeStyle = fill;
+      context.fillStyle = fill;
+      if (!hollow) context.fill();
+      context.stroke();
+    };
+    for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
+    for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
+    car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
+  }
+
   function pen(canvas) {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
     if (width === 0) return null;
@@ -86,6 +186,10 @@ const sumoReplay = (() => {
   // --- from above ----------------------------------------------------------------------------------------------------
 
   function drawTop(canvas, scene, view, colour, time) {
+    if (bends(scene.road)) {
+      drawTopOnMap(canvas, scene, view, colour, time);
+      return;
+    }
     const sheet = pen(canvas);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
@@ -194,9 +298,9 @@ const sumoReplay = (() => {
     const sheet = pen(canvas);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
-    const heading = at(view.ego, "heading", time);
+    const me = mapped(road, view.ego), heading = at(me, "heading", time);
     const camera = {
-      x: at(view.ego, "x", time) - CAMERA.behind * Math.cos(heading), y: at(view.ego, "y", time) - CAMERA.behind * Math.sin(heading),
+      x: at(me, "x", time) - CAMERA.behind * Math.cos(heading), y: at(me, "y", time) - CAMERA.behind * Math.sin(heading),
       z: CAMERA.above, heading,
     };
     const focal = 0.95 * Math.max(height, width / 2), middle = [width / 2, 0.42 * height];
@@ -217,18 +321,26 @@ const sumoReplay = (() => {
     context.fillRect(0, 0, width, height);
     context.fillStyle = "#c9d3c2";
     context.fillRect(0, Math.max(0, horizon), width, height);
-    const begin = camera.x - 5, end = camera.x + 400;
-    const flat = (x0, x1, y0, y1, fill) => face([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]], fill);
+    const from = bends(road) ? at(view.ego, "x", time) - CAMERA.behind : camera.x;
+    const begin = from - 5, end = from + (bends(road) ? 250 : 400);
+    const ground = (x, y, z = 0) => [...onMap(road, x, y).slice(0, 2), z];
+    const flat = (x0, x1, y0, y1, fill) => {
+      const parts = bends(road) ? Math.ceil((x1 - x0) / 4) : 1;
+      for (let k = 0; k < parts; k++) {
+        const [a, b] = [x0 + (x1 - x0) * k / parts, x0 + (x1 - x0) * (k + 1) / parts];
+        face([ground(a, y0), ground(b, y0), ground(b, y1), ground(a, y1)], fill);
+      }
+    };
     flat(begin, end, road.right, road.left, "#9aa1a8");
     for (const y of [road.right, road.left]) flat(begin, end, y - 0.07, y + 0.07, "#fff");
     for (let lane = 1; lane < road.lanes; lane++) {
       const y = road.right + lane * road.laneWidth;
-      for (let x = Math.floor(begin / 9) * 9; x < camera.x + 160; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
+      for (let x = Math.floor(begin / 9) * 9; x < from + 160; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
     }
-    for (let x = Math.ceil(begin / 50) * 50; x < camera.x + 250; x += 50) { // posts every 50 m give the eye a speed
-      for (const y of [road.right - 1, road.left + 1]) face([[x, y - 0.06, 0], [x, y + 0.06, 0], [x, y + 0.06, 1], [x, y - 0.06, 1]], "#f5f7f9", "#57606a");
+    for (let x = Math.ceil(begin / 50) * 50; x < from + 250; x += 50) { // posts every 50 m give the eye a speed
+      for (const y of [road.right - 1, road.left + 1]) face([[y - 0.06, 0], [y + 0.06, 0], [y + 0.06, 1], [y - 0.06, 1]].map(([across, up]) => ground(x, across, up)), "#f5f7f9", "#57606a");
     }
-    const vehicles = [[view.ego, colour, true], ...view.actors.map(([name, actor]) => [actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]
+    const vehicles = [[me, colour, true], ...view.actors.map(([name, actor]) => [mapped(road, actor), touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]
       .map((entry) => [...entry, seen(camera, [at(entry[0], "x", time), at(entry[0], "y", time), 0])[2]])
       .filter(([, , , depth]) => depth > -10 && depth < 320).sort((one, other) => other[3] - one[3]);
     for (const [t, fill] of vehicles) drawCar(t, fill);
@@ -455,7 +567,7 @@ const sumoReplay = (() => {
     return { show, stop, draw };
   }
 
-  return { player, ahead, at };
+  return { player, ahead, at, onMap };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoReplay;

@@ -1,4 +1,4 @@
-"""`sumo-eval humans`: recorded driving in, what is in it, and what it says about the synthetic drivers."""
+"""People and open constants: recorded `humans`, `calibrate` k5 and k6, the `sensitivity` of the ranking."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import click
 from sumo_eval.cli.progress import Progress
 
 
-@click.group()
+@click.group(epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 def humans() -> None:
     """Recorded human driving: import it, look for events, weigh scenarios, check the synthetic population."""
 
 
-@humans.command("import")
+@humans.command("import", epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 @click.argument("form", metavar="FORMAT")
 @click.argument("paths", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Table to write: .csv or .csv.gz.")
@@ -34,7 +34,7 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     click.echo(f"{recordings.vehicles} vehicles, {len(recordings.table)} samples: {out}")
 
 
-@humans.command()
+@humans.command(epilog="Example: sumo-eval humans events people.csv.gz --out events")
 @click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the event tables.")
 def events(tables: tuple[Path, ...], out: Path | None) -> None:
@@ -49,7 +49,7 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
         click.echo(sentence)
 
 
-@humans.command()
+@humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
 @click.argument("scenario")
 @click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--bandwidth", type=click.Choice(["scott", "cross_validated"]), default="scott", show_default=True)
@@ -64,7 +64,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     click.echo(f"{scenario}: {found.about}.")
 
 
-@humans.command()
+@humans.command(epilog="Example: sumo-eval humans population people.csv.gz --drivers 200")
 @click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--drivers", type=click.IntRange(min=10), default=200, show_default=True, help="Synthetic drivers.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
@@ -87,7 +87,7 @@ def population(tables: tuple[Path, ...], drivers: int, seed: int, out: Path | No
         write_rows(rows, out)
 
 
-@humans.command()
+@humans.command(epilog="Example: sumo-eval humans opinion results/first ratings.csv")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("ratings", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="HTML file for the plot (default: RUN/opinion.html).")
@@ -116,7 +116,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     click.echo(f"`sumo-eval report {run}` shows it in the report from now on.")
 
 
-@humans.command()
+@humans.command(epilog="Example: sumo-eval humans similarity results/first")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the table (default: RUN/similarity.csv).")
 def similarity(run: Path, out: Path | None) -> None:
@@ -133,3 +133,38 @@ def similarity(run: Path, out: Path | None) -> None:
     for line in similarity_lines(rows):
         click.echo(line)
     click.echo(f"Table: {place}")
+
+
+@click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--by", type=click.Choice(["median", "mean"]), default="median", show_default=True, help="Middle ADS.")
+def calibrate(runs: tuple[Path, ...], by: str) -> None:
+    """Choose k5 and k6 so that the middle one of the ADSs in RUNS gets half of the points."""
+    from sumo_eval.evaluation import score
+    from sumo_eval.studies.calibration import calibrate as calibrated
+    from sumo_eval.studies.calibration import calibration_lines
+
+    with Progress() as progress:
+        evaluations = [score(run, progress=progress) for run in runs]
+    for line in calibration_lines(calibrated(evaluations, by=by)):
+        click.echo(line)
+
+
+@click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--constant", "constants", multiple=True, help="k1, k2, k3, k4, centre floor, field floor, a; default: all."
+)
+def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
+    """Score RUN again with k1..k4, the deviation floors and a (b = 100 - a) changed; a table and a plot in RUN."""
+    from sumo_eval.studies.sensitivity import sensitivity as respond
+    from sumo_eval.studies.sensitivity import sensitivity_lines, write_sensitivity_plot
+    from sumo_eval.studies.tables import write_rows
+
+    with Progress() as progress:
+        rows = respond(run, progress, constants=constants) if constants else respond(run, progress)
+    for line in sensitivity_lines(rows):
+        click.echo(line)
+    write_rows(rows, run / "sensitivity.csv")
+    write_sensitivity_plot(rows, run / "sensitivity.html")
+    click.echo(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

@@ -1,38 +1,51 @@
-"""`sumo-eval check`: is a controller, or an evaluation file, what it has to be?"""
+"""Helpers for authors: `check` an ADS or a file, the `schema` for editors, `bench` this machine."""
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
-from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 
-_RUN = RunSettings()
+if TYPE_CHECKING:
+    from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+
 _LINES = 20  # of what an ADS printed
 
 
-@click.command()
+def _of_a_run(name: str) -> Callable[[], float]:
+    """A limit as `[run]` has it by default."""
+
+    def default() -> float:
+        from sumo_eval.settings import RunSettings
+
+        return float(getattr(RunSettings(), name))
+
+    return default
+
+
+@click.command(epilog="Example: sumo-eval check my_ads.py:MyAds")
 @click.argument("what", metavar="LOCATOR-or-FILE")
 @click.option(
     "--step-timeout",
     type=click.FloatRange(min=0, min_open=True),
-    default=_RUN.step_timeout,
-    show_default=True,
+    default=_of_a_run("step_timeout"),
+    show_default="as `run.step_timeout`",
     help="Wall time a step may take in the run that is to be, s.",
 )
 @click.option(
     "--case-timeout",
     type=click.FloatRange(min=0, min_open=True),
-    default=_RUN.case_timeout,
-    show_default=True,
+    default=_of_a_run("case_timeout"),
+    show_default="as `run.case_timeout`",
     help="Wall time a case may take in the run that is to be, s.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws two of the cases.")
@@ -68,6 +81,7 @@ def _check_scenario(use: str) -> NoReturn:
     from sumo_eval.record.facts import space_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
+    from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
 
     file, given = options_of(use)
     path = Path(file)
@@ -160,3 +174,45 @@ def _check_evaluation(path: Path) -> None:
     if settings.method.ranking.weights:
         found("ranking", ranking)
     sys.exit(INPUT_WRONG if wrong else DONE)
+
+
+@click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")
+@click.argument("what", type=click.Choice(["scenario", "evaluation"]))
+def schema(what: str) -> None:
+    """Print the JSON schema of a scenario file or of an evaluation file, for editors that check TOML."""
+    from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
+
+    click.echo(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))
+
+
+PARTS = ("co-simulation", "field and D", "zones", "whole")  # as in sumo_eval.bench.costs, which is slow to import
+
+
+@click.command(epilog="Example: sumo-eval bench --small")
+@click.option("--small", is_flag=True, help="A few cases and one round: shows that it works, in seconds.")
+@click.option("--whole", is_flag=True, help="Also run the paper's evaluation, cold.")
+@click.option("--only", multiple=True, type=click.Choice(PARTS), help="Measure this part alone; may be repeated.")
+@click.option(
+    "--cases", default=500, show_default=True, type=click.IntRange(2), help="Cases of the UN R157 cut-in grid."
+)
+@click.option("--json", "file", type=click.Path(path_type=Path, dir_okay=False), help="Write the figures to this file.")
+def bench(small: bool, whole: bool, only: tuple[str, ...], cases: int, file: Path | None) -> None:
+    """Measure bare libsumo, the harness, the field, D and zones in one run, and print costs and ratios.
+
+    Processor time of one core. How to read the table: docs/benchmarks.md.
+    """
+    from sumo_eval.bench.costs import benchmark
+
+    found = benchmark(
+        cases=8 if small else cases,
+        rounds=1 if small else 3,
+        parts=(*(only or PARTS[:-1]), *(["whole"] if whole else [])),
+        progress=lambda part: click.echo(f"measuring: {part}", err=True),
+    )
+    if file is not None:
+        file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
+    click.echo(machine)
+    for row in found["rows"]:
+        ratio = "" if row["ratio"] is None else f"  {row['ratio']:.2f} x {row['ratio_of']}"
+        click.echo(f"{row['group']:<14} {row['what']:<62} {row['value']:10.3g} {row['unit']:<8}{ratio}")

@@ -1,0 +1,124 @@
+"""Looking at a run: its `report`, the arithmetic that `explain` prints, a `replay`, an `export` for other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.progress import Progress
+
+
+@click.command(epilog="Example: sumo-eval report results/first")
+@click.argument("run", type=click.Path(path_type=Path))
+def report(run: Path) -> None:
+    """Write RUN/report.html anew from the recorded facts."""
+    from sumo_eval.evaluation import score as score_run
+    from sumo_eval.report.assessed import write_assessed_report
+
+    with Progress() as progress:
+        evaluation = score_run(run, progress=progress)
+        path = write_assessed_report(evaluation, progress=progress)
+    click.echo(str(path))
+
+
+@click.command(epilog="Example: sumo-eval explain results/first cut_in-0042-idm")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("case", required=False)
+def explain(run: Path, case: str | None) -> None:
+    """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
+    from sumo_eval.evaluation import score, zone_partitions
+    from sumo_eval.report.explain import explain_case
+    from sumo_eval.report.terminal import ledger_lines
+
+    with Progress() as progress:
+        evaluation = score(run, progress=progress)
+    lines = ledger_lines(evaluation) if case is None else explain_case(evaluation, zone_partitions(evaluation), case)
+    for line in lines:
+        click.echo(line)
+
+
+@click.command(epilog="Example: sumo-eval replay results/first cut_in-0042-idm --beside driver_03 --open")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("case")
+@click.option("--beside", metavar="NAME", help="Another ADS, or a driver such as driver_03, next to it.")
+@click.option("--out", type=click.Path(path_type=Path), help="File of the animation (default: RUN/replay-CASE.html).")
+@click.option("--open", "opens", is_flag=True, help="Open the animation in the browser.")
+@click.option("--gui", is_flag=True, help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
+def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
+    """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
+    from sumo_eval.record.run_folder import read_manifest, read_settings
+    from sumo_eval.report.replay import recorded, write_replay
+    from sumo_eval.scenario.catalogue import find
+
+    settings, source = read_settings(run), Path(read_manifest(run)["source_folder"])
+    fact = recorded(run, case)
+    logical = next(space for entry in settings.scenario if (space := find(entry.use, source)).name == fact.scenario)
+    if gui:
+        from sumo_eval.cosim.sumo.gui_replay import replay_in_gui
+        from sumo_eval.record.run_folder import FACTS
+        from sumo_eval.record.store import open_store
+
+        with open_store(run / FACTS) as store:
+            vehicles = store.trajectories(fact.case)
+        replay_in_gui(logical.road, vehicles, fact.collision)
+        return
+    path = write_replay(run, logical, fact, out or run / f"replay-{case}.html", beside=beside)
+    click.echo(f"The replay is {path}")
+    if opens:
+        click.launch(str(path))
+
+
+@click.command(epilog="Example: sumo-eval plot results/first zone_map --ads idm --out zones.pdf")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("figure")
+@click.option("--out", type=click.Path(path_type=Path), help="The file: .svg, .png or .pdf (default: RUN/FIGURE.svg).")
+@click.option("--scenario", help="The logical scenario (default: the first, or that of the case).")
+@click.option("--ads", help="One ADS (default: all, or the first where only one fits).")
+@click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
+@click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
+def plot(
+    run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
+) -> None:
+    """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions, boundary, intervals,
+    points; opinion; of a folder of nights, trend.
+    """
+    from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
+    from sumo_eval.figures.style import save, width_of
+
+    file = out or run / f"{figure}.svg"
+    if figure in FIGURES:  # else `draw` says so
+        width_of(width)
+    if figure not in OF_RUNS:
+        click.echo(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+        return
+    from sumo_eval.evaluation import score
+
+    with Progress() as progress:
+        evaluation = score(run, progress=progress)
+    click.echo(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+
+
+@click.command(epilog="Example: sumo-eval export results/first --format csv --out tables")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("case", required=False)
+@click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
+def export(run: Path, case: str | None, kind: str | None, out: Path) -> None:
+    """Write the cases, all drives and all trajectories of RUN as tables; with CASE, that case as a SUMO configuration,
+    as OpenSCENARIO, and as an evaluation that drives it again.
+    """
+    if case is None:
+        from sumo_eval.record.exchange import export as write
+
+        for path in write(run, out, kind or "csv"):
+            click.echo(str(path))
+        return
+    if kind is not None:
+        raise click.UsageError("`--format` is for the tables of a whole run; a case has its own kinds of files.")
+    from sumo_eval.report.export_case import export_case
+
+    exported = export_case(run, case, out)
+    for path in exported.paths:
+        click.echo(str(path))
+    click.echo(f"Drive it again, in that folder: {exported.line}")

@@ -1,0 +1,145 @@
+"""Spaces: the `scenarios` that ship, the `partition` of one, a `sample` of it, the `boundary` of an ADS in it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.progress import Progress
+
+
+@click.command(epilog="Example: sumo-eval scenarios")
+def scenarios() -> None:
+    """List the logical scenarios that ship, with their parameters."""
+    from sumo_eval.scenario.catalogue import SCENARIOS
+
+    for scenario in SCENARIOS.values():
+        click.echo(f"{scenario.name}\n  {scenario.about}")
+        for item in scenario.parameters:
+            click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g} {item.unit}, step {item.step:g}: {item.about}")
+        for option in scenario.options:
+            click.echo(f"  ?{option.name}=... {option.unit}: {option.about}")
+
+
+@click.command(epilog="Example: sumo-eval partition front_vehicle_cut_out")
+@click.argument("scenario")
+def partition(scenario: str) -> None:
+    """Split the space of SCENARIO into safe and hazardous zones and say where the danger is greatest."""
+    from sumo_eval.method.zone_partition import partition as split
+    from sumo_eval.scenario.catalogue import find
+    from sumo_eval.scenario.sampling.samples import sample as draw
+    from sumo_eval.scoring.quantities import describe_zones
+
+    logical = find(scenario, Path.cwd())
+    zones = split(logical)
+    result = describe_zones(logical, zones, draw(logical))
+    share = f"{result.hazardous_share:.1%} of {result.sampled} grid points"
+    click.echo(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
+    for point in result.most_dangerous:
+        click.echo("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
+    click.echo(f"  on the wrong side of the exact boundary: {result.boundary_error:.2%} of the possible points")
+    for note in result.notes:
+        click.echo(f"  {note}")
+
+
+@click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
+@click.argument("scenario")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for points.csv and points.html.")
+@click.option("--method", help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...")
+@click.option("--count", type=int, help="How many points to draw.")
+@click.option("--levels", type=int, help="Points on each axis of a grid.")
+@click.option("--strength", type=int, help="t of t-way combinations.")
+@click.option("--file", help="CSV with a column for each parameter.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
+def sample(
+    scenario: str,
+    out: Path,
+    method: str | None,
+    count: int | None,
+    levels: int | None,
+    strength: int | None,
+    file: str | None,
+    seed: int,
+) -> None:
+    """Choose points of SCENARIO's space, write them as CSV and draw them.
+
+    SCENARIO is a shipped name, a scenario file (.toml) or module:name. No simulation is run.
+    """
+    from sumo_eval.record.points import choose_points
+    from sumo_eval.report.points_page import write_points
+    from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+
+    entry = ScenarioSettings(scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file))
+    settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
+    logical, chosen = choose_points(entry, Path.cwd(), settings)
+    how = method or ("grid" if levels else "file" if file else logical.default_sample)
+    title = f"{logical.name}: {how}, {len(chosen.points)} points"
+    table, page = write_points(logical, chosen, out, title)
+    total = len(chosen.points) + len(chosen.refused)
+    share = len(chosen.refused) / total
+    click.echo(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:.1%}).")
+    for note in chosen.notes:
+        click.echo(f"  {note}")
+    click.echo(str(table))
+    click.echo(str(page))
+
+
+@click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --out boundary")
+@click.argument("scenario")
+@click.argument("ads")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for trials, summary and picture.")
+@click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated.")
+@click.option("--budget", type=click.IntRange(min=16), default=500, show_default=True, help="Most simulations.")
+@click.option("--tolerance", type=float, default=0.001, show_default=True,
+              help="Stop when a round is expected to move less than this share of the space.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
+@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes that simulate.")
+def boundary(
+    scenario: str, ads: str, out: Path, fix: tuple[str, ...], budget: int, tolerance: float, seed: int, workers: int
+) -> None:
+    """Find where ADS collides in SCENARIO, with few simulations, whatever the shape of that set.
+
+    SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an evaluation file.
+    """
+    from sumo_eval.errors import InputError
+    from sumo_eval.record.cases import Setup
+    from sumo_eval.scenario.catalogue import find
+    from sumo_eval.settings import RunSettings, SimulationSettings
+    from sumo_eval.studies.boundary import find_boundary
+    from sumo_eval.studies.boundary_page import summary, write_boundary
+    from sumo_eval.studies.slices import slice_of
+
+    fixed = {}
+    for text in fix:
+        name, _, value = text.partition("=")
+        try:
+            fixed[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--fix must have the form NAME=VALUE with a number, got {text!r}.") from None
+    logical = slice_of(find(scenario, Path.cwd()), fixed)
+    setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
+    with Progress() as progress:
+        found = find_boundary(
+            logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
+            watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
+        )  # fmt: skip
+    told = summary(found)
+    click.echo(
+        f"{logical.name}: {ads} collides in {told['collision_share_of_space']:.1%} of the space "
+        f"({told['collision_share_of_exposure']:.1%} of the exposure), from {told['simulations']} simulations."
+    )
+    change = found.rounds[-1].expected_change
+    if found.stopped == "settled":
+        click.echo(f"  The next round is expected to move {change:.2%} of the space: settled.")
+    else:
+        click.echo(f"  The search ended with its {found.stopped}; a further round may move {change:.2%} of the space.")
+    if not found.collided.any() or found.collided.all():
+        click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
+    for status, number in found.not_evaluated.items():
+        click.echo(f"  {number} simulations could not be evaluated ({status}); the search went on without them.")
+    for path in write_boundary(found, out):
+        click.echo(str(path))
+    sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

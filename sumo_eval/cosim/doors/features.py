@@ -1,0 +1,282 @@
+"""What a learned policy is shown and what its answer means, as a table: `policy.toml` beside `policy.onnx`.
+
+    frame = "road"                      # or "ego": x ahead of the ego and y to its left, wherever it points
+
+    [[feature]]
+    name = "lead.gap"
+    low = 0.0                           # values are kept within low..high and mapped onto -1..1
+    high = 150.0
+
+    [[action]]
+    name = "acceleration"               # or "steering": steering wheel angle, rad
+    low = -8.0                          # the policy's -1..1 is mapped onto low..high
+    high = 3.0
+
+A feature may have `mean` and `deviation` in place of the range: (value - mean) / deviation. With neither it is shown as
+it is, and so is an action without a range. `absent` is shown where there is no such vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.settings.toml_file import read_toml
+
+Floats = NDArray[Any]
+ACTIONS = ("acceleration", "steering")
+
+_EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
+_LEAD = ("present", "gap", "relative_speed", "speed", "offset")
+_VEHICLE = ("present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed", "lateral_speed", "lane",
+            "length", "width", "x", "y", "vx", "vy")  # fmt: skip
+NAMES = (
+    "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in _EGO),
+    *(f"lead.{name}" for name in _LEAD), *(f"vehicles.1.{name}" for name in _VEHICLE),
+)  # fmt: skip
+"""Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
+
+_IN_PLACE = {"gap": 1000.0, "x": 1000.0}  # m, of a vehicle that is not there; everything else is 0
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A number that a policy is shown, and how it is scaled.
+
+    low, high: kept within and mapped onto -1..1. mean, deviation: (value - mean) / deviation. absent: the value where
+    there is no such vehicle.
+    """
+
+    name: str
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    deviation: float | None = None
+    absent: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_range(self.name, self.low, self.high)
+        if (self.mean is None) != (self.deviation is None) or not (self.deviation is None or self.deviation > 0.0):
+            raise must_be("`mean` and `deviation`", f"feature `{self.name}`", "both given, the deviation above 0",
+                          (self.mean, self.deviation))  # fmt: skip
+        if self.mean is not None and self.low is not None:
+            raise InputError(f"Feature `{self.name}` must have a range or a mean and a deviation, got both.")
+        _reader(self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """A number of a policy's answer. low, high: what its -1 and 1 mean, m/s2 or rad; without: it is meant as it is."""
+
+    name: str
+    low: float | None = None
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.name not in ACTIONS:
+            raise unknown("action", self.name, ACTIONS)
+        _check_range(self.name, self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Interface:
+    """Features in, actions out. frame: axes of `vehicles.K.x`, `y`, `vx`, `vy`, the road's or the ego's.
+
+    period: s between two answers, of which the last holds; None: it answers at every step.
+    """
+
+    features: tuple[Feature, ...]
+    actions: tuple[Action, ...]
+    frame: Literal["road", "ego"] = "road"
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.features:
+            raise must_be("The features", "an interface of a policy", "at least one", "none")
+        names = tuple(action.name for action in self.actions)
+        if names not in (ACTIONS[:1], ACTIONS):
+            raise must_be("The actions", "an interface of a policy", "acceleration, or acceleration and steering",
+                          ", ".join(names) or "none")  # fmt: skip
+        if self.frame not in ("road", "ego"):
+            raise must_be("`frame`", "an interface of a policy", '"road" or "ego"', self.frame)
+        if self.period is not None and not (math.isfinite(self.period) and self.period > 0.0):
+            raise must_be("`period`", "an interface of a policy", "greater than 0 s", self.period)
+
+    @cached_property
+    def _readers(self) -> list[tuple[Callable[[Observations, str], Floats], float]]:
+        return [_reader(feature.name) for feature in self.features]
+
+    def show(self, seen: Observations) -> NDArray[np.float32]:
+        """The features of n cases, (n, number of features)."""
+        n = len(seen.number)
+        raw = np.empty((n, len(self.features)))
+        for column, (feature, (read, otherwise)) in enumerate(zip(self.features, self._readers, strict=True)):
+            value = read(seen, self.frame)
+            absent = otherwise if feature.absent is None else feature.absent
+            raw[:, column] = np.where(np.isfinite(value), value, absent)
+        offset, scale, low, high = self._scaling
+        np.clip(raw, low, high, out=raw)
+        return ((raw - offset) / scale).astype(np.float32)
+
+    @cached_property
+    def _scaling(self) -> tuple[Floats, ...]:
+        rows = []
+        for it in self.features:
+            if it.low is not None and it.high is not None:
+                rows.append((0.5 * (it.low + it.high), 0.5 * (it.high - it.low), it.low, it.high))
+            else:
+                rows.append((it.mean or 0.0, it.deviation or 1.0, -np.inf, np.inf))
+        return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+    @cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and greatest value of every feature as it is shown, float32."""
+        ranged = np.array([feature.low is not None for feature in self.features])
+        high = np.where(ranged, 1.0, np.inf).astype(np.float32)
+        return -high, high
+
+    def commands(self, answers: Floats) -> Floats:
+        """Answers (n, number of actions) as accelerations, m/s2, and steering wheel angles, rad: (n, 2)."""
+        found = np.zeros((len(answers), 2))
+        for column, action in enumerate(self.actions):
+            value = np.asarray(answers[:, column], dtype=np.float64)
+            if action.low is not None and action.high is not None:
+                share = 0.5 * (np.clip(value, -1.0, 1.0) + 1.0)  # a nan stays one
+                value = action.low + share * (action.high - action.low)
+            found[:, column] = value
+        return found
+
+    def to_toml(self) -> str:
+        """The table as a file has it."""
+        lines = [f'frame = "{self.frame}"']
+        if self.period is not None:
+            lines.append(f"period = {self.period!r}")
+        for kind, items in (("feature", self.features), ("action", self.actions)):
+            for item in items:
+                lines += ["", f"[[{kind}]]", f'name = "{item.name}"']
+                keys = ("low", "high", "mean", "deviation", "absent")
+                lines += [f"{key} = {value!r}" for key in keys if (value := getattr(item, key, None)) is not None]
+        return "\n".join(lines) + "\n"
+
+
+def read_interface(path: Path) -> Interface:
+    """The table in a file. Raises InputError with one sentence."""
+    owner = f"the features table {path.name}"
+    content = read_toml(path, "Features table")
+    for key in content:
+        if key not in ("frame", "period", "feature", "action"):
+            raise unknown(f"key of {owner}", key, ("frame", "period", "feature", "action"))
+    features = tuple(Feature(**_numbers(item, ("low", "high", "mean", "deviation", "absent"), "feature", owner))
+                     for item in _tables(content, "feature", owner))  # fmt: skip
+    actions = tuple(Action(**_numbers(item, ("low", "high"), "action", owner))
+                    for item in _tables(content, "action", owner))  # fmt: skip
+    period = content.get("period")
+    if period is not None and not _is_number(period):
+        raise must_be("`period`", owner, "a number", period)
+    return Interface(features, actions or (Action("acceleration"),), content.get("frame", "road"), period)
+
+
+def usual(*, steering: bool = False, vehicles: int = 2) -> Interface:
+    """What a policy is shown if nobody says otherwise: itself, its lane, its lead, and the nearest vehicles."""
+    features = [
+        Feature("ego.speed", 0.0, 60.0), Feature("ego.acceleration", -10.0, 10.0), Feature("ego.heading", -0.5, 0.5),
+        Feature("lane_offset", -2.0, 2.0), Feature("left_edge", 0.0, 15.0), Feature("right_edge", 0.0, 15.0),
+        Feature("lead.present", 0.0, 1.0), Feature("lead.gap", 0.0, 150.0), Feature("lead.relative_speed", -40.0, 40.0),
+        Feature("lead.offset", -4.0, 4.0),
+    ]  # fmt: skip
+    for k in range(1, vehicles + 1):
+        features += [
+            Feature(f"vehicles.{k}.present", 0.0, 1.0), Feature(f"vehicles.{k}.x", -150.0, 150.0),
+            Feature(f"vehicles.{k}.y", -8.0, 8.0), Feature(f"vehicles.{k}.vx", -40.0, 40.0),
+            Feature(f"vehicles.{k}.vy", -4.0, 4.0),
+        ]  # fmt: skip
+    actions = [Action("acceleration", -8.0, 3.0)]
+    if steering:
+        actions.append(Action("steering", -1.0, 1.0))
+    return Interface(tuple(features), tuple(actions))
+
+
+def _reader(name: str) -> tuple[Callable[[Observations, str], Floats], float]:
+    """What reads a feature, nan or inf where there is none, and what stands there then."""
+    what, _, rest = name.partition(".")
+    if name in ("time", "lane_offset", "left_edge", "right_edge"):
+        return cast("dict[str, Callable[[Observations, str], Floats]]", _ALONE)[name], 0.0
+    if what == "ego" and rest in _EGO:
+        return lambda seen, frame: np.asarray(getattr(seen.ego, rest)), 0.0
+    if what == "lead" and rest in _LEAD:
+        return lambda seen, frame: np.asarray(getattr(seen.lead, rest)), _IN_PLACE.get(rest, 0.0)
+    number, _, value = rest.partition(".")
+    if what == "vehicles" and number.isdigit() and int(number) > 0 and value in _VEHICLE:
+        place = int(number) - 1
+        return lambda seen, frame: _of_vehicle(seen, frame, place, value), _IN_PLACE.get(value, 0.0)
+    raise unknown("feature", name, NAMES)
+
+
+_ALONE: Mapping[str, Callable[[Observations, str], Floats]] = {
+    "time": lambda seen, frame: np.full(len(seen.number), seen.time),
+    "left_edge": lambda seen, frame: seen.road.left_edge - seen.ego.y,
+    "right_edge": lambda seen, frame: seen.ego.y - seen.road.right_edge,
+    "lane_offset": lambda seen, frame: seen.ego.y - seen.road.lane_width * seen.ego.lane,
+}
+
+
+def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats:
+    """A value of the vehicle in this place by its distance along the road, nan where there is none."""
+    nearest = seen.nearest
+    if place >= nearest.shape[1]:
+        return np.full(len(nearest), 0.0 if what == "present" else np.nan)
+    rows, them = np.arange(len(nearest)), nearest[:, place]
+    there = np.isfinite(seen.vehicles.gap[rows, them])
+    if what == "present":
+        return np.asarray(there, dtype=np.float64)
+    if what in ("x", "y", "vx", "vy"):
+        it, me = seen.vehicles, seen.ego
+        if what in ("x", "y"):
+            ahead, left = seen.distances[rows, them], it.offset[rows, them]
+        else:
+            ahead = it.relative_speed[rows, them]
+            left = it.lateral_speed[rows, them] - me.speed * np.sin(me.heading)
+        if frame == "ego":
+            c, s = np.cos(me.heading), np.sin(me.heading)
+            ahead, left = c * ahead + s * left, c * left - s * ahead
+        value = ahead if what.endswith("x") else left
+    else:
+        value = getattr(seen.vehicles, what)[rows, them]
+    return np.asarray(np.where(there, value, np.nan))
+
+
+def _check_range(name: str, low: float | None, high: float | None) -> None:
+    if (low is None) != (high is None) or (low is not None and high is not None and not low < high):
+        raise must_be("`low` and `high`", f"`{name}`", "both given, low < high", (low, high))
+
+
+def _tables(content: Mapping[str, Any], key: str, owner: str) -> Sequence[Mapping[str, Any]]:
+    found = content.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+        raise must_be(f"`{key}`", owner, f"tables, [[{key}]]", found)
+    return found
+
+
+def _numbers(item: Mapping[str, Any], keys: Sequence[str], kind: str, owner: str) -> dict[str, Any]:
+    name = item.get("name")
+    if not isinstance(name, str):
+        raise must_be("`name`", f"a [[{kind}]] of {owner}", "a text", name)
+    for key, value in item.items():
+        if key != "name" and key not in keys:
+            raise unknown(f"key of {kind} `{name}` in {owner}", key, ("name", *keys))
+        if key != "name" and not _is_number(value):
+            raise must_be(f"`{key}`", f"{kind} `{name}` in {owner}", "a finite number", value)
+    return dict(item)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

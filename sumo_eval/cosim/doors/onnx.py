@@ -1,0 +1,143 @@
+"""`onnx:policy.onnx`: a learned policy as the ADS; what it is shown and what its answer means stands in `policy.toml`.
+
+The table beside the model is `cosim.doors.features`'; another one is named by `onnx:policy.onnx?features=table.toml`,
+an output other than the first by `output=NAME`. Needs the extra `onnx`.
+
+A network's last bits may depend on how many rows it is given at once. So every model is given blocks of `BLOCK` rows,
+filled up with zeros, on one thread, and a case's answer does not depend on its company as far as the runtime treats the
+rows of a block alike; tests hold it for dense networks.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.doors.controller import Briefing, PolicyController
+from sumo_eval.cosim.doors.features import Interface, read_interface
+from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.errors import ControllerError, InputError, must_be, said, unknown
+
+BLOCK = 32  # rows that a model is given at once
+_DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+
+
+class OnnxPolicy:
+    """A model, how it is shown the world, and what its answers mean; one serves all cases."""
+
+    batch = True
+
+    def __init__(self, model: Path, table: Path, output: str | None = None) -> None:
+        self._name = model.name
+        for what, path in (("model", model), ("features table", table)):
+            if not path.is_file():
+                raise InputError(f"ADS `onnx:{model.name}`: there is no {what} {path}.")
+        self.files = tuple(sorted({model, table, *model.parent.glob(f"{model.name}*.data"),
+                                   *model.parent.glob(f"{model.name}_data*")}))  # fmt: skip
+        self.interface: Interface = read_interface(table)
+        self._session = _session(model)
+        self._input, self._dtype, self._rows = self._checked_input()
+        self._output = self._checked_output(output)
+        self._every, self._held = 1, np.zeros((0, 2))
+
+    def _checked_input(self) -> tuple[str, Any, int]:
+        owner, given = f"model {self._name}", self._session.get_inputs()
+        if len(given) != 1:
+            names = ", ".join(it.name for it in given)
+            raise must_be("The inputs", owner, "one array (rows, features)", names or "none")
+        (it,) = given
+        if it.type not in _DTYPES:
+            raise must_be(f"The input `{it.name}`", owner, "of float or double numbers", it.type)
+        wanted = len(self.interface.features)
+        if len(it.shape) != 2 or (isinstance(it.shape[1], int) and it.shape[1] != wanted):
+            shape = f"of shape (rows, {wanted}), as its table has {wanted} features"
+            raise must_be(f"The input `{it.name}`", owner, shape, tuple(it.shape))
+        return it.name, _DTYPES[it.type], it.shape[0] if isinstance(it.shape[0], int) else BLOCK
+
+    def _checked_output(self, output: str | None) -> str:
+        owner, given = f"model {self._name}", self._session.get_outputs()
+        names = [it.name for it in given]
+        if output is not None and output not in names:
+            raise unknown(f"output of {owner}", output, names)
+        it = given[names.index(output or names[0])]
+        if it.type not in _DTYPES:
+            raise must_be(f"The output `{it.name}`", owner, "of float or double numbers", it.type)
+        return str(it.name)
+
+    def reset(self, briefing: Briefing) -> None:
+        """How many steps an answer holds."""
+        period = self.interface.period
+        self._every = 1 if period is None else round(period / briefing.step)
+        if period is not None and (self._every < 1 or abs(self._every * briefing.step - period) > 1e-9):
+            raise must_be(
+                "`period`", f"the features table of {self._name}", f"a multiple of {briefing.step:g} s", period
+            )
+        self._step, self._held = briefing.step, np.zeros((0, 2))
+
+    def act(self, seen: Observations) -> NDArray[np.float64]:
+        """Accelerations, m/s2, and steering wheel angles, rad, (n, 2)."""
+        if self._every > 1 and round(seen.time / self._step) % self._every:
+            return self._held[seen.number]
+        commands = self.interface.commands(self._answers(self.interface.show(seen)))
+        if self._every > 1:
+            self._held = np.zeros((int(seen.number.max()) + 1, 2))
+            self._held[seen.number] = commands
+        return commands
+
+    def _answers(self, features: NDArray[np.float32]) -> NDArray[Any]:
+        n, rows, wanted = len(features), self._rows, len(self.interface.actions)
+        found = np.empty((n, wanted))
+        for begin in range(0, n, rows):
+            part = features[begin : begin + rows]
+            block = np.zeros((rows, features.shape[1]), self._dtype)
+            block[: len(part)] = part
+            try:
+                (answer,) = self._session.run([self._output], {self._input: block})
+            except Exception as error:
+                raise ControllerError(f"The model {self._name} failed: {said(error)}") from error
+            answer = np.asarray(answer)
+            if answer.shape not in ((rows, wanted), (rows,) if wanted == 1 else (rows, wanted)):
+                raise ControllerError(
+                    f"The output `{self._output}` of {self._name} must have the shape ({rows}, {wanted}) for {rows} "
+                    f"rows, as its table has {wanted} actions, got {answer.shape}"
+                )
+            found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
+        if not np.isfinite(found).all():
+            raise ControllerError(f"The output `{self._output}` of {self._name} must be finite numbers, got nan or inf")
+        return found
+
+
+def from_locator(text: str, folder: Path | None) -> PolicyController:
+    """`policy.onnx`, or `policy.onnx?features=table.toml&output=action`."""
+    file, asks, query = text.partition("?")
+    try:
+        options = dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(asks)))
+    except ValueError:
+        raise must_be("The options", f"ADS `onnx:{text}`", "of the form features=FILE&output=NAME", query) from None
+    for key in options:
+        if key not in ("features", "output"):
+            raise unknown(f"option of ADS `onnx:{text}`", key, ("features", "output"))
+    model = (folder or Path.cwd()) / file
+    table = (folder or Path.cwd()) / options["features"] if "features" in options else model.with_suffix(".toml")
+    policy = OnnxPolicy(model, table, options.get("output"))
+    return PolicyController(policy.act, policy)  # type: ignore[arg-type]  # over arrays, as `batch` says
+
+
+def _session(model: Path) -> Any:
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise InputError("`onnx:` needs the extra `onnx`: pip install 'sumo_eval[onnx]'.") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.use_deterministic_compute = True
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        raise InputError(f"Model {model.name} cannot be loaded: {said(error)}.") from error

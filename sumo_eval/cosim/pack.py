@@ -1,0 +1,98 @@
+"""Cases beside each other of which each can end and begin anew by itself, for learning: the world without SUMO.
+
+The ego is moved by the vehicle model, the others by their scripts, contact and ends are found by the functions that
+every evaluation uses (`cosim.world`). SUMO is not asked: in an evaluation it has to show every vehicle where its script
+has it, so that a drive here and there is the same to rounding, and here there may be as many packs in a process as one
+likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.cosim.sumo.session import NOWHERE
+from sumo_eval.cosim.world import REASONS, World, move_rows, see_rows
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+
+
+class Pack:
+    """Rows of cases of one logical scenario, stepped together."""
+
+    def __init__(self, cases: Sequence[ConcreteScenario], settings: SimulationSettings) -> None:
+        if settings.plant is not None or settings.conditions != ConditionSettings():
+            raise InputError(
+                "Learning needs the usual vehicle model and conditions: no `plant`, nothing in `conditions`."
+            )
+        self._settings = cases[0].simulation(settings)
+        self._kind = _kind(cases[0])
+        for concrete in cases:
+            self._check(concrete)
+        self.world = world = World(cases, self._settings)
+        world.shown[...] = 2.0 * NOWHERE  # which says that SUMO shows nobody: the scripts say where they are
+
+    @property
+    def step_length(self) -> float:
+        """s."""
+        return self._settings.step
+
+    def restart(self, row: int, concrete: ConcreteScenario) -> None:
+        """A row has this case from now on, at its start."""
+        self._check(concrete)
+        world, fresh = self.world, World([concrete], self._settings)
+        world.cases = [*world.cases[:row], concrete, *world.cases[row + 1 :]]
+        for name in ("egos", "others", "clips", "seen"):
+            getattr(world, name)[row] = getattr(fresh, name)[0]
+        moves = fresh.moves.shape[2]
+        if moves > world.moves.shape[2]:
+            grown = np.zeros((*world.moves.shape[:2], moves), world.moves.dtype)
+            grown[:, :, : world.moves.shape[2]] = world.moves
+            world.moves = grown
+        world.moves[row, :, :moves] = fresh.moves[0]
+        world.egos["begun"][row] = world.steps
+
+    def step(self, commands: NDArray[np.float64]) -> NDArray[np.intp]:
+        """One step of all rows that have not ended; the rows that end with it.
+
+        commands: (n, 2), acceleration, m/s2, and steering wheel angle, rad.
+        """
+        world = self.world
+        world.egos["command"]["acceleration"] = commands[:, 0]
+        world.egos["command"]["steering"] = commands[:, 1]
+        after = world.steps + 1
+        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, 0)
+        ended = see_rows(
+            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown, world.scenario,
+            world.line, after, 0, 0,
+        )  # fmt: skip
+        world.steps = after
+        if not ended:
+            return np.empty(0, np.intp)
+        rows = np.flatnonzero((world.egos["reason"] != 0) & (world.egos["live"] != 0))
+        world.egos["live"][rows] = 0
+        return rows
+
+    def reason(self, row: int) -> str:
+        """Why a row has ended, "" while it goes on; words as in a `Recording`."""
+        return REASONS[int(self.world.egos["reason"][row])] or ""
+
+    def observations(self) -> Observations:
+        """What all rows see."""
+        world = self.world
+        return Observations(
+            world.time, world.cases[0].road, world.rows, world.egos, world.seen, world.others, world.cases
+        )
+
+    def _check(self, concrete: ConcreteScenario) -> None:
+        if _kind(concrete) != self._kind:
+            raise must_be("The cases", "one pack", "of one road, one ego's body and as many other vehicles",
+                          f"{concrete.scenario} ({concrete.label})")  # fmt: skip
+
+
+def _kind(concrete: ConcreteScenario) -> tuple[object, ...]:
+    return concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)

@@ -1,0 +1,1 @@
+"""Figures for papers: the paper's own and those beside it, from a scored run, as vector or pixel files."""

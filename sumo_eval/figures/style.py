@@ -1,0 +1,127 @@
+"""How a figure looks and is saved: column widths, fonts, colours that colour-blind people tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from sumo_eval.errors import InputError, said, unknown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MM: Final = 1.0 / 25.4  # inches
+WIDTHS: Final[dict[str, float]] = {"column": 88.0 * MM, "page": 180.0 * MM}
+"""Widths of figures, inches: one column and both columns of a journal's page."""
+
+ENDINGS: Final = ("svg", "png", "pdf")
+
+INK, MUTED, FAINT = "#1b1f24", "#5b6670", "#c9d0d6"
+SAFE, HAZARDOUS = "#e6f1f8", "#fbd9b5"
+COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a8f00")
+"""Okabe and Ito's colours (2008), which people of every colour vision tell apart, for ADSs in their order."""
+
+MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
+LINES: Final = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+
+_SETTINGS: Final = {
+    "font.size": 7.5,
+    "font.family": "DejaVu Sans",
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 7.5,
+    "axes.linewidth": 0.6,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": False,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "lines.markersize": 3.6,
+    "figure.dpi": 150.0,
+    "savefig.dpi": 300.0,
+    "pdf.fonttype": 42,  # fonts travel in the file, as outlines that a printer can set
+    "ps.fonttype": 42,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "sumo_eval",  # the same figure is the same bytes
+    "axes.unicode_minus": True,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Everything drawn within looks like one family. Raises InputError where matplotlib is missing."""
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise InputError(
+            "Figures are drawn with matplotlib, which is not installed here. Install it with: "
+            "pip install matplotlib (or this package's extra `plots`)."
+        ) from error
+    with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]  # names as strings
+        yield
+
+
+def width_of(width: str) -> float:
+    """A named width, inches. Raises InputError for a name that is none."""
+    if width not in WIDTHS:
+        raise unknown("width", width, list(WIDTHS))
+    return WIDTHS[width]
+
+
+def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure of `rows` x `columns` panels and its panels, row by row. height: of all, as a share of the width."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as Drawing
+
+    across = width_of(width)
+    figure = Drawing(figsize=(across, across * height), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    return figure, [panel for row in panels for panel in row]
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as what its file's ending says. Raises InputError for another ending or a place that refuses."""
+    ending = path.suffix.lower().lstrip(".")
+    if ending not in ENDINGS:
+        raise InputError(
+            f"The figure's file must end in one of {', '.join(f'.{name}' for name in ENDINGS)}, got {path.name!r}."
+        )
+    undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}[ending]
+    try:
+        with styled():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path, format=ending, metadata=undated)
+    except OSError as error:
+        raise InputError(f"The figure {path} cannot be written: {said(error)}.") from error
+    return path
+
+
+def look_of(name: str, names: Sequence[str]) -> tuple[str, str]:
+    """Colour and marker of one of several ADSs."""
+    place = list(names).index(name)
+    return COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
+
+
+def line_of(name: str, names: Sequence[str]) -> Any:
+    """Line style of one of several ADSs, so that nothing hangs on colour."""
+    return LINES[list(names).index(name) % len(LINES)]
+
+
+def label(name: str, unit: str) -> str:
+    """An axis label: `gap (m)`."""
+    words = name.replace("_", " ")
+    return f"{words} ({unit})" if unit else words

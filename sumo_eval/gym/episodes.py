@@ -1,0 +1,203 @@
+"""Episodes of a logical scenario, some beside each other: how they begin, what a step is worth, how they end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.cosim.doors.features import Interface, read_interface, usual
+from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.cosim.pack import Pack
+from sumo_eval.errors import InputError, must_be, said, unknown
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.settings import SimulationSettings
+
+Floats = NDArray[Any]
+Point = Mapping[str, float]
+Sampler = Callable[[np.random.Generator], Point]
+
+TERMINAL = ("contact", "off_road", "road_end", "standstill")
+"""Ends after which nothing more would come; `time_limit` only cuts an episode short."""
+_TRIES = 10_000  # points drawn for one that satisfies the constraints
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One step of the simulation for n episodes, arrays (n,); episodes that are over have `running` False.
+
+    seen: what is seen after it. command: what was asked, (n, 2), m/s2 and rad. speed, acceleration, jerk: the ego's
+    after it, m/s, m/s2, m/s3. start_speed: its speed at the start, m/s. ended: why an episode ended with this step, ""
+    otherwise. impact: of a contact, the relative speed of both, m/s. step: s.
+    """
+
+    seen: Observations
+    command: Floats
+    speed: Floats
+    acceleration: Floats
+    jerk: Floats
+    start_speed: Floats
+    running: NDArray[np.bool_]
+    ended: NDArray[Any]
+    impact: Floats
+    step: float
+
+
+Reward = Callable[[Transition], Floats]
+
+COMFORTABLE = 3.0  # m/s2, an acceleration whose square costs as much as standing still gains
+COMFORTABLE_JERK = 15.0  # m/s3, likewise
+
+
+def usual_reward(it: Transition) -> Floats:
+    """Progress, comfort and collision: a second at the speed of the start is worth 1.
+
+    A second costs (a / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100, a contact 20 + 2 for each m/s of its impact, leaving
+    the road 20.
+    """
+    progress = np.minimum(it.speed / np.maximum(it.start_speed, 1.0), 1.0)
+    discomfort = 0.1 * (it.acceleration / COMFORTABLE) ** 2 + 0.01 * (it.jerk / COMFORTABLE_JERK) ** 2
+    worth = (progress - discomfort) * it.step
+    worth -= np.where(it.ended == "contact", 20.0 + 2.0 * it.impact, 0.0)
+    worth -= np.where(it.ended == "off_road", 20.0, 0.0)
+    return np.asarray(worth)
+
+
+class Episodes:
+    """n episodes of one logical scenario beside each other.
+
+    use: a shipped scenario's name, a scenario file, `module:name`, or a LogicalScenario. interface: what is seen and
+    done, or the file that says so. reward: worth of each step, (n,). sampler: draws a point from a generator; None:
+    evenly over the space. steering: whether the usual interface has steering.
+    """
+
+    def __init__(
+        self, use: str | LogicalScenario, count: int, *, interface: Interface | str | Path | None = None,
+        reward: Reward | None = None, sampler: Sampler | None = None, settings: SimulationSettings | None = None,
+        steering: bool = False,
+    ) -> None:  # fmt: skip
+        if count < 1:
+            raise must_be("`num_envs`", "an environment", "at least 1", count)
+        self.logical = use if isinstance(use, LogicalScenario) else catalogue.find(use)
+        if isinstance(interface, str | Path):
+            interface = read_interface(Path(interface))
+        self.interface = interface or usual(steering=steering)
+        self.reward, self.sampler = reward or usual_reward, sampler
+        self.settings = settings or SimulationSettings()
+        self.count = count
+        self._pack: Pack | None = None
+        self._start_speeds = np.zeros(count)
+        period, step = self.interface.period or self.settings.step, self.settings.step
+        self._steps = round(period / step)
+        if abs(self._steps * step - period) > 1e-9 or self._steps < 1:
+            raise must_be("`period`", "the interface", f"a multiple of `step` ({step:g} s)", period)
+
+    def begin(self, rows: NDArray[np.intp], generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
+        """Let these episodes begin anew, each with a point drawn by its generator; options: see `point`."""
+        cases = {row: self.case(generators[row], options) for row in rows.tolist()}
+        if self._pack is None:
+            first = next(iter(cases.values()))
+            self._pack = Pack([cases.get(row, first) for row in range(self.count)], self.settings)
+        else:
+            for row, concrete in cases.items():
+                self._pack.restart(row, concrete)
+        for row, concrete in cases.items():
+            self._start_speeds[row] = concrete.ego.speed
+
+    def case(self, generator: np.random.Generator, options: Mapping[str, Any]) -> ConcreteScenario:
+        """The concrete scenario at a point."""
+        return self.logical.concrete(**self.point(generator, options))
+
+    def point(self, generator: np.random.Generator, options: Mapping[str, Any]) -> dict[str, float]:
+        """A point of the space. options: values of parameters by name, the others are drawn; or a `sampler`."""
+        given = {name: value for name, value in options.items() if name != "sampler"}
+        sampler = options.get("sampler", self.sampler)
+        for name, value in given.items():
+            self.logical.column(name)  # refuses an unknown one
+            if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+                raise must_be(f"`{name}`", "the options of reset", "a number", value)
+        if sampler is not None:
+            if not callable(sampler):
+                raise must_be("`sampler`", "an environment", "a function of a random generator", sampler)
+            try:
+                given = {**{str(name): float(value) for name, value in sampler(generator).items()}, **given}
+            except (TypeError, ValueError, AttributeError) as error:
+                raise InputError(
+                    f"The sampler must give a number for each parameter by name: {said(error)}."
+                ) from error
+        values = {name: float(value) for name, value in given.items()}
+        free = [item for item in self.logical.parameters if item.name not in values]
+        for _ in range(_TRIES if free else 0):
+            for item in free:
+                low_high = (item.low, item.high)
+                values[item.name] = float(
+                    item.values[generator.integers(len(item.values))] if item.values else generator.uniform(*low_high)
+                )
+            if self.logical.feasible([[values[name] for name in self.logical.names]])[0]:
+                return values
+        if free:
+            raise InputError(
+                f"No point of scenario `{self.logical.name}` with these options satisfies its constraints."
+            )
+        return values
+
+    @property
+    def pack(self) -> Pack:
+        """The rows of the episodes."""
+        if self._pack is None:
+            raise InputError("An environment must be reset before its first step.")
+        return self._pack
+
+    def show(self) -> NDArray[np.float32]:
+        """What the policies see, (n, number of features)."""
+        return self.interface.show(self.pack.observations())
+
+    def step(self, answers: Floats) -> tuple[Floats, NDArray[Any]]:
+        """As many steps as a period has, with the commands held: the worth, and why an episode ended, "" otherwise."""
+        pack, interface = self.pack, self.interface
+        commands = interface.commands(answers)
+        if not np.isfinite(commands).all():
+            raise must_be("The actions", "an environment", "finite numbers", answers)
+        worth, reasons = np.zeros(self.count), np.full(self.count, "", dtype="U16")
+        for _ in range(self._steps):
+            egos = pack.world.egos
+            running, before = egos["live"] != 0, egos["acceleration"].copy()
+            ended = pack.step(commands)
+            now, impact = np.full(self.count, "", dtype="U16"), np.zeros(self.count)
+            for row in ended.tolist():
+                now[row] = pack.reason(row)
+                if now[row] == "contact":
+                    impact[row] = self._impact(row)
+            it = Transition(
+                pack.observations(), commands, egos["speed"], egos["acceleration"],
+                (egos["acceleration"] - before) / pack.step_length, self._start_speeds, running, now, impact,
+                pack.step_length,
+            )  # fmt: skip
+            worth += np.where(running, self.reward(it), 0.0)
+            reasons[ended] = now[ended]
+        return worth, reasons
+
+    def _impact(self, row: int) -> float:
+        world = self.pack.world
+        ego, other = world.egos[row], world.others[row, int(world.egos["struck"][row])]
+
+        def velocity(body: Any) -> tuple[float, float]:
+            c, s = math.cos(body["heading"]), math.sin(body["heading"])
+            return body["speed"] * c - body["across"] * s, body["speed"] * s + body["across"] * c
+
+        (ahead, left), (their_ahead, their_left) = velocity(ego), velocity(other)
+        return math.sqrt((ahead - their_ahead) ** 2 + (left - their_left) ** 2)
+
+
+def refuse_other_options(options: Mapping[str, Any], logical: LogicalScenario) -> None:
+    """Refuse a key that is neither a parameter nor `sampler`."""
+    for name in options:
+        if name not in (*logical.names, "sampler"):
+            raise unknown(f"option of reset in scenario `{logical.name}`", name, (*logical.names, "sampler"))

@@ -1,0 +1,251 @@
+"""The reference line of a road: pieces whose curvature is linear in their length, and the frame along them.
+
+The line is the centre line of the right-hand lane. A place is (s, d) in its frame: s m along the line, d m to the left
+of it; a heading in the frame is the one on the map less the line's. On the map the line begins at the origin and goes
+along x. Before its beginning and behind its end it goes straight on.
+
+A line of no pieces is straight: frame and map are the same numbers, and nothing here is asked.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sumo_eval.errors import must_be
+from sumo_eval.kernels import kernel, rows
+from sumo_eval.trajectory import FloatArray
+
+_TURN = 0.2  # rad that a stretch of a spiral turns at most between two knots
+_LONGEST = 200.0  # m that it is long at most
+_FAR = 1e9  # m, where the first knot's straight begins
+_CLOSE = 1e-7  # m: a Newton step as short as this leaves an error of its square
+_TRIES = 20
+_LEAST = 0.05  # share of the radius that is left at the place of a point, at least
+_NODES = (-0.906179845938664, -0.5384693101056831, 0.0, 0.5384693101056831, 0.906179845938664)
+_WEIGHTS = (0.23692688505618908, 0.47862867049936647, 0.5688888888888889, 0.47862867049936647, 0.23692688505618908)
+"""Gauss-Legendre quadrature of five points on -1..1: on a stretch that turns 0.2 rad its error is below 1e-15."""
+
+KNOT = np.dtype([(name, "f8") for name in ("s", "x", "y", "heading", "curvature", "rate")])
+"""Where a stretch begins: on the line, on the map, direction rad, curvature 1/m, and the curvature's rate, 1/m2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A piece of a reference line, `length` m: its curvature goes linearly from `begin` to `end`, 1/m, left positive.
+
+    A straight line has 0 and 0, an arc twice 1/radius, a spiral (clothoid) two different ones.
+    """
+
+    length: float
+    begin: float = 0.0
+    end: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.length) and self.length > 0.0):
+            raise must_be("`length`", "a piece of a road", "finite and greater than 0 m", self.length)
+        for name in ("begin", "end"):
+            if not math.isfinite(getattr(self, name)):
+                raise must_be(f"`{name}`", "a piece of a road", "a finite curvature, 1/m", getattr(self, name))
+
+
+def arc(length: float, radius: float) -> Piece:
+    """A piece that bends with one radius, m; positive: to the left."""
+    if not (math.isfinite(radius) and radius != 0.0):
+        raise must_be("`radius`", "an arc", "finite and not 0 m", radius)
+    return Piece(length, 1.0 / radius, 1.0 / radius)
+
+
+def tightest(pieces: Sequence[Piece]) -> float:
+    """The smallest radius on a line, m, inf on a straight one."""
+    most = max((max(abs(piece.begin), abs(piece.end)) for piece in pieces), default=0.0)
+    return 1.0 / most if most > 0.0 else math.inf
+
+
+@functools.lru_cache(maxsize=256)
+def knots_of(pieces: tuple[Piece, ...]) -> NDArray[Any]:
+    """The line as `KNOT` records: one straight before it, its stretches, one straight behind; none for no pieces."""
+    found: list[tuple[float, ...]] = []
+    if pieces:
+        found.append((-_FAR, -_FAR, 0.0, 0.0, 0.0, 0.0))
+    s = x = y = heading = 0.0
+    for piece in pieces:
+        rate = (piece.end - piece.begin) / piece.length
+        turned = 0.5 * max(abs(piece.begin), abs(piece.end)) * piece.length
+        count = 1 if rate == 0.0 else math.ceil(max(2.0 * turned / _TURN, piece.length / _LONGEST))
+        for part in range(count):
+            curvature = piece.begin + rate * (piece.length * part / count)
+            found.append((s, x, y, heading, curvature, rate))
+            ahead = _Knot(*found[-1])
+            s += piece.length / count
+            x, y, heading, _ = stretch_at(ahead, piece.length / count)
+    if pieces:
+        found.append((s, x, y, heading, 0.0, 0.0))
+    return np.array(found, dtype=KNOT)
+
+
+@dataclass(frozen=True, slots=True)
+class _Knot:
+    s: float
+    x: float
+    y: float
+    heading: float
+    curvature: float
+    rate: float
+
+
+# -- rules, for one place ----------------------------------------------------------------------------------------------
+
+
+@kernel
+def stretch_at(knot: Any, u: float) -> tuple[float, float, float, float]:
+    """x, y, heading and curvature of the line u m behind a knot, on its stretch."""
+    if knot.rate != 0.0:
+        half = 0.5 * u
+        east = north = 0.0
+        for k in range(len(_NODES)):
+            v = half + half * _NODES[k]
+            turned = knot.heading + v * (knot.curvature + 0.5 * knot.rate * v)
+            east += _WEIGHTS[k] * math.cos(turned)
+            north += _WEIGHTS[k] * math.sin(turned)
+        heading = knot.heading + u * (knot.curvature + 0.5 * knot.rate * u)
+        return knot.x + half * east, knot.y + half * north, heading, knot.curvature + knot.rate * u
+    turn = 0.5 * knot.curvature * u
+    chord = u if abs(turn) < 1e-9 else u * math.sin(turn) / turn
+    x, y = knot.x + chord * math.cos(knot.heading + turn), knot.y + chord * math.sin(knot.heading + turn)
+    return x, y, knot.heading + 2.0 * turn, knot.curvature
+
+
+@kernel
+def line_at(line: Any, s: float) -> tuple[float, float, float, float]:
+    """x, y, heading and curvature of a line (knots) at s."""
+    low, high = 0, len(line)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if line[middle].s <= s:
+            low = middle
+        else:
+            high = middle
+    if low == 0:
+        return s, 0.0, 0.0, 0.0
+    return stretch_at(line[low], s - line[low].s)
+
+
+@kernel
+def to_map(line: Any, s: float, d: float, heading: float) -> tuple[float, float, float, float]:
+    """x, y and heading on the map of a place in the frame of a line (knots), and the line's curvature there, 1/m."""
+    x, y, along, curvature = line_at(line, s)
+    return x - d * math.sin(along), y + d * math.cos(along), along + heading, curvature
+
+
+@kernel
+def to_frame(line: Any, x: float, y: float, heading: float, near: float) -> tuple[float, float, float, float]:
+    """s, d and heading in the frame of a line (knots) of a place on the map, and the line's curvature there, 1/m.
+
+    near: an s from which Newton's method finds the foot of the perpendicular: (p - r(s)) r'(s) = 0, whose derivative is
+    -(1 - curvature d).
+    """
+    s = near
+    d = along = curvature = 0.0
+    for _ in range(_TRIES):
+        line_x, line_y, along, curvature = line_at(line, s)
+        c, n = math.cos(along), math.sin(along)
+        ahead = (x - line_x) * c + (y - line_y) * n
+        d = (y - line_y) * c - (x - line_x) * n
+        ahead = ahead / max(1.0 - curvature * d, _LEAST)
+        s += ahead
+        along += ahead * curvature
+        if abs(ahead) < _CLOSE:
+            break
+    turned = heading - along
+    if not -math.pi <= turned <= math.pi:
+        turned -= 2.0 * math.pi * math.floor(turned / (2.0 * math.pi) + 0.5)
+    return s, d, turned, curvature
+
+
+# -- many places at once -----------------------------------------------------------------------------------------------
+
+
+@rows
+def _to_map_rows(line: NDArray[Any], places: FloatArray, found: FloatArray) -> None:
+    for i in range(len(places)):
+        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_map(line, places[i, 0], places[i, 1], places[i, 2])
+
+
+@rows
+def _to_frame_rows(line: NDArray[Any], places: FloatArray, near: FloatArray, found: FloatArray) -> None:
+    for i in range(len(places)):
+        found[i, 0], found[i, 1], found[i, 2], found[i, 3] = to_frame(
+            line, places[i, 0], places[i, 1], places[i, 2], near[i]
+        )
+
+
+def map_places(
+    pieces: tuple[Piece, ...], s: ArrayLike, d: ArrayLike, heading: ArrayLike = 0.0
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(x, y, heading) on the map of places in the frame of a line: m and rad, arrays that broadcast to one shape."""
+    places = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in (s, d, heading)))
+    if not pieces:
+        return places[0].copy(), places[1].copy(), places[2].copy()
+    stacked = np.stack([it.ravel() for it in places], axis=1)
+    found = np.empty((len(stacked), 4))
+    _to_map_rows(knots_of(pieces), stacked, found)
+    x, y, turned = (found[:, k].reshape(places[0].shape) for k in range(3))
+    return x, y, turned
+
+
+def frame_places(
+    pieces: tuple[Piece, ...], x: ArrayLike, y: ArrayLike, heading: ArrayLike = 0.0, near: float | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(s, d, heading) in the frame of a line of places on the map: m and rad, arrays that broadcast to one shape.
+
+    Of several feet of a perpendicular the one near s = `near`; without it the one that is nearest to the place, for
+    which the line is looked through every 5 m.
+    """
+    places = np.broadcast_arrays(*(np.asarray(it, dtype=np.float64) for it in (x, y, heading)))
+    if not pieces:
+        return places[0].copy(), places[1].copy(), places[2].copy()
+    stacked = np.stack([it.ravel() for it in places], axis=1)
+    begins = np.full(len(stacked), 0.0 if near is None else near)
+    if near is None:
+        grid = np.arange(0.0, sum(piece.length for piece in pieces) + 5.0, 5.0)
+        grid_x, grid_y, _ = map_places(pieces, grid, 0.0)
+        for i, (place_x, place_y, _) in enumerate(stacked):
+            begins[i] = grid[np.argmin(np.square(grid_x - place_x) + np.square(grid_y - place_y))]
+    found = np.empty((len(stacked), 4))
+    _to_frame_rows(knots_of(pieces), stacked, begins, found)
+    s, d, turned = (found[:, k].reshape(places[0].shape) for k in range(3))
+    return s, d, turned
+
+
+def curvatures(pieces: tuple[Piece, ...], s: ArrayLike) -> FloatArray:
+    """Curvature of a line at s (any shape), 1/m, left positive."""
+    places = np.asarray(s, dtype=np.float64)
+    if not pieces:
+        return np.zeros(places.shape)
+    stacked = np.stack([places.ravel(), np.zeros(places.size), np.zeros(places.size)], axis=1)
+    found = np.empty((len(stacked), 4))
+    _to_map_rows(knots_of(pieces), stacked, found)
+    return found[:, 3].reshape(places.shape)
+
+
+def drawn_points(pieces: tuple[Piece, ...], begin: float, end: float, longest: float = 1.0) -> FloatArray:
+    """s of the points between which a polyline follows a line from `begin` to `end`, m: at most `longest` m apart where
+    it bends, and where its pieces meet.
+    """
+    found, s = [begin], 0.0
+    for piece in pieces:
+        low, high = max(s, begin), min(s + piece.length, end)
+        s += piece.length
+        if high <= low:
+            continue
+        bends = piece.begin != 0.0 or piece.end != 0.0
+        count = max(math.ceil((high - low) / longest - 1e-9), 1) if bends else 1
+        found += [low, *(low + (high - low) * k / count for k in range(1, count + 1))]
+    return np.unique([*found, end])

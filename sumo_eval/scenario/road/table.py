@@ -1,0 +1,90 @@
+"""A road's line as it stands in a scenario file: `[[road.line]]`, one table a piece."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.expression import checked_names, number
+from sumo_eval.scenario.road.reference_line import Piece, tightest
+from sumo_eval.settings import About, Checked, Positive, VehicleSettings
+
+_LEAST_EDGE = 1.0  # m from the centre of a bend to the road's inner edge, at least
+
+
+@dataclass(frozen=True, slots=True)
+class PieceTable(Checked):
+    """A piece of the right lane's centre line: straight, an arc with `radius`, or a spiral between two radii."""
+
+    length: Annotated[float, Positive, About("length of the piece", "m")]
+    radius: Annotated[
+        str | float | None,
+        About("of an arc, positive to the left; a number or an expression of the options", "m"),
+    ] = None
+    begin_radius: Annotated[
+        str | float | None, About("of a spiral, at its beginning; default: straight there", "m")
+    ] = None
+    end_radius: Annotated[str | float | None, About("of a spiral, at its end; default: straight there", "m")] = None
+
+
+def line_of(
+    tables: Sequence[PieceTable], options: Mapping[str, float], lanes: int, lane_width: float, length: float, where: str
+) -> tuple[Piece, ...]:
+    """The line of a road, () where all of it is straight. Raises InputError for one that nobody could drive along."""
+    pieces = []
+    for place, table in enumerate(tables, 1):
+        owner = f"piece {place} of the road of {where}"
+        if table.radius is not None and (table.begin_radius is not None or table.end_radius is not None):
+            raise InputError(f"{owner.capitalize()} must have either `radius` or `begin_radius` and `end_radius`.")
+        begin = _curvature(table.begin_radius if table.radius is None else table.radius, options, owner)
+        end = _curvature(table.end_radius if table.radius is None else table.radius, options, owner)
+        pieces.append(Piece(table.length, begin, end))
+        _check_radius(pieces[-1], lanes, lane_width, owner)
+    drawn = sum(piece.length for piece in pieces)
+    if drawn > length + 1e-9:
+        raise must_be("The pieces", f"the road of {where}", f"at most as long as the road ({length:g} m)", drawn)
+    if all(piece.begin == piece.end == 0.0 for piece in pieces):
+        return ()
+    return tuple(pieces)
+
+
+def _curvature(radius: str | float | None, options: Mapping[str, float], owner: str) -> float:
+    if radius is None:
+        return 0.0
+    found = float(checked_names(number(radius, f"the radius of {owner}"), options, owner).at(options))
+    if math.isnan(found) or found == 0.0:
+        raise must_be("The radius", owner, "a number other than 0 m", found)
+    return 1.0 / found  # 0 where an option that nobody gives is infinite
+
+
+def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str) -> None:
+    """The ego of the usual settings must be able to turn as tightly as any lane does."""
+    vehicle = VehicleSettings()
+    wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
+    least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
+    radius = tightest([piece])
+    to_the_left = max(piece.begin, piece.end, key=abs) > 0.0
+    inner = radius - lane_width * (lanes - 1) if to_the_left else radius
+    if inner < least:
+        raise must_be(
+            "The radius", owner,
+            f"at least {least + radius - inner:.1f} m, so that the ego can drive its innermost lane", radius,
+        )  # fmt: skip
+    if inner - 0.5 * lane_width < _LEAST_EDGE:
+        raise must_be(
+            "The radius", owner, f"at least {radius - inner + 0.5 * lane_width + _LEAST_EDGE:.1f} m, with its lanes",
+            radius,
+        )  # fmt: skip
+
+
+def bend_name(line: Sequence[Piece], *, named: bool) -> str:
+    """What a bend adds to the name of a road, "" for a straight one. named: the road has a name of its own."""
+    if not line:
+        return ""
+    sharpest = max((value for piece in line for value in (piece.begin, piece.end)), key=abs)
+    found = f"_{'left' if sharpest > 0.0 else 'right'}_{tightest(line):g}m"
+    return found if named else f"{found}_{hashlib.sha256(repr(tuple(line)).encode()).hexdigest()[:6]}"

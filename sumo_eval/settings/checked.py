@@ -1,0 +1,114 @@
+"""The base of all settings: what a setting means, and how a value outside its bounds is refused.
+
+The `Annotated` bounds of a setting are the only place where a limit is written: direct construction checks them here,
+and `sumo_eval.settings.config` hands the same annotations to the reader of evaluation.toml.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+from annotated_types import Ge, Gt, Le, Lt
+
+from sumo_eval.errors import must_be
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a setting means, for the documentation, the schema and the report."""
+
+    text: str
+    unit: str = ""
+    symbol: str = ""
+    equation: str = ""
+
+
+Positive = Gt(0.0)
+NotNegative = Ge(0.0)
+
+
+@functools.lru_cache(maxsize=64)
+def _hints(cls: Any) -> dict[str, Any]:
+    return get_type_hints(cls, include_extras=True)
+
+
+def about(cls: type, name: str) -> About:
+    """The `About` of a setting (an empty one where a setting has none)."""
+    hint = _hints(cls)[name]
+    for extra in getattr(hint, "__metadata__", ()):
+        if isinstance(extra, About):
+            return extra
+    return About("")
+
+
+_KINDS: dict[object, tuple[type, str]] = {
+    float: (Real, "a number"), int: (Integral, "a whole number"), bool: (bool, "true or false"), str: (str, "a text"),
+}  # fmt: skip
+_CHECKS: tuple[tuple[type, str, Callable[[Any, Any], bool], str], ...] = (
+    (Gt, "gt", operator.gt, "greater than"),
+    (Ge, "ge", operator.ge, "at least"),
+    (Lt, "lt", operator.lt, "less than"),
+    (Le, "le", operator.le, "at most"),
+)
+
+
+class Checked:
+    """Base of all settings: refuses a value outside the bounds that its annotation states."""
+
+    __slots__ = ()
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+    def __post_init__(self) -> None:
+        cls: type = type(self)
+        owner = f"`{cls.__name__}`"
+        for rule in _rules(cls):
+            value = getattr(self, rule.name)
+            if value is None and rule.optional:
+                continue
+            if rule.choices and value not in rule.choices:
+                raise must_be(f"`{rule.name}`", owner, "one of " + ", ".join(map(repr, rule.choices)), value)
+            kind = rule.kind
+            if not isinstance(value, kind) or (isinstance(value, bool) and kind in (Real, Integral)):
+                raise must_be(f"`{rule.name}`", owner, rule.words, value)
+            if isinstance(value, float) and not math.isfinite(value):
+                words = "a finite number" if math.isinf(value) else "a number"
+                raise must_be(f"`{rule.name}`", owner, words, value)
+            for holds, bound, words in rule.bounds if value is not None else ():
+                if not holds(value, bound):
+                    raise must_be(f"`{rule.name}`", owner, f"{words} {bound:g}", value)
+
+
+class _Rule(NamedTuple):
+    """What the annotation of a setting demands of its value."""
+
+    name: str
+    optional: bool
+    choices: tuple[Any, ...]
+    kind: type
+    words: str
+    bounds: tuple[tuple[Callable[[Any, Any], bool], Any, str], ...]
+
+
+@functools.lru_cache(maxsize=64)
+def _rules(cls: Any) -> tuple[_Rule, ...]:
+    """Worked out once for a class: settings are made for every case."""
+    found = []
+    for item in fields(cls):
+        hint = _hints(cls)[item.name]
+        base = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+        choices = get_args(base) if get_origin(base) is Literal else ()
+        kind, words = _KINDS.get(base, (object, ""))
+        bounds = tuple(
+            (holds, getattr(extra, attribute), words)
+            for extra in getattr(hint, "__metadata__", ())
+            for bound, attribute, holds, words in _CHECKS
+            if isinstance(extra, bound)
+        )
+        found.append(_Rule(item.name, type(None) in get_args(base), choices, kind, words, bounds))
+    return tuple(found)

@@ -1,0 +1,145 @@
+"""Settings of an evaluation: its scenarios, their samples and exposures, its ADSs, and all other settings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
+
+from annotated_types import Ge, MinLen
+
+from sumo_eval.errors import must_be
+from sumo_eval.settings.checked import About, Checked, Positive
+from sumo_eval.settings.drivers import DriverSettings
+from sumo_eval.settings.method import MethodSettings
+from sumo_eval.settings.report import ReportSettings
+from sumo_eval.settings.run import RunSettings
+from sumo_eval.settings.simulation import FmuSettings, SimulationSettings
+from sumo_eval.text import clean
+
+
+@dataclass(frozen=True, slots=True)
+class SamplingSettings(Checked):
+    """Which concrete scenarios of a space are simulated."""
+
+    method: Annotated[
+        str | None,
+        About(
+            "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
+            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
+        ),
+    ] = None
+    levels: Annotated[
+        int | dict[str, int] | None,
+        About("points on each axis, one number or by parameter; default: the space's steps"),
+    ] = None
+    steps: Annotated[dict[str, float] | None, About("step by parameter name; others keep the space's own")] = None
+    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them")] = None
+    strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
+        None
+    )
+    file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredDistribution(Checked):
+    """How one parameter is distributed on the road, as somebody declares it."""
+
+    distribution: Annotated[Literal["normal", "lognormal", "uniform"], About("which family")]
+    first: Annotated[float, About("mean; mean of the logarithm; low")]
+    second: Annotated[float, About("deviation; deviation of the logarithm; high")]
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        if self.distribution == "uniform" and not self.second > self.first:
+            raise must_be("`second`", "a uniform distribution", f"greater than `first` ({self.first:g})", self.second)
+        if self.distribution != "uniform" and not self.second > 0.0:
+            raise must_be("`second`", f"a {self.distribution} distribution", "greater than 0", self.second)
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureSettings(Checked):
+    """How often the concrete scenarios of a space are met on the road: p_i of Eq. 13."""
+
+    kind: Annotated[
+        Literal["scenario", "uniform", "recorded", "declared"],
+        About("the scenario's own, uniform, from recorded events, or declared", symbol="p_i", equation="13"),
+    ] = "scenario"
+    recordings: Annotated[
+        tuple[str, ...], About("canonical tables of recorded driving; none: those of the drivers")
+    ] = ()
+    bandwidth: Annotated[Literal["scott", "cross_validated"], About("bandwidth of the KDE over recorded events")] = (
+        "scott"
+    )
+    declared: Annotated[
+        dict[str, DeclaredDistribution] | None, About("distribution by parameter; others are uniform")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioSettings(Checked):
+    """One logical scenario of an evaluation."""
+
+    use: Annotated[str, About("a shipped name, a scenario file (.toml) or module:name")]
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    exposure: ExposureSettings = field(default_factory=ExposureSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class AdsSettings(Checked):
+    """One ADS under test."""
+
+    name: Annotated[str, MinLen(1), About("what the tables call it")]
+    controller: Annotated[
+        str, About("a shipped name, module:name, file.py:name, sumo:MODEL, exec:COMMAND, traci:COMMAND or fmu:FILE")
+    ]
+    fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
+
+    period: Annotated[
+        float | None, Positive, About("time from one call to the next; its answer holds; default: every step", "s")
+    ] = None
+    options: Annotated[
+        dict[str, Any], About("keyword arguments of the class; a program of `exec:` is told them in its reset")
+    ] = field(default_factory=dict)
+    files: Annotated[
+        tuple[str, ...], About("files that it depends on, such as weights: with other content it is another ADS")
+    ] = ()
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))
+
+    @property
+    def locator(self) -> str:
+        """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
+        pairs = [] if self.period is None else [("period", json.dumps(self.period))]
+        pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
+        if self.fmu is not None:
+            pairs += [
+                (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
+                for group in ("inputs", "outputs", "parameters")
+                for name, value in getattr(self.fmu, group).items()
+            ]
+        if not pairs:
+            return self.controller
+        return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluationSettings(Checked):
+    """Everything an evaluation depends on: the content of evaluation.toml, defaults filled in."""
+
+    name: Annotated[str, MinLen(1), About("name of the evaluation")]
+    scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
+    ads: Annotated[tuple[AdsSettings, ...], About("ADSs under test")]
+    seed: Annotated[int, Ge(0), About("the only source of randomness")] = 1
+    drivers: DriverSettings = field(default_factory=DriverSettings)
+    run: RunSettings = field(default_factory=RunSettings)
+    simulation: SimulationSettings = field(default_factory=SimulationSettings)
+    method: MethodSettings = field(default_factory=MethodSettings)
+    report: ReportSettings = field(default_factory=ReportSettings)
+
+    def __post_init__(self) -> None:
+        Checked.__post_init__(self)
+        object.__setattr__(self, "name", clean(self.name))

@@ -1,0 +1,144 @@
+"""Settings of the simulation: the ego as a machine, what stands between it and the ADS, how SUMO steps a case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from annotated_types import Le, MinLen
+
+from sumo_eval.settings.checked import About, Checked, NotNegative, Positive
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSettings(Checked):
+    """The ego as a machine: a kinematic single-track model with limited steering, tyres, brakes and drive."""
+
+    length: Annotated[float, Positive, About("body length", "m")] = 4.5
+    width: Annotated[float, Positive, About("body width", "m")] = 1.8
+    wheelbase: Annotated[float, Positive, About("distance between the axles", "m")] = 2.7
+    steering_ratio: Annotated[float, Positive, About("steering wheel angle over road wheel angle")] = 16.0
+    max_steering_wheel_angle_deg: Annotated[float, Positive, About("end stop of the steering wheel", "deg")] = 540.0
+    max_steering_wheel_rate_deg: Annotated[float, Positive, About("fastest turn of the steering wheel", "deg/s")] = (
+        720.0
+    )
+    friction: Annotated[float, Positive, About("tyre-road friction coefficient: bounds the total acceleration")] = 0.92
+    max_acceleration: Annotated[float, Positive, About("strongest drive", "m/s2")] = 4.0
+    max_deceleration: Annotated[float, Positive, About("strongest braking", "m/s2")] = 9.0
+    brake_build_up: Annotated[float, Positive, About("time from no braking to the strongest, linear", "s")] = 0.15
+    drive_jerk: Annotated[float, Positive, About("fastest rise of drive", "m/s3")] = 10.0
+    max_speed: Annotated[float, Positive, About("top speed", "m/s")] = 60.0
+
+    @property
+    def brake_jerk(self) -> float:
+        """Rate at which braking builds up, m/s3."""
+        return self.max_deceleration / self.brake_build_up
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionSettings(Checked):
+    """What stands between the world and the ADS under test. By default nothing: all is seen, and obeyed, at once.
+
+    The first seven hold for controllers that are given an `Observation` (`act(obs)`, `exec:`, `fmu:`): TraCI shows
+    everything. Neither the ideal vehicle nor the human drivers are under these conditions.
+    """
+
+    perception_delay: Annotated[float, NotNegative, About("age of what is seen of other vehicles", "s")] = 0.0
+    dropout: Annotated[float, NotNegative, Le(1.0), About("chance that a vehicle is missed at a step")] = 0.0
+    position_noise: Annotated[
+        float, NotNegative, About("standard deviation of seen positions, along and across the road", "m")
+    ] = 0.0
+    speed_noise: Annotated[float, NotNegative, About("standard deviation of seen speeds along the road", "m/s")] = 0.0
+    sensor_range: Annotated[
+        float | None, Positive, About("farthest other vehicle that is seen, centre to centre; default: no limit", "m")
+    ] = None
+    field_of_view_deg: Annotated[
+        float | None, Positive, Le(360.0), About("angle in front of the ego that is seen; default: all around", "deg")
+    ] = None
+    occlusion: Annotated[bool, About("a vehicle covered to 80 % of its width by a nearer one is not seen")] = False
+    actuation_delay: Annotated[float, NotNegative, About("time until a Command reaches the vehicle", "s")] = 0.0
+    step_budget: Annotated[
+        float | None,
+        Positive,
+        About("wall time of a step after which its Command is late and the last one holds; default: none", "s"),
+    ] = None
+    interference: Annotated[
+        Literal["refuse", "record"],
+        About("an ADS that touches other vehicles, the road or the clock: ends its case, or is put on record"),
+    ] = "refuse"
+    reveal_scenario: Annotated[bool, About("tell the ADS the scenario's name and its parameters' values")] = False
+
+
+@dataclass(frozen=True, slots=True)
+class FmuSettings(Checked):
+    """Which variables of an FMU carry what; names that are not mapped are looked for as they are."""
+
+    inputs: Annotated[
+        dict[str, str | float],
+        About("input of the FMU = signal that it is given, a number, or `start`: it keeps its start value"),
+    ] = field(default_factory=dict)
+    outputs: Annotated[dict[str, str], About("what is read = output of the FMU")] = field(default_factory=dict)
+    parameters: Annotated[
+        dict[str, float | int | bool | str], About("parameter of the FMU = its value, or a signal at the start")
+    ] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PlantSettings(FmuSettings):
+    """An FMU as the ego's vehicle model, in place of the single-track model."""
+
+    file: Annotated[str, MinLen(1), About("the FMU, relative to the evaluation file")] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings(Checked):
+    """How the vehicle carries out what an ADS asks for where that is no acceleration and no wheel angle."""
+
+    speed_time: Annotated[
+        float, Positive, About("time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s")
+    ] = 0.5
+    position_gain: Annotated[
+        float, NotNegative, About("acceleration for each metre that the ego is behind its plan", "1/s2")
+    ] = 1.0
+    speed_gain: Annotated[
+        float, NotNegative, About("acceleration for each m/s that the ego is slower than its plan", "1/s")
+    ] = 2.0
+    steering_gain: Annotated[
+        float, NotNegative, About("gain on the front axle's distance from the plan's path (Stanley)", "1/s")
+    ] = 2.5
+    softening_speed: Annotated[
+        float, Positive, About("speed added to the ego's own below that gain (Stanley)", "m/s")
+    ] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings(Checked):
+    """How SUMO steps a case and when a case ends."""
+
+    step: Annotated[float, Positive, Le(0.1), About("step of SUMO and of the controller", "s")] = 0.05
+    record_interval: Annotated[float, Positive, Le(0.1), About("time between recorded samples", "s")] = 0.1
+    time_limit: Annotated[float, Positive, About("longest simulated time of a case", "s")] = 150.0
+    standstill_speed: Annotated[float, Positive, About("speed below which the ego stands", "m/s")] = 0.1
+    standstill_time: Annotated[float, Positive, About("time the ego must stand for the case to end", "s")] = 2.0
+    lane_change_duration: Annotated[
+        float, Positive, About("duration of a lane change that SUMO itself performs for the ego", "s")
+    ] = 5.0
+    end_when_decided: Annotated[
+        bool,
+        About(
+            "end a case as soon as no contact can come of it; quicker where only collisions count, but shorter drives "
+            "change D"
+        ),
+    ] = False
+    vehicle: VehicleSettings = field(default_factory=VehicleSettings)
+    ideal_deceleration: Annotated[float, Positive, About("braking of the ideal vehicle", "m/s2", "Ug", "17")] = 9.0
+    ideal_build_up: Annotated[float, Positive, About("its pressure build-up time", "s", "Ug", "17")] = 0.15
+    ideal_visible_share: Annotated[
+        float,
+        NotNegative,
+        Le(1.0),
+        About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
+    ] = 0.2
+    conditions: ConditionSettings = field(default_factory=ConditionSettings)
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None

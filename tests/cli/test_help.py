@@ -1,0 +1,68 @@
+"""`--help`: commands by task, an example for each that its own parser takes, the nearest command by meaning."""
+
+from __future__ import annotations
+
+import shlex
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import COMMANDS, MEANT, TASKS, main
+
+CONTEXT = click.Context(main, info_name="sumo-eval")
+
+
+def all_commands() -> list[tuple[str, click.Command]]:
+    """Every command and subcommand with the words that call it."""
+    found = []
+    for name in COMMANDS:
+        command = main.get_command(CONTEXT, name)
+        assert command is not None
+        found.append((name, command))
+        if isinstance(command, click.Group):
+            found += [(f"{name} {inner}", command.commands[inner]) for inner in command.commands]
+    return found
+
+
+@pytest.mark.parametrize(("name", "command"), all_commands(), ids=lambda value: value if isinstance(value, str) else "")
+def test_every_command_has_an_example_that_its_own_parser_takes(name: str, command: click.Command) -> None:
+    shown = CliRunner().invoke(main, [*name.split(), "--help"])
+    assert shown.exit_code == 0
+    assert command.epilog is not None
+    assert command.epilog.startswith("Example: sumo-eval ")
+    assert " ".join(command.epilog.split()) in " ".join(shown.output.split())
+    words = shlex.split(command.epilog.removeprefix("Example: sumo-eval ").partition(" > ")[0])
+    called, words = words[: len(name.split())], words[len(name.split()) :]
+    assert called == name.split()
+    if isinstance(command, click.Group):
+        command, words = command.commands[words[0]], words[1:]
+    command.make_context(name, words, parent=CONTEXT)  # raises for an option that does not exist
+
+
+def test_the_help_names_every_command_under_its_task_and_cuts_no_line() -> None:
+    shown = CliRunner().invoke(main, ["--help"], terminal_width=80).output
+    assert [line[:-1] for line in shown.splitlines() if line.rstrip(":") in TASKS] == list(TASKS)
+    assert "..." not in shown.partition("Evaluate:")[2]
+    for name in COMMANDS:
+        assert f"\n  {name} " in shown
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("evaluate", "run"), ("simulate", "run"), ("html", "report"), ("diff", "compare"), ("list", "scenarios"),
+        ("validate", "check"), ("Benchmark", "bench"), ("runn", "run"), ("nigthly", "nightly"),
+    ],
+)  # fmt: skip
+def test_the_nearest_command_is_found_by_meaning_first(typed: str, meant: str) -> None:
+    done = CliRunner().invoke(main, [typed])
+    assert done.exit_code == 2
+    assert f"Did you mean `{meant}`?" in done.output
+
+
+def test_no_word_means_two_commands_and_none_is_a_command_itself() -> None:
+    words = [word for line in MEANT.values() for word in line.split()]
+    assert len(words) == len(set(words))
+    assert not set(words) & set(COMMANDS)
+    assert MEANT.keys() == COMMANDS.keys()

@@ -1,0 +1,172 @@
+"""`fmu:`: FMUs whose inputs have all kinds of types, constants, start values and arrays. They are built here."""
+
+from __future__ import annotations
+
+import textwrap
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.errors import InputError
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings.config import settings_from, to_plain
+
+pytest.importorskip("fmpy")
+
+FEEDTHROUGH_2 = """
+    from pythonfmu import Boolean, Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real, String
+
+    class Feedthrough2(Fmi2Slave):
+        def __init__(self, **kwargs):
+            super().__init__(**kwargs)
+            self.real_in, self.whole_in, self.truth_in, self.text_in, self.real_out = 0.0, 7, True, "gentle", 0.0
+            for name, kind in (("real_in", Real), ("whole_in", Integer), ("truth_in", Boolean), ("text_in", String)):
+                self.register_variable(kind(name, causality=Fmi2Causality.input, variability=Fmi2Variability.discrete))
+            self.register_variable(Real("real_out", causality=Fmi2Causality.output))
+            self.register_variable(Integer("whole_out", causality=Fmi2Causality.output,
+                                           variability=Fmi2Variability.discrete))
+            self.whole_out = 0
+
+        def do_step(self, current_time, step_size):
+            strength = {"gentle": 1.0, "firm": 2.0}[self.text_in]
+            self.real_out = -0.1 * self.whole_in * strength * self.truth_in
+            self.whole_out = -self.whole_in
+            return True
+"""
+FEEDTHROUGH_3 = """
+    import numpy as np
+    from pythonfmu3 import Boolean, Dimension, Fmi3Causality, Fmi3Slave, Fmi3Variability, Float64, Int32, UInt64
+
+    class Feedthrough3(Fmi3Slave):
+        def __init__(self, **kwargs):
+            super().__init__(**kwargs)
+            self.time = 0.0
+            self.gaps, self.there, self.speeds = np.full(4, -1.0), np.zeros(4, dtype=np.int32), np.zeros(3)
+            self.count, self.enable = np.uint64(3), True
+            size, place = [Dimension(start="4")], {"causality": Fmi3Causality.input}
+            self.register_variable(Float64("time", causality=Fmi3Causality.independent,
+                                           variability=Fmi3Variability.continuous))
+            self.register_variable(Float64("gaps", dimensions=size, variability=Fmi3Variability.continuous,
+                                           setter=lambda values: setattr(self, "gaps", np.array(values)), **place))
+            self.register_variable(Int32("there", dimensions=size, variability=Fmi3Variability.discrete,
+                                         setter=lambda values: setattr(self, "there", np.array(values)), **place))
+            self.register_variable(UInt64("count", variability=Fmi3Variability.discrete, **place))
+            self.register_variable(Boolean("enable", variability=Fmi3Variability.discrete, **place))
+            self.register_variable(Float64("speeds", dimensions=[Dimension(start="3")],
+                causality=Fmi3Causality.output, variability=Fmi3Variability.continuous))
+
+        def do_step(self, current_time, step_size):
+            seen = int(np.sum(self.there))
+            self.speeds = np.array([-0.01 * float(np.sum(self.gaps[:seen])), -1.0 * seen, -0.5 * int(self.count)])
+            return True
+"""
+TWO = "fmu:Feedthrough2.fmu?inputs.real_in=ego_speed&outputs.acceleration=real_out"
+THREE = "fmu:Feedthrough3.fmu?inputs.gaps=objects_gap&inputs.there=objects_present&inputs.*=start"
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("feedthrough")
+    for builder, name, source in (
+        ("pythonfmu", "Feedthrough2", FEEDTHROUGH_2),
+        ("pythonfmu3", "Feedthrough3", FEEDTHROUGH_3),
+    ):
+        library = pytest.importorskip(f"{builder}.builder")
+        file = folder / f"{name}.py"
+        file.write_text(textwrap.dedent(source), encoding="utf-8")
+        library.FmuBuilder.build_FMU(file, dest=folder)
+    return folder
+
+
+def deceleration(locator: str, folder: Path, *others: object) -> float:
+    recording = simulate(case(*others), locator, SimulationSettings(time_limit=1.0), folder=folder)  # type: ignore[arg-type]
+    assert recording.error is None, recording.error
+    return round(float(recording.ego.acceleration[-1]), 6)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "expected"),
+    [
+        ("inputs.*=start", -0.7),
+        ("inputs.whole_in=12&inputs.*=start", -1.2),
+        ("inputs.whole_in=12&inputs.truth_in=false&inputs.text_in=start", 0.0),
+        ("inputs.whole_in=12&inputs.truth_in=1.0&inputs.text_in='firm'", -2.4),
+        ("inputs.whole_in=lead_present&inputs.truth_in=true&inputs.text_in=firm", -0.2),
+    ],
+)
+def test_constants_start_values_and_every_type_of_fmi_2(fmus: Path, mapping: str, expected: float) -> None:
+    """-0.1 of the whole number, which starts as 7, twice as much if the text is `firm`, nothing if not true."""
+    assert deceleration(f"{TWO}&{mapping}", fmus, lead(50.0)) == expected
+
+
+def test_an_output_may_be_a_whole_number(fmus: Path) -> None:
+    locator = f"{TWO.replace('=real_out', '=whole_out')}&inputs.whole_in=2&inputs.*=start"
+    assert deceleration(locator, fmus) == -2.0
+
+
+def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus: Path) -> None:
+    """Gaps of 40 and 90 m, the nearest first: -0.01 of their sum, -1 for each that is there, -0.5 of the 3 that `count`
+    starts with.
+    """
+    both = (lead(90.0), replace(lead(40.0), name="near"))
+    assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, *both) == -2.0
+    assert deceleration(f"{THREE}&outputs.acceleration=speeds[2]", fmus, *both) == -1.5
+    first = simulate(case(*both), f"{THREE}&outputs.acceleration=speeds[0]", HALF_SECOND, folder=fmus)
+    assert -1.4 < first.ego.acceleration[1] < -0.5
+    assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, lead(90.0)) == -1.0
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        (TWO, "its start value (`inputs.*=start`: of all that are left)"),
+        (f"{TWO}&inputs.*=1", "`inputs.*` of FMU `Feedthrough2.fmu` must be `start`"),
+        (f"{TWO}&inputs.whole_in=objects_gap&inputs.*=start", "must be an array to be given `objects_gap`"),
+        (f"{THREE}&outputs.acceleration=speeds", "must be one value, `speeds[0]`"),
+        (f"{THREE}&outputs.acceleration=speeds[3]", "must be within its 3 values"),
+        (THREE.replace("objects_gap", "lead_gap") + "&outputs.acceleration=speeds[0]", "as it is an array"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_runs(fmus: Path, locator: str, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_controller(locator, fmus)
+    assert sentence in str(caught.value)
+
+
+def test_a_whole_number_that_its_type_cannot_hold_ends_the_case(fmus: Path) -> None:
+    locator = f"{THREE}&inputs.count=ego_acceleration&outputs.acceleration=speeds[2]"
+    recording = simulate(case(), locator.replace("inputs.count=ego_acceleration", "inputs.count=-3"), HALF_SECOND,
+                         folder=fmus)  # fmt: skip
+    assert recording.end_reason == "ads_error"
+    assert "is of type UInt64, which cannot hold -3" in (recording.error or "")
+
+
+def test_fmi_1_is_refused_by_its_version(tmp_path: Path) -> None:
+    text = (
+        '<fmiModelDescription fmiVersion="1.0" modelName="old" modelIdentifier="old" guid="{1}"'
+        ' numberOfContinuousStates="0" numberOfEventIndicators="0"><ModelVariables><ScalarVariable name="u"'
+        ' valueReference="0" causality="input"><Real start="0"/></ScalarVariable></ModelVariables>'
+        "<Implementation><CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>"
+        "</fmiModelDescription>"
+    )
+    with zipfile.ZipFile(tmp_path / "old.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", text)
+    with pytest.raises(InputError, match=r"The FMI version of FMU `old\.fmu` must be 2\.0 or 3\.0, got"):
+        load_controller("fmu:old.fmu", tmp_path)
+
+
+def test_a_constant_in_the_evaluation_file_is_a_number() -> None:
+    settings = settings_from(
+        {
+            "name": "x", "scenario": [{"use": "front_vehicle_low_speed"}],
+            "ads": [{"name": "mine", "controller": "fmu:F.fmu", "fmu": {"inputs": {"whole_in": 12, "*": "start"}}}],
+        },
+        "evaluation.toml",
+    )  # fmt: skip
+    assert settings_from(to_plain(settings), "again") == settings
+    assert "inputs.whole_in=12" in settings.ads[0].locator

@@ -1,0 +1,124 @@
+"""Figures for papers: every one is drawn of a real run, in every format and width, and mistakes are sentences."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
+from sumo_eval.figures.style import MM, WIDTHS, save
+from sumo_eval.nightly.night import import_runs
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    """Two ADSs in a space of two parameters and in one of three."""
+    settings = EvaluationSettings(
+        name="drawn",
+        scenario=(
+            ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels=3)),
+            ScenarioSettings("front_vehicle_cut_out", SamplingSettings(levels=3)),
+        ),
+        ads=(AdsSettings("idm", "idm"), AdsSettings("no_reaction", "no_reaction")),
+        drivers=DriverSettings(count=3),
+    )
+    return sumo_eval.evaluate(settings, tmp_path_factory.mktemp("drawn") / "run")
+
+
+@pytest.mark.parametrize("name", OF_RUNS)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_every_figure_of_a_run_fits_its_width_and_holds_its_words(
+    done: Evaluation, tmp_path: Path, name: str, width: str
+) -> None:
+    file = save(draw(done, name, width=width), tmp_path / f"{name}.svg")
+    root = ElementTree.parse(file).getroot()
+    found = re.fullmatch(r"([\d.]+)pt", root.attrib["width"])
+    assert found is not None
+    assert float(found[1]) == pytest.approx(WIDTHS[width] * 72.0, abs=0.5)
+    assert "<path" in file.read_text(), "letters travel as outlines: no font is missing anywhere"
+    assert save(draw(done, name, width=width), tmp_path / "again.svg").read_bytes() == file.read_bytes()
+
+
+def test_a_column_is_88_mm_and_a_page_180_mm() -> None:
+    assert WIDTHS["column"] / MM == pytest.approx(88.0)
+    assert WIDTHS["page"] / MM == pytest.approx(180.0)
+
+
+@pytest.mark.parametrize(("ending", "begin"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_the_ending_says_the_format(done: Evaluation, tmp_path: Path, ending: str, begin: bytes) -> None:
+    file = save(draw(done, "zone_map", ads="idm", scenario="front_vehicle_cut_out"), tmp_path / f"map.{ending}")
+    assert file.read_bytes().startswith(begin)
+    assert ending != "pdf" or b"/FontFile2" in file.read_bytes(), "the fonts are in the file"
+
+
+def test_every_point_of_a_map_is_drawn(done: Evaluation) -> None:
+    """Each panel of cut-out is one ego speed; its dots are the cases of the ADS at that speed."""
+    figure = draw(done, "zone_map", ads="no_reaction", scenario="front_vehicle_cut_out")
+    dots = sum(len(one.get_offsets()) for panel in figure.axes for one in panel.collections if len(one.get_offsets()))
+    drawn = [case for case in done.cases if (case.scenario, case.ads) == ("front_vehicle_cut_out", "no_reaction")]
+    scattered = [one for panel in figure.axes for one in panel.collections if type(one).__name__ == "PathCollection"]
+    assert sum(len(one.get_offsets()) for one in scattered) == len(drawn)
+    assert dots >= len(drawn)
+
+
+def test_the_bars_of_the_points_end_at_the_score(done: Evaluation) -> None:
+    figure = draw(done, "points")
+    kept = [patch.get_width() for patch in figure.axes[0].patches if patch.get_y() == pytest.approx(-0.3)][:1]
+    assert kept == [pytest.approx(done.scores[0].s_plus)]
+
+
+def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
+    history = tmp_path / "history"
+    history.mkdir()
+    import_runs(history, [done.folder])
+    figure = draw(history, "trend", ads="idm")
+    assert [panel.get_ylabel() for panel in figure.axes]
+    save(figure, tmp_path / "trend.pdf")
+
+
+@pytest.mark.parametrize(
+    ("figure", "more", "words"),
+    [
+        ("zonemap", {}, "Unknown figure 'zonemap'.*Did you mean 'zone_map'"),
+        ("field", {"case": "nobody"}, "Unknown case 'nobody'"),
+        ("field", {"ads": "idn"}, "Unknown ADS 'idn'.*Did you mean 'idm'"),
+        ("points", {"scenario": "cut"}, "Unknown scenario 'cut'"),
+        ("points", {"width": "wide"}, "Unknown width 'wide'"),
+        ("opinion", {}, "Nobody's opinion is in"),
+        ("trend", {}, "There is no history in"),
+        ("trend", {"case": "x"}, "shows no single case"),
+        ("opinion", {"ads": "idm"}, "takes neither"),
+    ],
+)
+def test_what_is_not_there_is_a_sentence(done: Evaluation, figure: str, more: dict[str, str], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        draw(done, figure, **more)
+
+
+def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Path) -> None:
+    out = tmp_path / "of" / "paper.png"
+    words = [sys.executable, "-m", "sumo_eval", "plot", str(done.folder), "intervals", "--out", str(out)]
+    told = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    assert told.stdout.strip() == str(out)
+    assert out.read_bytes().startswith(b"\x89PNG")
+    wrong = subprocess.run([*words[:-1], str(tmp_path / "x.gif")], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert "must end in one of .svg, .png, .pdf, got 'x.gif'" in wrong.stderr
+    assert "Traceback" not in wrong.stderr
+
+
+def test_the_list_of_figures_is_the_documented_one() -> None:
+    documented = "zone_map field trajectories time_history collisions boundary intervals points trend opinion"
+    assert " ".join(FIGURES) == documented

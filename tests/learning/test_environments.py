@@ -1,0 +1,221 @@
+"""Environments to learn in: what gymnasium asks of them, and that a drive there is a drive in an evaluation."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import sumo_eval.gym
+from sumo_eval.cosim import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.gym import Action, Feature, Interface, usual_reward
+from sumo_eval.gym.episodes import Transition
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+
+POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
+RAW = Interface((Feature("ego.x"), Feature("ego.y"), Feature("ego.speed"), Feature("lead.gap"), Feature("time")),
+                (Action("acceleration"),))  # fmt: skip
+
+
+def scenarios() -> tuple[str, ...]:
+    return tuple(catalogue.SCENARIOS)
+
+
+@pytest.mark.parametrize("scenario", scenarios())
+def test_gymnasium_accepts_the_environment_of_every_scenario(scenario: str) -> None:
+    env = gymnasium.make(f"sumo_eval/{scenario}-v0", steering=True)
+    check_env(env.unwrapped)
+    assert env.unwrapped.action_space.shape == (2,)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "values"),
+    [
+        ("front_vehicle_cut_out", POINT),
+        ("front_vehicle_cut_out", {**POINT, "gap": 30.0}),
+        ("cut_in", {}),
+        ("front_vehicle_braking", {}),
+    ],
+)
+def test_a_drive_in_the_environment_is_a_drive_in_sumo(scenario: str, values: dict[str, float]) -> None:
+    """The ego brakes gently and steers a little; SUMO steps one of both drives."""
+    settings = SimulationSettings(record_interval=0.05, time_limit=12.0)
+    interface = Interface(RAW.features, (Action("acceleration"), Action("steering")))
+    env = gymnasium.make(f"sumo_eval/{scenario}-v0", interface=interface, settings=settings)
+    seen, info = env.reset(seed=1, options=values)
+
+    def answer(time: float) -> tuple[float, float]:
+        return -1.5 if time > 1.01 else 0.5, 0.02 if 2.01 < time < 3.01 else 0.0
+
+    concrete = catalogue.load(scenario).concrete(**info["values"])
+    recording = simulate(concrete, lambda observation: answer(observation.time), settings)
+    rows, ended = [seen], False
+    while not ended:
+        seen, _, terminated, truncated, info = env.step(np.array(answer(len(rows) * 0.05 - 0.05)))
+        rows.append(seen)
+        ended = terminated or truncated
+    assert info["end_reason"] == recording.end_reason
+    ego = recording.ego
+    assert len(rows) == len(ego.time)
+    there = np.array(rows)[:-1, :3]
+    assert there == pytest.approx(np.column_stack([ego.x, ego.y, ego.speed])[:-1], abs=2e-4)  # float32 of 1000 m
+    last = env.unwrapped.episodes.pack.world.egos[0]
+    assert float(last["x"]) == pytest.approx(ego.x[-1], abs=1e-9)
+    for j, other in enumerate(recording.actors.values()):
+        assert float(env.unwrapped.episodes.pack.world.others[0, j]["x"]) == pytest.approx(other.x[-1], abs=1e-6)
+
+
+def test_an_episode_does_not_depend_on_its_company_nor_on_those_before_it() -> None:
+    settings = SimulationSettings(time_limit=4.0)
+    vector = gymnasium.make_vec(
+        "sumo_eval/cut_in-v0", num_envs=5, settings=settings, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    seen, _ = vector.reset(seed=7)
+    single = gymnasium.make("sumo_eval/cut_in-v0", settings=settings)
+    drawn = np.random.default_rng(3)
+    episodes: list[dict[str, list]] = [{"seen": [seen[row]], "actions": []} for row in range(5)]
+    finished = []
+    points = [dict(it.values) for it in vector.unwrapped.episodes.pack.world.cases]
+    for _ in range(200):
+        actions = drawn.uniform(-1.0, 1.0, (5, 1)).astype(np.float32)
+        before = list(points)
+        seen, _, terminated, truncated, info = vector.step(actions)
+        points = [dict(it.values) for it in vector.unwrapped.episodes.pack.world.cases]
+        for row in range(5):
+            episodes[row]["actions"].append(actions[row])
+            over = terminated[row] or truncated[row]
+            episodes[row]["seen"].append(info["final_obs"][row] if over else seen[row])
+            if over:
+                finished.append((before[row], episodes[row], info["end_reason"][row]))
+                episodes[row] = {"seen": [seen[row]], "actions": []}
+    assert len(finished) >= 10
+    for values, episode, reason in finished[::3]:
+        first, _ = single.reset(options=values)
+        told = [first]
+        for action in episode["actions"]:
+            seen, _, terminated, truncated, info = single.step(action)
+            told.append(seen)
+        assert info["end_reason"] == reason
+        np.testing.assert_array_equal(np.array(told), np.array(episode["seen"]))
+
+
+def test_the_next_step_mode_gives_a_first_observation_and_no_reward() -> None:
+    vector = gymnasium.make_vec("sumo_eval/cut_in-v0", num_envs=3, settings=SimulationSettings(time_limit=0.5))
+    vector.reset(seed=0)
+    for _ in range(10):
+        _, worth, terminated, truncated, info = vector.step(np.zeros((3, 1)))
+    assert truncated.all()
+    assert not terminated.any()
+    assert list(info["end_reason"]) == ["time_limit"] * 3
+    assert (worth > 0.0).all()
+    seen, worth, terminated, truncated, _ = vector.step(np.zeros((3, 1)))
+    assert not worth.any()
+    assert not (terminated | truncated).any()
+    np.testing.assert_array_equal(seen, vector.unwrapped.episodes.show())
+    assert (vector.unwrapped.episodes.pack.world.egos["time"] == 0.0).all()
+
+
+def test_several_environments_and_a_simulation_live_in_one_process() -> None:
+    """Two environments take turns, with an evaluation's simulation in between; each as if it were alone."""
+
+    def run(turns: int) -> list[np.ndarray]:
+        envs = [gymnasium.make("sumo_eval/cut_in-v0") for _ in range(turns)]
+        for number, env in enumerate(envs):
+            env.reset(seed=number)
+        told: list[list[np.ndarray]] = [[] for _ in envs]
+        for k in range(40):
+            for number, env in enumerate(envs):
+                told[number].append(env.step(np.array([0.1 * number], dtype=np.float32))[0])
+            if k == 20:
+                simulate(catalogue.load("front_vehicle_cut_out").concrete(**POINT), "idm")
+        for env in envs:
+            env.close()
+        return [np.array(one) for one in told]
+
+    one = run(1)
+    two = run(2)
+    np.testing.assert_array_equal(one[0], two[0])
+    assert not np.array_equal(two[0], two[1])
+
+
+def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
+    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0")
+    assert env.reset(options=POINT)[1]["values"] == POINT
+    values = env.reset(seed=4, options={"gap": 50.0})[1]["values"]
+    assert values["gap"] == 50.0
+    assert env.reset(seed=4, options={"gap": 50.0})[1]["values"] == values
+    assert env.reset(seed=5, options={"gap": 50.0})[1]["values"] != values
+    assert env.reset(options={"sampler": lambda generator: POINT})[1]["values"] == POINT
+    with pytest.raises(InputError, match=r"Unknown option of reset .* `gab`\. Did you mean `gap`"):
+        env.reset(options={"gab": 50.0})
+    with pytest.raises(InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"):
+        env.reset(options={**POINT, "gap": 1e6})
+    with pytest.raises(InputError, match="The sampler must give a number for each parameter"):
+        env.reset(options={"sampler": lambda generator: 3})
+
+
+def test_the_usual_reward_by_hand() -> None:
+    """0.05 s each. Cruising at 20 of 20 m/s: 0.05. At 10 m/s braking by 3 m/s2: (0.5 - 0.1) 0.05 = 0.02. A contact at
+    30 of 20 m/s with 5 m/s between both: 0.05 - 20 - 2 * 5. A jerk of 15 m/s3 at standstill: -0.01 * 0.05.
+    """
+    it = Transition(
+        seen=None, command=np.zeros((4, 2)), speed=np.array([20.0, 10.0, 30.0, 0.0]),
+        acceleration=np.array([0.0, -3.0, 0.0, 0.0]), jerk=np.array([0.0, 0.0, 0.0, 15.0]),
+        start_speed=np.full(4, 20.0), running=np.ones(4, bool), ended=np.array(["", "", "contact", ""]),
+        impact=np.array([0.0, 0.0, 5.0, 0.0]), step=0.05,
+    )  # fmt: skip
+    assert usual_reward(it) == pytest.approx([0.05, 0.02, 0.05 - 30.0, -0.0005])
+
+
+def test_a_reward_of_the_user_is_asked_at_every_step_of_the_simulation() -> None:
+    """A period of 0.2 s holds four steps of 0.05 s, of which each is worth 1."""
+    interface = Interface(RAW.features, RAW.actions, period=0.2)
+    env = gymnasium.make("sumo_eval/cut_in-v0", interface=interface, reward=lambda it: np.ones(len(it.speed)))
+    env.reset(seed=0)
+    seen, worth, *_ = env.step(np.zeros(1))
+    assert worth == 4.0
+    assert seen[4] == pytest.approx(0.2)
+
+
+def test_a_contact_ends_an_episode_with_its_impact_speed() -> None:
+    """Full speed into an obstacle that is 15 m/s slower."""
+    found = []
+
+    def reward(it: Transition) -> np.ndarray:
+        found.append((str(it.ended[0]), float(it.impact[0])))
+        return np.zeros(1)
+
+    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0", interface=RAW, reward=reward)
+    env.reset(options={**POINT, "gap": 30.0})
+    ended = False
+    while not ended:
+        _, _, ended, truncated, _ = env.step(np.zeros(1))
+        assert not truncated
+    reason, impact = found[-1]
+    assert reason == "contact"
+    assert impact == pytest.approx(15.0, abs=1e-9)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(1))
+
+
+def test_what_the_environment_cannot_do_is_refused() -> None:
+    with pytest.raises(InputError, match="nothing in `conditions`"):
+        gymnasium.make(
+            "sumo_eval/cut_in-v0", settings=SimulationSettings(conditions=ConditionSettings(dropout=0.1))
+        ).reset()
+    with pytest.raises(InputError, match="`period` of the interface must be a multiple of `step`"):
+        gymnasium.make("sumo_eval/cut_in-v0", interface=Interface(RAW.features, RAW.actions, period=0.07))
+    with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`\. Did you mean `lead\.gap`"):
+        Feature("lead.gab")
+    with pytest.raises(InputError, match="must be reset before its first step"):
+        gymnasium.make("sumo_eval/cut_in-v0").unwrapped.step(np.zeros(1))
+
+
+def test_every_scenario_is_registered_once() -> None:
+    sumo_eval.gym.register()
+    for scenario in scenarios():
+        assert f"sumo_eval/{scenario}-v0" in gymnasium.registry

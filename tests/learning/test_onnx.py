@@ -1,0 +1,208 @@
+"""`onnx:`: a model and its table at the wheel, the same alone and in company; what cannot be used is refused."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+import sumo_eval.gym  # noqa: F401 - registers the environments
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import find_controller, load_controller
+from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.errors import InputError
+from sumo_eval.gym import Action, Feature, Interface, usual
+from sumo_eval.record.identity import locator_identity
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import ConditionSettings, SimulationSettings
+
+CUT_OUT = catalogue.load("front_vehicle_cut_out")
+POINT = {"ego_speed": 25.0, "obstacle_speed": 10.0, "gap": 60.0}
+SHORT = SimulationSettings(time_limit=15.0)
+ACC = Interface(
+    (Feature("ego.speed"), Feature("lead.gap", absent=150.0), Feature("lead.relative_speed")),
+    (Action("acceleration", -8.0, 3.0),),
+)
+
+
+def write_model(folder: Path, layers: list[tuple[np.ndarray, np.ndarray]], interface: Interface,
+                rows: int | str = "rows", kind: int = TensorProto.FLOAT) -> Path:  # fmt: skip
+    """Dense layers with tanh between and behind them."""
+    nodes, weights, last = [], [], "seen"
+    dtype = helper.tensor_dtype_to_np_dtype(kind)
+    for k, (matrix, bias) in enumerate(layers):
+        weights += [numpy_helper.from_array(matrix.astype(dtype), f"w{k}"),
+                    numpy_helper.from_array(bias.astype(dtype), f"b{k}")]  # fmt: skip
+        nodes += [helper.make_node("Gemm", [last, f"w{k}", f"b{k}"], [f"z{k}"]),
+                  helper.make_node("Tanh", [f"z{k}"], [f"a{k}"])]  # fmt: skip
+        last = f"a{k}"
+    graph = helper.make_graph(
+        nodes, "policy",
+        [helper.make_tensor_value_info("seen", kind, [rows, layers[0][0].shape[0]])],
+        [helper.make_tensor_value_info(last, kind, [rows, layers[-1][0].shape[1]])], weights,
+    )  # fmt: skip
+    path = folder / "policy.onnx"
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, path)
+    path.with_suffix(".toml").write_text(interface.to_toml(), encoding="utf-8")
+    return path
+
+
+def linear(folder: Path) -> Path:
+    """0.05 (gap - 10 - 1.5 v) + 0.4 dv, squashed onto -8..3 m/s2."""
+    return write_model(folder, [(np.array([[-0.075], [0.05], [0.4]]), np.array([-0.5]))], ACC)
+
+
+def deep(folder: Path, **given: object) -> Path:
+    drawn = np.random.default_rng(5)
+    interface = usual(steering=False)
+    sizes = [len(interface.features), 64, 64, 1]
+    layers = [(drawn.normal(0.0, 0.4, (a, b)), drawn.normal(0.0, 0.1, b)) for a, b in itertools.pairwise(sizes)]
+    return write_model(folder, layers, interface, **given)  # type: ignore[arg-type]
+
+
+def test_a_model_drives_as_its_arithmetic_says(tmp_path: Path) -> None:
+    """The first answer of the linear model at 25 m/s behind nobody, 150 m: tanh(-1.875 + 7.5 - 0.5) is almost 1, so
+    3 m/s2; the same rule as a plain function drives the same way as far as float32 allows.
+    """
+
+    def rule(seen: object) -> float:
+        lead = seen.lead  # type: ignore[attr-defined]
+        gap, closing = (150.0, 0.0) if lead is None else (lead.gap, lead.relative_speed)
+        value = np.tanh(-0.075 * seen.ego.speed + 0.05 * gap + 0.4 * closing - 0.5)  # type: ignore[attr-defined]
+        return float(-8.0 + 0.5 * (value + 1.0) * 11.0)
+
+    concrete = CUT_OUT.concrete(**POINT)
+    recording = simulate(concrete, f"onnx:{linear(tmp_path)}", SHORT)
+    assert recording.error is None
+    by_hand = simulate(concrete, rule, SHORT)
+    assert recording.end_reason == by_hand.end_reason
+    assert recording.ego.x[-1] == pytest.approx(by_hand.ego.x[-1], abs=1e-2)
+    assert np.ptp(recording.ego.speed) > 2.0
+
+
+def test_a_case_does_not_depend_on_its_company(tmp_path: Path) -> None:
+    """Eleven cases alone, together, and in another order: the bits of a dense network's drives are the same."""
+    path = deep(tmp_path)
+    cases = [CUT_OUT.concrete(**{**POINT, "gap": 40.0 + 5.0 * k}) for k in range(11)]
+    alone = [simulate(concrete, f"onnx:{path}", SHORT) for concrete in cases]
+    together = list(simulate_many(cases, f"onnx:{path}", SHORT))
+    other_way = list(simulate_many(cases[::-1], f"onnx:{path}", SHORT))[::-1]
+    for one, two, three in zip(alone, together, other_way, strict=True):
+        np.testing.assert_array_equal(one.ego.speed, two.ego.speed)
+        np.testing.assert_array_equal(one.ego.x, three.ego.x)
+    assert len({it.ego.x[-1] for it in alone}) > 1
+
+
+def test_a_model_made_for_one_row_drives_too(tmp_path: Path) -> None:
+    for name in ("any", "one"):
+        (tmp_path / name).mkdir()
+    concrete = CUT_OUT.concrete(**POINT)
+    one = simulate(concrete, f"onnx:{deep(tmp_path / 'one', rows=1)}", SHORT)
+    usual_one = simulate(concrete, f"onnx:{deep(tmp_path / 'any')}", SHORT)
+    assert one.error is None
+    assert one.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
+    double = simulate(concrete, f"onnx:{deep(tmp_path / 'one', kind=TensorProto.DOUBLE)}", SHORT)
+    assert double.ego.x[-1] == pytest.approx(usual_one.ego.x[-1], abs=1e-2)
+
+
+def test_what_is_seen_in_learning_is_seen_in_an_evaluation(tmp_path: Path) -> None:
+    """The model at the wheel of the environment and of an evaluation of the same point."""
+    path = deep(tmp_path)
+    policy = load_controller(f"onnx:{path}").target  # type: ignore[attr-defined]
+    env = gymnasium.make("sumo_eval/front_vehicle_cut_out-v0", interface=str(path.with_suffix(".toml")), settings=SHORT)
+    seen, info = env.reset(options=POINT)
+    ended = False
+    while not ended:
+        seen, _, terminated, truncated, info = env.step(policy._answers(seen[None])[0])
+        ended = terminated or truncated
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
+    assert info["end_reason"] == recording.end_reason
+    assert float(env.unwrapped.episodes.pack.world.egos[0]["x"]) == pytest.approx(recording.ego.x[-1], abs=1e-4)
+
+
+def test_a_period_holds_each_answer(tmp_path: Path) -> None:
+    """A model that shows the time as its acceleration, asked every 0.2 s: the held values are 0, 0.2, 0.4 ..."""
+    interface = Interface((Feature("time"),), (Action("acceleration"),), period=0.2)
+    path = write_model(tmp_path, [(np.array([[0.1]]), np.array([0.0]))], interface)
+    settings = SimulationSettings(time_limit=1.0, record_interval=0.05)
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", settings)
+    asked = np.tanh(0.1 * 0.2 * (np.arange(20) // 4)).astype(np.float32)
+    assert recording.ego.acceleration[1:] == pytest.approx(asked, abs=2e-3)
+
+
+def test_its_identity_holds_the_model_and_its_table(tmp_path: Path) -> None:
+    path = linear(tmp_path)
+    before = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
+    assert "policy.toml" in str(before)
+    table = path.with_suffix(".toml")
+    table.write_text(table.read_text(encoding="utf-8").replace("3.0", "2.0"), encoding="utf-8")
+    after = locator_identity(("ADS", "onnx:policy.onnx"), tmp_path)
+    assert before != after
+    deep(tmp_path)
+    assert locator_identity(("ADS", "onnx:policy.onnx"), tmp_path) not in (before, after)
+
+
+def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no model"):
+        find_controller("onnx:policy.onnx", tmp_path)
+    path = linear(tmp_path)
+    table = path.with_suffix(".toml")
+    text = table.read_text(encoding="utf-8")
+    table.unlink()
+    with pytest.raises(InputError, match="there is no features table"):
+        find_controller("onnx:policy.onnx", tmp_path)
+    table.write_text(text.replace("lead.gap", "lead.gab"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`"):
+        find_controller("onnx:policy.onnx", tmp_path)
+    table.write_text(Interface(ACC.features[:2], ACC.actions).to_toml(), encoding="utf-8")
+    with pytest.raises(InputError, match=r"must be of shape \(rows, 2\), as its table has 2 features"):
+        find_controller("onnx:policy.onnx", tmp_path)
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="Unknown output of model"):
+        find_controller("onnx:policy.onnx?output=value", tmp_path)
+    with pytest.raises(InputError, match="Unknown option"):
+        find_controller("onnx:policy.onnx?feature=a.toml", tmp_path)
+    path.write_bytes(b"none")
+    with pytest.raises(InputError, match="cannot be loaded"):
+        find_controller("onnx:policy.onnx", tmp_path)
+
+
+def test_a_model_of_whole_numbers_is_refused(tmp_path: Path) -> None:
+    graph = helper.make_graph(
+        [helper.make_node("Identity", ["seen"], ["out"])], "policy",
+        [helper.make_tensor_value_info("seen", TensorProto.INT64, ["rows", 3])],
+        [helper.make_tensor_value_info("out", TensorProto.INT64, ["rows", 3])],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    onnx.save(model, tmp_path / "policy.onnx")
+    (tmp_path / "policy.toml").write_text(ACC.to_toml(), encoding="utf-8")
+    with pytest.raises(InputError, match="must be of float or double numbers"):
+        find_controller("onnx:policy.onnx", tmp_path)
+
+
+def test_an_answer_that_is_no_number_ends_the_case_with_a_sentence(tmp_path: Path) -> None:
+    path = write_model(tmp_path, [(np.array([[np.nan]]), np.array([0.0]))],
+                       Interface((Feature("ego.speed"),), (Action("acceleration"),)))  # fmt: skip
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
+    assert recording.end_reason == "ads_error"
+    assert "must be finite numbers" in (recording.error or "")
+
+
+def test_too_many_outputs_end_the_case_with_a_sentence(tmp_path: Path) -> None:
+    path = write_model(tmp_path, [(np.ones((3, 2)), np.zeros(2))], ACC)
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
+    assert recording.end_reason == "ads_error"
+    assert "must have the shape (32, 1)" in (recording.error or "")
+
+
+def test_arrays_show_the_world_as_it_is_and_conditions_say_so(tmp_path: Path) -> None:
+    conditions = ConditionSettings(position_noise=1.0)
+    recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{linear(tmp_path)}",
+                         SimulationSettings(time_limit=2.0, conditions=conditions))  # fmt: skip
+    assert [clip.what for clip in recording.clips if clip.what == "perception_not_limited"]
