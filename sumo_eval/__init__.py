@@ -5,15 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from sumo_eval.cosim.plans import Plan
     from sumo_eval.cosim.vehicle_model import Command
     from sumo_eval.evaluation import evaluate, score
     from sumo_eval.record.exchange import open_run
     from sumo_eval.trajectory import Trajectory
 
-__all__ = ["Command", "Trajectory", "evaluate", "open_run", "score"]
+__all__ = ["Command", "Plan", "Trajectory", "evaluate", "open_run", "score"]
 
 _HOMES = {
     "Command": "sumo_eval.cosim.vehicle_model",
+    "Plan": "sumo_eval.cosim.plans",
     "Trajectory": "sumo_eval.trajectory",
     "evaluate": "sumo_eval.evaluation",
     "open_run": "sumo_eval.record.exchange",
@@ -23,6 +25,10 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Import on first use: `import sumo_eval` and `sumo-eval --help` cost nothing."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("sumo_eval")
     if name in _HOMES:
         import importlib
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -51,15 +52,18 @@ def evaluate(
     engine: str | None = None,
     scheduler: str | None = None,
     resume: bool = False,
-    ads: Sequence[str] = (),
+    ads: Sequence[Any] = (),
     progress: Progress = quiet,
     stopping: Stopping = never,
 ) -> Evaluation:
-    """Simulate and score an evaluation (settings, or the path of its file; None: the paper's) into the folder `out`.
+    """Simulate and score an evaluation into the folder `out`.
+
+    evaluation: settings, a dict as the file would be, or the path of the file; None: the paper's.
 
     workers, engine, scheduler: instead of those in `[run]`. resume: go on with the run in `out`, whose own evaluation
-    is what None then means. ads: locators of ADSs to drive in place of the evaluation's own; their relative paths start
-    in the current folder. Raises StoppedError when `stopping` said so; what was done by then is kept.
+    is what None then means. ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths
+    start in the current folder, or classes, functions and objects, of a notebook's cell too. Raises StoppedError when
+    `stopping` said so; what was done by then is kept.
     """
     folder = Path(out)
     settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)

@@ -9,9 +9,13 @@ from typing import Any, Literal
 
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import Alone
 
 Zone = Literal["safe", "hazardous"]
+
+# texts, because words and pictures are made in a room that builds on this one
+_TABLE, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
@@ -388,3 +392,12 @@ class Evaluation:
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""
         return next(score for score in self.scores if (score.ads, score.scenario) == (ads, scenario))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        table: str = load_object(_TABLE, None, "Table")(self)
+        return table
+
+    def plot(self) -> Any:
+        """S+ of every ADS with its interval as a figure of matplotlib, which the extra `plots` brings."""
+        return load_object(_PICTURE, None, "Picture")(self)

@@ -60,6 +60,13 @@ def clean_log(text: str) -> str:
     return clean(text, LOG, lines=True)
 
 
+def last_lines(log: str, most: int) -> str:
+    """The end of a log, at most so many lines, each cut to what a sentence may have."""
+    lines = log.rstrip().splitlines()
+    left_out = [f"[{len(lines) - most} lines left out]"] if len(lines) > most else []
+    return "\n".join([*left_out, *(clean(line) for line in lines[-most:])])
+
+
 def _replaced(text: str, *, lines: bool) -> str:
     plain = str.replace(text, "\r\n", "\n")
     plain = plain.replace("\r", "\n") if lines else " ".join(plain.split("\n"))

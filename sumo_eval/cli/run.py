@@ -12,6 +12,7 @@ from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.stopping import Stopping
 
+LIMIT = click.FloatRange(min=0, min_open=True)
 ENGINES = ("processes", "serial", "dask")
 
 
@@ -24,6 +25,8 @@ ENGINES = ("processes", "serial", "dask")
 )
 @click.option("--engine", type=click.Choice(ENGINES), help="Where cases run (default: as in the file: processes).")
 @click.option("--scheduler", metavar="ADDRESS", help="The Dask scheduler of --engine dask, e.g. tcp://host:8786.")
+@click.option("--case-timeout", type=LIMIT, help="Wall time a case may take, s (default: as in the file: 60).")
+@click.option("--step-timeout", type=LIMIT, help="Wall time a step of an ADS may take, s (as in the file: 1).")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
 @click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
@@ -34,6 +37,8 @@ def run(
     ads: tuple[str, ...],
     engine: str | None,
     scheduler: str | None,
+    case_timeout: float | None,
+    step_timeout: float | None,
     resume: bool,
     shard: str | None,
     dry_run: bool,
@@ -51,7 +56,10 @@ def run(
     if out is None and not dry_run:
         raise click.UsageError("Missing option '--out'.")
     folder = out or Path()
-    settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
+    settings, source = resolve(
+        evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler,
+        case_timeout=case_timeout, step_timeout=step_timeout,
+    )  # fmt: skip
     if dry_run:
         click.echo(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)

@@ -18,6 +18,8 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 if TYPE_CHECKING:
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
+_LINES = 20  # of what an ADS printed
+
 
 def _of_a_run(name: str) -> Callable[[], float]:
     """A limit as `[run]` has it by default."""
@@ -95,6 +97,7 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
     from sumo_eval.record.apart import check_apart
     from sumo_eval.record.edge_cases import edge_cases
     from sumo_eval.scenario import catalogue
+    from sumo_eval.text import last_lines
 
     cases = [
         case
@@ -103,7 +106,7 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
     ]
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
     if printed:
-        click.echo(f"It printed:\n{printed.rstrip()}", err=True)
+        click.echo(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
     for finding in findings:
         click.echo(f"{finding.kind:4}  {finding.text}")
         if finding.mend:

@@ -11,6 +11,7 @@ import math
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,10 +23,10 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses
+from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
-from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
+from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
@@ -41,6 +42,7 @@ _CLOCK_TOLERANCE = 1e-4  # s; SUMO counts in milliseconds
 ASKS_SUMO = Alone("asks_sumo")
 KEPT = 0.75  # share of the rows that must still be live, or the others are given up
 _body = Body._make
+_look = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 SEEN_AS_IT_IS: dict[str, Any] = {
     "perception_delay": 0.0, "dropout": 0.0, "position_noise": 0.0, "speed_noise": 0.0, "sensor_range": None,
     "field_of_view_deg": None, "occlusion": False,
@@ -171,8 +173,8 @@ def _end_rows(world: World, driver: Driver, stage: Stage) -> None:
         stage.without(world)
 
 
-def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float) -> Briefing:
-    """What a controller is told before a case."""
+def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout: float, every: int = 1) -> Briefing:
+    """What a controller is told before a case. every: it is asked at every so manieth step."""
     revealed = settings.conditions.reveal_scenario
     road = concrete.road
     return Briefing(
@@ -182,6 +184,8 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout:
         settings.step,
         concrete.values if revealed else None,
         step_timeout,
+        *task_of(concrete),
+        every * settings.step,
     )
 
 
@@ -312,12 +316,17 @@ class Policies:
         self._usual = all(getattr(conditions, what) == usual for what, usual in SEEN_AS_IT_IS.items())
         self._direct = world.settings.plant is None and conditions == ConditionSettings()
         self._delayed = _Delayed(world, self._plant)
+        self._tasks = [task_of(concrete) for concrete in world.cases]
         self._senses = [
-            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}")
-            for it, seed in zip(world.cases, self._seeds, strict=True)
+            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}", task)
+            for it, seed, task in zip(world.cases, self._seeds, self._tasks, strict=True)
             if not self._usual
         ]
         self._took = [0.0] * len(world.cases)
+        self._wheels = [
+            Wheel(world.settings, partial(world.note, case), concrete.road.line)
+            for case, concrete in enumerate(world.cases)
+        ]
         self.keep(world, world.rows)
 
     def keep(self, world: World, rows: NDArray[np.intp]) -> None:
@@ -326,7 +335,7 @@ class Policies:
         self._ego_values = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, :8]
         first = [name for name, _ in _numbers(world.egos.dtype)].index("command.acceleration")
         self._commands = world.egos.view(np.float64).reshape(n, world.egos.itemsize // 8)[:, first : first + 2]
-        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :7]
+        self._other_values = world.others.view(np.float64).reshape(n, m, world.others.itemsize // 8)[:, :, :8]
 
     def after(self, world: World, now: float) -> None:
         """Nothing."""
@@ -334,12 +343,13 @@ class Policies:
     def _observation(self, world: World, case: int, time: float, me: list[float], others: list[Any]) -> Observation:
         acceleration = me.pop()
         if self._usual:
-            return Observation(time, self._road, me, acceleration, Look(me, list(enumerate(others, 1))))
+            look = _look(Look, (me, list(enumerate(others, 1))))
+            return Observation(time, self._road, me, acceleration, look, self._tasks[case])
         body = _body(me)
         senses = self._senses[case]
         names = [actor.name for actor in world.cases[case].actors]
         senses.take_in(
-            time, body, acceleration, {name: _body(other) for name, other in zip(names, others, strict=True)}
+            time, body, acceleration, {name: _body(other[:7]) for name, other in zip(names, others, strict=True)}
         )
         return senses.observe()
 
@@ -354,15 +364,19 @@ def _numbers(dtype: np.dtype[Any], within: str = "") -> list[tuple[str, int]]:
 
 
 class OneEach(Policies):
-    """A policy in plain Python for each row: its own exception, time and state."""
+    """A policy in plain Python for each row: its own exception, time and state.
+
+    every: it is asked at every so manieth step; in between its answer holds.
+    """
 
     def __init__(
         self, policies: Sequence[PolicyController], step_timeout: float, seeds: Sequence[int],
         plant: FmuPlant | None = None,
         folder: Path | None = None,
+        every: int = 1,
     ) -> None:  # fmt: skip
         super().__init__(step_timeout, seeds, plant)
-        self._policies, self._folder = policies, folder
+        self._policies, self._folder, self._every = policies, folder, every
 
     def begin(self, world: World, stage: Stage) -> None:
         """Reset each of them."""
@@ -371,7 +385,7 @@ class OneEach(Policies):
             if case in world.errors:
                 continue
             try:
-                policy.reset(told(world.cases[case], world.settings, self._step_timeout), TRACI, EGO)
+                policy.reset(told(world.cases[case], world.settings, self._step_timeout, self._every), TRACI, EGO)
             except RefusedCallError as error:
                 world.keep_fault(case, error, policy.target, self._folder)  # the check says what it was
             except ControllerError as error:
@@ -410,11 +424,19 @@ class OneEach(Policies):
             asked = now()
             try:
                 seen = self._observation(world, case, time, egos[row], others[row])
+                if world.steps % self._every:
+                    command = self._wheels[case].command(None, egos[row], time)
+                    given.append((command.acceleration, command.steering))
+                    asked_rows.append(row)
+                    self._took[case] = 0.0
+                    continue
                 action = policy.act(seen)
-                if type(action) is float and -math.inf < action < math.inf:
+                if self._every == 1 and type(action) is float and -math.inf < action < math.inf:
                     answer = action, 0.0
                 else:
-                    command = checked(as_command(action), time)
+                    wheel = self._wheels[case]
+                    wanted = None if action is None and wheel.holds_plan else as_command(action)
+                    command = wheel.command(wanted, egos[row], time)
                     answer = command.acceleration, command.steering
                 took = now() - asked
                 if took > self._step_timeout:
@@ -485,27 +507,6 @@ def check_clock(traci: Any, time: float, step: float) -> None:
         )
 
 
-def checked(answer: object, time: float) -> Command:
-    """The ADS's answer, if it is a command that a vehicle can be given."""
-    if not isinstance(answer, Command):
-        raise ControllerError(f"The ADS must return a Command or None, got {type(answer).__name__} at {time:.2f} s.")
-    try:
-        acceleration, steering = answer.acceleration, answer.steering
-    except Exception as error:  # what a Command of the ADS's own making may do
-        raise ControllerError(f"The ADS's Command cannot be read at {time:.2f} s: {said(error)}.") from error
-    if type(acceleration) is float and type(steering) is float and math.isfinite(acceleration + steering):
-        return answer
-    found = []
-    for name, value in (("acceleration", acceleration), ("steering", steering)):
-        number = finite_number(value)
-        if number is None:
-            raise ControllerError(
-                f"`{name}` of the ADS's Command must be a finite number, got {shown(value)} at {time:.2f} s."
-            )
-        found.append(number)
-    return Command(*found)
-
-
 def with_time(error: ControllerError, when: str) -> ControllerError:
     """What an adapter, or the watch over a step, has put in words, with the time. The class may be the user's own."""
     kind = ControllerTimeoutError if isinstance(error, ControllerTimeoutError) else ControllerError
@@ -550,7 +551,7 @@ class Batch(Policies):
         """One call for all."""
         live = np.flatnonzero(world.egos["live"])
         seen = Observations(time, world.cases[0].road, world.rows[live], world.egos[live], world.seen[live],
-                            world.others[live])  # fmt: skip
+                            world.others[live], world.cases)  # fmt: skip
         asked = clock.perf_counter()
         try:
             answer = np.asarray(self._act(seen), dtype=np.float64)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time as clock
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, ObservingController
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.observation import Senses, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
-from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, checked, let_go, with_time
+from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
+from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
@@ -40,8 +42,9 @@ class OnTraci:
 
     def __init__(
         self, ads: Controller, briefing: Briefing, step_timeout: float, seed: int, plant: FmuPlant | None = None,
-        folder: Path | None = None,
+        folder: Path | None = None, every: int = 1,
     ) -> None:  # fmt: skip
+        self._every = every  # steps from one call to the next; in between its answer holds
         self.ads, self.briefing, self.step_timeout, self.plant = ads, briefing, step_timeout, plant
         self._seed = seed
         self._waits = hasattr(ads, "took")  # for a program that drives in its own time
@@ -63,6 +66,7 @@ class OnTraci:
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         self._state = world.egos.view(np.float64).reshape(-1)  # its first numbers: a body's, and the acceleration
         self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
+        self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
         GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
@@ -74,7 +78,7 @@ class OnTraci:
             self._calls.setSpeed(actor.name, actor.start.speed)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
-            self._senses = self.ads.senses = Senses(concrete.road, settings.conditions, stream)
+            self._senses = self.ads.senses = Senses(concrete.road, settings.conditions, stream, task_of(concrete))
         elif any(getattr(settings.conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
             world.note(0, "perception_not_limited", 1.0, 0.0)  # TraCI shows everything
         self._reset()
@@ -121,6 +125,8 @@ class OnTraci:
             }
             me = self._state[:8].tolist()
             self._senses.take_in(time, Body(*me[:7]), me[7], here)
+        if world.steps % self._every:
+            return self._held(time)
         asked = clock.perf_counter()
         latency = world.latency[0]
         try:
@@ -151,8 +157,26 @@ class OnTraci:
                 f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
             )
         self._check(time)
-        command = None if answer is None else checked(answer, time)
+        command = self._obeyed(answer, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
+
+    def _held(self, time: float) -> Command | None:
+        """What holds between two calls."""
+        if not self._wheel.holds:
+            return None
+        command = self._obeyed(HOLD, time)
+        return command if self._actuation.is_direct else self._actuation.pass_on(command, time, 0.0)
+
+    def _obeyed(self, answer: object, time: float) -> Command | None:
+        """What the vehicle is commanded; None: nothing, SUMO has been told."""
+        if answer is None:
+            self._wheel.release()
+            return None
+        try:
+            asked = None if answer is HOLD and self._wheel.holds else wanted(answer)
+            return self._wheel.command(asked, self._state[:4].tolist(), time)
+        except ControllerError as error:
+            raise with_time(error, f"at {time:.2f} s") from error
 
     def _check(self, time: float) -> None:
         check_clock(self._traci, time, self._step)

@@ -7,6 +7,7 @@ reference point of every vehicle is put into the middle of its body, where this 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from lxml import etree
 
@@ -14,6 +15,7 @@ from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Trajectory
 
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
@@ -64,8 +66,11 @@ def _plan(plan: etree._Element, road: Road, length: float) -> None:
         s += piece.length
 
 
-def openscenario_xml(concrete: ConcreteScenario, settings: SimulationSettings, road_file: str, remark: str) -> str:
-    """The scenario. The ego keeps its speed: which controller drives it is the other simulator's to say.
+def openscenario_xml(
+    concrete: ConcreteScenario, settings: SimulationSettings, road_file: str, remark: str, ego: Trajectory | None = None
+) -> str:
+    """The scenario. ego: how it was driven, which it then does again, until that ends; None: it keeps its speed, as
+    which controller drives it is the other simulator's to say.
 
     road_file: the OpenDRIVE file, relative. remark: where it comes from, for the header.
     """
@@ -97,11 +102,19 @@ def openscenario_xml(concrete: ConcreteScenario, settings: SimulationSettings, r
     scripted = [actor for actor in concrete.actors if actor.lane_changes or actor.brake]
     for actor in scripted:
         _manoeuvre(act, actor, settings.time_limit, concrete.road)
-    if not scripted:
+    if ego is not None and len(ego) > 1:
+        _follow(
+            act,
+            EGO,
+            zip(*(getattr(ego, name).tolist() for name in ("time", "x", "y", "heading")), strict=True),
+            concrete.road,
+        )
+    if not scripted and ego is None:
         group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name="nobody")
         etree.SubElement(group, "Actors", selectTriggeringEntities="false")
     _after(etree.SubElement(act, "StartTrigger"), 0.0, "begin")
-    _after(etree.SubElement(storyboard, "StopTrigger"), settings.time_limit, "end")
+    end = settings.time_limit if ego is None else float(ego.time[-1])
+    _after(etree.SubElement(storyboard, "StopTrigger"), end, "end")
     return _document(root)
 
 
@@ -124,17 +137,7 @@ def _entity(parent: etree._Element, name: str, length: float, width: float, acce
 
 def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road: Road) -> None:
     """Everything a scripted vehicle does, as one timed trajectory, until it leaves the road."""
-    group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name=actor.name)
-    etree.SubElement(
-        etree.SubElement(group, "Actors", selectTriggeringEntities="false"), "EntityRef", entityRef=actor.name
-    )
-    event = etree.SubElement(
-        etree.SubElement(group, "Maneuver", name=actor.name), "Event", name=actor.name, priority="overwrite"
-    )
-    action = etree.SubElement(event, "Action", name=actor.name)
-    follow = _under(action, "PrivateAction", "RoutingAction", "FollowTrajectoryAction")
-    trajectory = etree.SubElement(_under(follow, "TrajectoryRef"), "Trajectory", name=actor.name, closed="false")
-    line = _under(trajectory, "Shape", "Polyline")
+    vertices = []
     for number in range(round(time_limit / VERTEX_INTERVAL) + 1):
         time = round(number * VERTEX_INTERVAL, 6)
         x = actor.x(time)
@@ -142,12 +145,26 @@ def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road: Road)
             break
         along, across = actor.speed(time), actor.lateral_speed(time)
         heading = 0.0 if actor.slides or across == 0.0 else math.atan2(across, along)
-        _position(etree.SubElement(line, "Vertex", time=_text(time)), road, x, actor.y(time), heading)
+        vertices.append((time, x, actor.y(time), heading))
+    _follow(act, actor.name, vertices, road)
+
+
+def _follow(act: etree._Element, name: str, vertices: Iterable[tuple[float, float, float, float]], road: Road) -> None:
+    """A vehicle on one timed trajectory. vertices: time, x, y, heading."""
+    group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name=name)
+    etree.SubElement(etree.SubElement(group, "Actors", selectTriggeringEntities="false"), "EntityRef", entityRef=name)
+    event = etree.SubElement(etree.SubElement(group, "Maneuver", name=name), "Event", name=name, priority="overwrite")
+    action = etree.SubElement(event, "Action", name=name)
+    follow = _under(action, "PrivateAction", "RoutingAction", "FollowTrajectoryAction")
+    trajectory = etree.SubElement(_under(follow, "TrajectoryRef"), "Trajectory", name=name, closed="false")
+    line = _under(trajectory, "Shape", "Polyline")
+    for time, x, y, heading in vertices:
+        _position(etree.SubElement(line, "Vertex", time=_text(time)), road, x, y, heading)
     etree.SubElement(
         _under(follow, "TimeReference"), "Timing", domainAbsoluteRelative="absolute", scale="1", offset="0"
     )
     etree.SubElement(follow, "TrajectoryFollowingMode", followingMode="position")
-    _after(etree.SubElement(event, "StartTrigger"), 0.0, f"{actor.name} begins")
+    _after(etree.SubElement(event, "StartTrigger"), 0.0, f"{name} begins")
 
 
 def _after(trigger: etree._Element, time: float, name: str) -> None:

@@ -121,7 +121,9 @@ class Pack:
     def observations(self) -> Observations:
         """What all rows see."""
         world = self.world
-        return Observations(world.time, world.cases[0].road, world.rows, world.egos, world.seen, world.others)
+        return Observations(
+            world.time, world.cases[0].road, world.rows, world.egos, world.seen, world.others, world.cases
+        )
 
     def _check(self, concrete: ConcreteScenario) -> None:
         if _kind(concrete) != self._kind:

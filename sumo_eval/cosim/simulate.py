@@ -15,6 +15,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +25,7 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import (
     Controller,
     ControllerLike,
+    ListenerController,
     NativeModel,
     ObjectController,
     adapted,
@@ -31,6 +33,7 @@ from sumo_eval.cosim.doors.controller import (
     load_controller,
     own_vehicle_type,
 )
+from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
@@ -40,7 +43,7 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.world import MODEL, SUMO, World
-from sumo_eval.errors import ControllerError, SimulationError, must_be, said
+from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.text import traceback_of
@@ -68,12 +71,14 @@ def simulate(
     folder: Path | None = None,
     step_timeout: float = math.inf,
     seed: int = 0,
+    period: float | None = None,
 ) -> Recording:
     """Run a concrete scenario with an ADS at the ego's wheel.
 
     controller: a locator string, a function, a class or an object (see `sumo_eval.cosim.doors.controller`).
     folder: where relative paths in a locator start. step_timeout: longest wall time of one controller step, s.
-    seed: of what `settings.conditions` leave to chance.
+    seed: of what `settings.conditions` leave to chance. period: s from one call of the controller to the next, in
+    between its answer holds; None: as its locator says.
 
     A fault of the ADS (an exception, a command that is no finite number, motion that no vehicle can do, touching SUMO's
     clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
@@ -82,18 +87,21 @@ def simulate(
     settings = concrete.simulation(settings or SimulationSettings())
     check_intervals(settings)
     ads = load_controller(controller, folder)
+    every = _steps_between(controller, period, settings)
     began = clock.perf_counter()
     plant = None if settings.plant is None else FmuPlant(settings.plant, settings.plant.file, folder)
     target = _target(ads)
+    if every > 1 and (Compiled.rides(target) or isinstance(ads, ListenerController)):
+        raise InputError("What ships, and a step listener, drive at every step; they take no `period`.")
     alone = Compiled.rides(target) or is_policy(ads)
     world = World([concrete], settings, MODEL if alone else SUMO)
     driver: Driver
     if Compiled.rides(target):
         driver = Rows([target], plant)
     elif is_policy(ads):
-        driver = _policies([ads], step_timeout, [seed], plant, folder)
+        driver = _policies([ads], step_timeout, [seed], plant, folder, every)
     else:
-        driver = OnTraci(ads, told(concrete, settings, step_timeout), step_timeout, seed, plant, folder)
+        driver = OnTraci(ads, told(concrete, settings, step_timeout, every), step_timeout, seed, plant, folder, every)
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
@@ -105,6 +113,13 @@ def simulate(
     (recording,) = world.recordings(clock.perf_counter() - began)
     assert isinstance(recording, Recording)
     return recording
+
+
+def _steps_between(controller: ControllerLike, period: float | None, settings: SimulationSettings) -> int:
+    """Steps from one call of a controller to the next."""
+    if period is None:
+        period = split_entry(controller)[1].period if isinstance(controller, str) else 0.0
+    return steps_between(period, settings.step, f"ADS `{controller}`" if isinstance(controller, str) else "the ADS")
 
 
 def _target(ads: Controller) -> Any:
@@ -119,11 +134,13 @@ def is_policy(ads: Controller) -> bool:
 
 def _policies(
     ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
-    folder: Path | None = None,
+    folder: Path | None = None, every: int = 1,
 ) -> Driver:  # fmt: skip
     if getattr(ads[0].target, "batch", False) is True:
+        if every > 1:
+            raise InputError("A policy over arrays (`batch`) is asked at every step; it takes no `period`.")
         return Batch(ads[0], step_timeout, seeds, plant)
-    return OneEach(ads, step_timeout, seeds, plant, folder)
+    return OneEach(ads, step_timeout, seeds, plant, folder, every)
 
 
 def _opened(
@@ -210,7 +227,7 @@ def simulate_together(
             raise must_be("The controllers", "`simulate_many`", each, len(controller))
         riders, why = _given_riders(controller, folder), None
     else:
-        riders, why = _riders(controller, folder, wrap, batches)
+        riders, why = _riders(controller, folder, wrap, batches, _steps_between(controller, None, basis))
     as_usual = basis.plant is None and basis.conditions == ConditionSettings()
 
     def kind(index: int) -> tuple[object, ...] | None:
@@ -237,38 +254,44 @@ def simulate_together(
 class _Riders:
     """What drives the cases of a call, or None where it cannot drive many."""
 
-    def __init__(self, kind: Callable[[int], object], make: Callable[[int], Any], folder: Path | None = None) -> None:
-        self.kind, self._make, self._folder = kind, make, folder
+    def __init__(
+        self, kind: Callable[[int], object], make: Callable[[int], Any], folder: Path | None = None, every: int = 1
+    ) -> None:
+        self.kind, self._make, self._folder, self._every = kind, make, folder, every
 
     def driver(self, part: Sequence[int], step_timeout: float, seeds: Sequence[int]) -> Driver:
         """Who drives these cases."""
         made = [self._make(index) for index in part]
         if isinstance(made[0], Compiled):
             return Rows(made)
-        return _policies(made, step_timeout, seeds, folder=self._folder)
+        return _policies(made, step_timeout, seeds, folder=self._folder, every=self._every)
 
 
 def _riders(
-    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller], batches: bool
+    controller: ControllerLike, folder: Path | None, wrap: Callable[[Controller], Controller], batches: bool, every: int
 ) -> tuple[_Riders, Alone | None]:
-    """What makes the drivers of one ADS, and why it cannot drive many, None where it can."""
+    """What makes the drivers of one ADS, asked at `every` so manieth step, and why it cannot drive many, None where it
+    can.
+    """
     nobody = _Riders(lambda index: None, lambda index: None)
     found = find_controller(controller, folder) if isinstance(controller, str) else controller
     described = controller if isinstance(controller, str) else repr(controller)
+    options = split_entry(controller)[1].options if isinstance(controller, str) else {}
     if isinstance(found, type) and not issubclass(found, Compiled) and not callable(getattr(found, "act", None)):
         return nobody, ON_TRACI  # none is made in vain
-    ads = adapted(found, described)
+    ads = adapted(found, described, options)
     target = _target(ads)
     if Compiled.rides(target):
         return _Riders(lambda index: type(target), lambda index: target), None
     if not is_policy(ads):
         return nobody, ON_TRACI
     if getattr(ads.target, "batch", False) is True:  # type: ignore[attr-defined]
-        return (_Riders(lambda index: controller, lambda index: ads), None) if batches else (nobody, BATCH)
+        return (_Riders(lambda index: controller, lambda index: ads, every=every), None) if batches else (nobody, BATCH)
     if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
         return nobody, ASKS_SUMO
     if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
-        return _Riders(lambda index: controller, lambda index: wrap(adapted(found, described)), folder), None
+        each = partial(adapted, found, described, options)
+        return _Riders(lambda index: controller, lambda index: wrap(each()), folder, every), None
     return nobody, ONE_OBJECT
 
 
@@ -277,7 +300,9 @@ def _given_riders(controllers: Sequence[ControllerLike], folder: Path | None) ->
     made = [load_controller(controller, folder) for controller in controllers]
 
     def kind(index: int) -> object:
-        target = _target(made[index])
+        target, named = _target(made[index]), controllers[index]
+        if isinstance(named, str) and split_entry(named)[1].period:
+            return None
         if Compiled.rides(target):
             return type(target)
         if is_policy(made[index]) and not asks_traci(getattr(made[index], "target", None)):

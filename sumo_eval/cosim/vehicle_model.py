@@ -22,22 +22,42 @@ _SAME = 1e-12  # m/s2, accelerations closer than this are one
 
 @dataclass(frozen=True, slots=True, init=False)
 class Command:
-    """What an ADS asks of its vehicle for the next step.
+    """What an ADS asks of its vehicle for the next step: an acceleration, or in its place a speed.
 
-    acceleration: along the vehicle, m/s2, negative brakes. steering: steering wheel angle, rad, positive to the left.
+    acceleration: along the vehicle, m/s2, negative brakes; nan beside a speed. steering: steering wheel angle, rad,
+    positive to the left. speed: m/s, wanted from now on; `TrackerSettings.speed_time` says how soon.
     """
 
     acceleration: float
     steering: float = 0.0
+    speed: float | None = None
 
-    def __init__(self, acceleration: float, steering: float = 0.0) -> None:
-        _SET_ACCELERATION(self, acceleration)
+    def __init__(self, acceleration: Any = ..., steering: float = 0.0, *, speed: float | None = None) -> None:
+        if (acceleration is ...) == (speed is None):
+            raise TypeError("a Command takes an acceleration or a speed, one of both")
+        _SET_ACCELERATION(self, math.nan if acceleration is ... else acceleration)
         _SET_STEERING(self, steering)
+        _SET_SPEED(self, speed)
+
+    @staticmethod
+    def pedals(throttle: float = 0.0, brake: float = 0.0, steer: float = 0.0) -> Pedals:
+        """Pedals, 0..1 each, and the steering wheel, -1..1 of its end stops, positive to the left."""
+        return Pedals(throttle, brake, steer)
 
 
 # a frozen dataclass's own constructor takes twice as long, and every step of an ADS pays it
 _SET_ACCELERATION = vars(Command)["acceleration"].__set__
 _SET_STEERING = vars(Command)["steering"].__set__
+_SET_SPEED = vars(Command)["speed"].__set__
+
+
+@dataclass(frozen=True, slots=True)
+class Pedals:
+    """How far the pedals are pressed, 0..1, and the wheel turned, -1..1 of its end stops, positive to the left."""
+
+    throttle: float = 0.0
+    brake: float = 0.0
+    steer: float = 0.0
 
 
 class EgoState(NamedTuple):

@@ -88,8 +88,9 @@ OTHER = np.dtype(
         ("map", _MAP),
     ]
 )  # fmt: skip
-"""Another vehicle and its script. told: the harness has moved it in this step. script_begin, script_end: s. leaves:
-when its script takes it beside the lanes for good, s: SUMO does not move a vehicle that is on no lane."""
+"""Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2. told: the harness has
+moved it in this step. script_begin, script_end: s. leaves: when its script takes it beside the lanes for good, s: SUMO
+does not move a vehicle that is on no lane."""
 
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
@@ -589,6 +590,7 @@ def see_rows(
                 other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line, now, as_read
             )
             was = other.before
+            other.acceleration = (other.speed - was.speed) / step
             if bent:
                 there = _map_body(was.map, was.speed, was.across, other)
                 here = _map_body(other.map, other.speed, other.across, other)

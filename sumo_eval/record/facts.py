@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import os
 import time as clock
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from sumo_eval.cosim.doors.controller import find_controller, made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
@@ -18,6 +19,7 @@ from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import Stopping, never, run_cases, run_packs
+from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, zones_of
 from sumo_eval.record.recording import (
@@ -36,11 +38,13 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
-from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
+from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_evaluation, settings_from
 from sumo_eval.settings.random_streams import random_stream
 
-Evaluable = EvaluationSettings | str | os.PathLike[str] | None
-"""Settings, the path of an evaluation file, or None: the run's own when it is resumed, else the paper's."""
+Evaluable = EvaluationSettings | Mapping[str, Any] | str | os.PathLike[str] | None
+"""Settings, what a file of them holds as a dict, the path of such a file, or None: the run's own when it is resumed,
+else the paper's.
+"""
 
 WHOLE = (1, 1)
 _COMPLETE = "complete"
@@ -87,14 +91,17 @@ class Estimate:
 
 
 def resolve(
-    evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[str] = (), **changes: object
+    evaluation: Evaluable, folder: Path, resume: bool, ads: Sequence[Any] = (), **changes: object
 ) -> tuple[EvaluationSettings, Path]:
     """The settings, with those `changes` of `run` that are not None, and the folder where their paths start.
 
-    ads: locators in place of the evaluation's ADSs; their relative paths start in the current folder.
+    ads: locators, classes, functions or objects in place of the evaluation's ADSs; relative paths of locators start in
+    the current folder.
     """
     if isinstance(evaluation, EvaluationSettings):
         settings, source = evaluation, Path.cwd()
+    elif isinstance(evaluation, Mapping):
+        settings, source = settings_from(_with_locators(evaluation, folder, resume), "the evaluation"), Path.cwd()
     elif evaluation is None and resume and run_folder.is_run(folder):
         settings = read_evaluation(folder / run_folder.EVALUATION)
         source = Path(run_folder.read_manifest(folder)["source_folder"])
@@ -102,14 +109,35 @@ def resolve(
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
         settings, source = read_evaluation(path), path.parent.resolve()
     for locator in ads:
-        if locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it is to run
+        if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it runs
             find_controller(locator, Path.cwd())
     if ads:
-        settings = replace(
-            settings, ads=tuple(AdsSettings(locator, made_absolute(locator, Path.cwd())) for locator in ads)
-        )
+        entries = tuple(_entry(one, folder, resume) for one in ads)
+        settings = replace(settings, ads=entries)
+        check_evaluation(settings, "`ads`")
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
+
+
+def _entry(ads: Any, folder: Path, resume: bool) -> AdsSettings:
+    """The entry of an ADS that is named or given in place of the evaluation's."""
+    if isinstance(ads, str):
+        return AdsSettings(ads, made_absolute(ads, Path.cwd()))
+    return entry_of(ads, folder, resume=resume)
+
+
+def _with_locators(evaluation: Mapping[str, Any], folder: Path, resume: bool) -> dict[str, Any]:
+    """An evaluation as a dict with a locator in the place of each controller that is given as it is."""
+    content = dict(evaluation)
+    entries = content.get("ads", ())
+    if isinstance(entries, list | tuple):
+        content["ads"] = [
+            {**one, "controller": entry_of(one["controller"], folder, resume=resume).controller}
+            if isinstance(one, Mapping) and not isinstance(one.get("controller", ""), str)
+            else one
+            for one in entries
+        ]
+    return content
 
 
 def record_facts(

@@ -14,17 +14,17 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.cosim.doors.controller import find_controller
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, must_be
 from sumo_eval.record.cases import Case
 from sumo_eval.record.frames import FrameError, Message
-from sumo_eval.settings import DriverSettings, SimulationSettings
+from sumo_eval.settings import AdsSettings, DriverSettings, SimulationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
 
 IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
 _LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
-_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo")  # locators of commands and files, not of Python objects
+_NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
 _ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
@@ -83,6 +83,14 @@ def read_identity(message: Message) -> str | InputError:
         raise FrameError("gave an identity that is none")
     word, text = plain[0], clean(plain[1], len(plain[1]))
     return InputError(text) if word == "refused" else text
+
+
+def files_identity(ads: AdsSettings, source: Path) -> str:
+    """Hashes of the files that an ADS says it depends on. Raises InputError for one that is not there."""
+    for name in ads.files:
+        if not (source / name).is_file():
+            raise must_be("`files`", f"ADS `{ads.name}`", "files that are there", name)
+    return _text({name: _hash(source / name) for name in ads.files}) if ads.files else ""
 
 
 def people_identity(settings: DriverSettings, source: Path) -> str:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.danger import danger
 from sumo_eval.method.zone_partition import ZonePartition, partition
@@ -44,8 +46,22 @@ def choose_points(
     weighted = logical if exposure is None else replace(logical, exposure=exposure)
     points = sample(weighted, sampling.method, request=request)
     if len(points.points) == 0:
-        raise InputError(f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none.")
+        raise InputError(
+            f"The sampling of scenario `{entry.use}` must choose at least one possible point, got none."
+            f"{_refusals(weighted, points)}"
+        )
     return logical, points
+
+
+def _refusals(logical: LogicalScenario, points: Sample) -> str:
+    """How many of the points that were chosen each constraint rules out, as a closing sentence."""
+    refused = points.refused
+    if not len(refused):
+        return ""
+    values = logical.columns(refused)
+    counts = [int((~np.asarray(one.holds(values))).sum()) for one in logical.constraints]
+    by = [f"{count} by `{one.about}`" for one, count in zip(logical.constraints, counts, strict=True) if count]
+    return f" Of {len(refused)} points are ruled out: {', '.join(by)}."
 
 
 def scenario_weights(scenarios: Sequence[str], settings: RankingSettings) -> dict[str, float]:

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.record.cases import Case, Outcome, Role, Setup
 from sumo_eval.record.engines import Stopping, identify, never, run_packs
-from sumo_eval.record.identity import harness_identity, people_identity, with_fingerprint
+from sumo_eval.record.identity import files_identity, harness_identity, people_identity, with_fingerprint
 from sumo_eval.record.store import Store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -130,6 +131,9 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     setup = Setup(settings.simulation, settings.run, source)
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
+    for ads in settings.ads:
+        steps_between(ads.period or 0.0, settings.simulation.step, f"ADS `{ads.name}`")
+        identities[ads.locator] += files_identity(ads, source)
     if settings.drivers.source == RECORDED:
         from sumo_eval.drivers.recorded.reference import open_people  # pandas, which synthetic drivers do not need
 

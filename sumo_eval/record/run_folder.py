@@ -28,6 +28,7 @@ EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 LOCK = ".lock"
+GIVEN = "ads"  # where ADSs lie that were given by value
 _MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 _HALF_MADE = {
     EVALUATION,
@@ -37,13 +38,14 @@ _HALF_MADE = {
     EXPOSURES,
     "networks",
     "routes",
+    GIVEN,
 }
 
 
 @contextmanager
 def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
     """The right to write a run folder, made if need be. Refuses one that is in use, or not empty unless `resume`."""
-    _refuse_foreign(folder, resume)
+    refuse_foreign(folder, resume)
     with ExitStack() as lock:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -54,18 +56,19 @@ def only_writer(folder: Path, *, resume: bool) -> Iterator[None]:
             ) from owner
         except OSError as error:
             raise InputError(f"The run folder {folder} cannot be written: {error}.") from error
-        _refuse_foreign(folder, resume)  # another process may have finished a run here just now
+        refuse_foreign(folder, resume)  # another process may have finished a run here just now
         yield
 
 
-def _refuse_foreign(folder: Path, resume: bool) -> None:
+def refuse_foreign(folder: Path, resume: bool) -> None:
+    """Refuse a folder that holds something else than a run to go on with, or than nothing yet."""
     if not folder.exists():
         return
     if not folder.is_dir():
         raise InputError(f"{folder} already exists and is no folder; a run needs a folder of its own.")
     suffixes = ("-wal", "-shm", "-journal", ".half")
     names = {_without(path.name, suffixes) for path in folder.iterdir()}
-    names -= {LOCK}
+    names -= {LOCK, GIVEN}
     if not names:
         return
     if not resume:

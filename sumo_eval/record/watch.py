@@ -24,7 +24,7 @@ from sumo_eval.cosim.doors.controller import (
 from sumo_eval.cosim.doors.json_lines import JsonLinesProgram
 from sumo_eval.cosim.doors.observation import Senses
 from sumo_eval.cosim.doors.traci_program import TraciProgram
-from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.cosim.plans import Wanted
 from sumo_eval.errors import ControllerTimeoutError
 from sumo_eval.settings import RunSettings
 from sumo_eval.text import kind_of
@@ -90,10 +90,10 @@ class WatchedController:
         if self._armed:  # after the ADS's own reset, which may have set handlers
             signal.signal(signal.SIGALRM, _interrupt)
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | None:
+    def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
         """Ask the controller. Raises ControllerTimeoutError when it is over its time."""
-        command: Command | None = self._in_time(self._controller.step, traci, ego, time)
-        return command
+        asked: Wanted | None = self._in_time(self._controller.step, traci, ego, time)
+        return asked
 
     def _in_time(self, ask: Callable[..., Any], *arguments: Any) -> Any:
         try:

@@ -12,6 +12,7 @@ import numpy as np
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.simulate import simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
@@ -53,19 +54,23 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
         outcome = run_case(cases[0], setup)
         recording = outcome.recording
         kept = keep(recording) if isinstance(recording, Recording) else recording
-        return [Result(outcome.status, kept, outcome.error, outcome.log, outcome.error_place)]
+        return [Result(outcome.status, kept, outcome.error, loading() + outcome.log, outcome.error_place)]
     try:
         found = list(_simulate_together(cases, setup))
     except InputError:  # each of them says why when it runs alone
         return None
     if all(isinstance(one, Alone) and one.by_nature for one in found):
         return None
-    return [
-        one
-        if isinstance(one, Alone)
-        else Result(STATUS[one.end_reason], keep(one), one.error, one.log, one.error_place)
-        for one in found
-    ]
+    loaded = loading()
+    results: list[Result | Alone] = []
+    for one in found:
+        if isinstance(one, Alone):
+            results.append(one)
+        else:
+            kept, log = keep(one), loaded + one.log
+            results.append(Result(STATUS[one.end_reason], kept, one.error, log, one.error_place))
+            loaded = ""
+    return results
 
 
 def _ideal_vehicle(settings: SimulationSettings) -> SimulationSettings:
@@ -101,6 +106,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         folder=setup.folder,
         step_timeout=setup.run.step_timeout,
         seed=case.seed,
+        period=split_entry(case.controller)[1].period,
     )
 
 

@@ -15,9 +15,10 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.settings import DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
 from sumo_eval.settings.config import to_toml
 from sumo_eval.text import cell
+from sumo_eval.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     drives it again stands in the .xosc header as well. Raises InputError for a case that the run does not have.
     """
     settings, source = run_folder.read_settings(run), Path(run_folder.read_manifest(run)["source_folder"])
-    fact = _fact(run, settings, case)
+    fact, driven = _fact(run, settings, case)
     uses = {find(entry.use, source).name: entry for entry in settings.scenario}
     entry = uses[fact.scenario]
     logical = find(entry.use, source)
@@ -57,7 +58,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
             lane_change_duration=simulation.lane_change_duration, view=view,
         ),
         f"{stem}.xodr": opendrive_xml(concrete.road),
-        f"{stem}.xosc": openscenario_xml(concrete, settings.simulation, f"{stem}.xodr", f"Run again: {line}"),
+        f"{stem}.xosc": openscenario_xml(
+            concrete, settings.simulation, f"{stem}.xodr", f"Run again: {line}", driven
+        ),
         f"{stem}.toml": to_toml(alone),
     }  # fmt: skip
     known = fact.exposure > 0.0  # a sample whose exposures are all 0 is refused
@@ -76,12 +79,14 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
 
 
-def _fact(run: Path, settings: EvaluationSettings, case: str) -> Fact:
+def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, Trajectory | None]:
+    """What is recorded of a case, and how its ego drove; None where it did not come to drive."""
     with open_store(run / run_folder.FACTS) as store:
         facts = {fact.case: fact for fact in store.facts("ads")}
-    if case not in facts:
-        raise unknown(f"case of run {run}", case, facts)
-    return facts[case]
+        if case not in facts:
+            raise unknown(f"case of run {run}", case, facts)
+        fact = facts[case]
+        return fact, None if fact.simulated_time is None else store.trajectory(case)
 
 
 def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:
@@ -96,10 +101,15 @@ def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path
     return replace(
         settings,
         scenario=(replace(entry, use=space, sampling=sampling, exposure=ExposureSettings()),),
-        ads=(replace(ads, controller=made_absolute(ads.controller, source)),),
+        ads=(_absolute(ads, source),),
         drivers=_people(settings.drivers, source),
         simulation=replace(settings.simulation, plant=plant),
     )
+
+
+def _absolute(ads: AdsSettings, source: Path) -> AdsSettings:
+    files = tuple(str(source / name) for name in ads.files)
+    return replace(ads, controller=made_absolute(ads.controller, source), files=files)
 
 
 def _people(drivers: DriverSettings, source: Path) -> DriverSettings:

@@ -93,7 +93,7 @@ def _styled(value: str, interval: str, heading: str) -> Text:
 
 def plain_table(evaluation: Evaluation) -> str:
     """The scores as aligned text without ruled lines, one line an ADS and logical scenario, for logs and pipes."""
-    rows = [COLUMNS, *(tuple(_row(score)) for score in evaluation.scores)]
+    rows = [COLUMNS, *(tuple(row_of(score)) for score in evaluation.scores)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
     return "\n".join(
         "  ".join(
@@ -162,7 +162,8 @@ def _of_a_kind(kind: Sequence[tuple[CaseResult, str]]) -> str:
     return f"{_one_line(case.case)}{more}: {_shortened(_one_line(sentence))}{place}"
 
 
-def _row(score: ScenarioResult) -> list[str]:
+def row_of(score: ScenarioResult) -> list[str]:
+    """The cells of `COLUMNS` for one ADS in one logical scenario, intervals behind their scores."""
     cells = _cells(score)
     joined = [f"{value} ({interval})" if interval else value for value, interval in map(cells.__getitem__, COLUMNS[2:])]
     return [_one_line(cell) for cell in (score.ads, score.scenario, *joined)]

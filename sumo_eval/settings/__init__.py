@@ -31,6 +31,7 @@ from sumo_eval.settings.simulation import (
     FmuSettings,
     PlantSettings,
     SimulationSettings,
+    TrackerSettings,
     VehicleSettings,
 )
 
@@ -59,6 +60,7 @@ __all__ = [
     "ScenarioSettings",
     "ScoreSettings",
     "SimulationSettings",
+    "TrackerSettings",
     "VehicleSettings",
     "ZoneSettings",
     "about",

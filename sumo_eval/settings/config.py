@@ -24,7 +24,7 @@ Settings = TypeVar("Settings", bound=Checked)
 def read_evaluation(path: Path) -> EvaluationSettings:
     """The settings in an evaluation file. Raises InputError naming every mistake in it."""
     settings = _validated(read_toml(path, "evaluation file"), EvaluationSettings, str(path), path)
-    _check(settings, str(path))
+    check_evaluation(settings, str(path))
     return settings
 
 
@@ -36,7 +36,7 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     """Settings from a plain mapping; `where` names it in error sentences."""
     settings = _validated(content, EvaluationSettings, where)
-    _check(settings, where)
+    check_evaluation(settings, where)
     return settings
 
 
@@ -50,7 +50,8 @@ def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, fil
     return settings
 
 
-def _check(settings: EvaluationSettings, where: str) -> None:
+def check_evaluation(settings: EvaluationSettings, where: str) -> None:
+    """Refuse an evaluation of nothing, and names that could not be told apart. where: names it in sentences."""
     for what, names in (
         ("`scenario.use`", [scenario.use for scenario in settings.scenario]),
         ("`ads.name`", [ads.name for ads in settings.ads]),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
 
 from annotated_types import Ge, MinLen
 
 from sumo_eval.errors import must_be
-from sumo_eval.settings.checked import About, Checked
+from sumo_eval.settings.checked import About, Checked, Positive
 from sumo_eval.settings.drivers import DriverSettings
 from sumo_eval.settings.method import MethodSettings
 from sumo_eval.settings.report import ReportSettings
@@ -96,6 +96,16 @@ class AdsSettings(Checked):
     ]
     fmu: Annotated[FmuSettings | None, About("variables of the FMU, where the controller is one")] = None
 
+    period: Annotated[
+        float | None, Positive, About("time from one call to the next; its answer holds; default: every step", "s")
+    ] = None
+    options: Annotated[
+        dict[str, Any], About("keyword arguments of the class; a program of `exec:` is told them in its reset")
+    ] = field(default_factory=dict)
+    files: Annotated[
+        tuple[str, ...], About("files that it depends on, such as weights: with other content it is another ADS")
+    ] = ()
+
     def __post_init__(self) -> None:
         Checked.__post_init__(self)
         object.__setattr__(self, "name", clean(self.name))
@@ -103,14 +113,17 @@ class AdsSettings(Checked):
     @property
     def locator(self) -> str:
         """The controller with everything that belongs to it, in one text: `fmu:acc.fmu?inputs.v=ego_speed`."""
-        if self.fmu is None:
+        pairs = [] if self.period is None else [("period", json.dumps(self.period))]
+        pairs += [(f"options.{name}", json.dumps(value)) for name, value in self.options.items()]
+        if self.fmu is not None:
+            pairs += [
+                (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
+                for group in ("inputs", "outputs", "parameters")
+                for name, value in getattr(self.fmu, group).items()
+            ]
+        if not pairs:
             return self.controller
-        pairs = [
-            (f"{group}.{name}", value if isinstance(value, str) else json.dumps(value))
-            for group in ("inputs", "outputs", "parameters")
-            for name, value in getattr(self.fmu, group).items()
-        ]
-        return f"{self.controller}?{urlencode(pairs)}" if pairs else self.controller
+        return f"{self.controller}{'&' if '?' in self.controller else '?'}{urlencode(pairs)}"
 
 
 @dataclass(frozen=True, slots=True)

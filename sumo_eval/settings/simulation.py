@@ -91,6 +91,27 @@ class PlantSettings(FmuSettings):
 
 
 @dataclass(frozen=True, slots=True)
+class TrackerSettings(Checked):
+    """How the vehicle carries out what an ADS asks for where that is no acceleration and no wheel angle."""
+
+    speed_time: Annotated[
+        float, Positive, About("time constant with which a wanted speed is taken up: dv/dt = (wanted - v) / it", "s")
+    ] = 0.5
+    position_gain: Annotated[
+        float, NotNegative, About("acceleration for each metre that the ego is behind its plan", "1/s2")
+    ] = 1.0
+    speed_gain: Annotated[
+        float, NotNegative, About("acceleration for each m/s that the ego is slower than its plan", "1/s")
+    ] = 2.0
+    steering_gain: Annotated[
+        float, NotNegative, About("gain on the front axle's distance from the plan's path (Stanley)", "1/s")
+    ] = 2.5
+    softening_speed: Annotated[
+        float, Positive, About("speed added to the ego's own below that gain (Stanley)", "m/s")
+    ] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class SimulationSettings(Checked):
     """How SUMO steps a case and when a case ends."""
 
@@ -119,4 +140,5 @@ class SimulationSettings(Checked):
         About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
     ] = 0.2
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
     plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None

@@ -44,7 +44,10 @@ def names(recording):
     return {clip.what for clip in recording.clips}
 
 
-FOLLOWERS = ["ten_line_acc.py:acc", "step_listener.py:KeepDistance", "policy.py:LinearPolicy", "simpla_gap.py:OpenGap"]
+FOLLOWERS = [
+    "ten_line_acc.py:acc", "step_listener.py:KeepDistance", "policy.py:LinearPolicy", "simpla_gap.py:OpenGap",
+    "speed_controller.py:follow", "pedals.py:drive",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("concrete", [SLOWER, CUT_OUT], ids=["slower", "cut_out"])
@@ -61,6 +64,13 @@ def test_the_overtaking_planner_overtakes(concrete):
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
     assert found.ego.x[-1] > found.actors["obstacle" if concrete is CUT_OUT else "lead"].x[-1] + 20.0
     assert found.ego.speed[-1] == pytest.approx(20.0)
+
+
+def test_the_trajectory_planner_overtakes_close_to_its_plans():
+    found = drive("trajectory_planner.py:Planner")
+    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.01)
+    assert found.ego.x[-1] > found.actors["lead"].x[-1] + 20.0
+    assert {clip.what: clip.applied for clip in found.clips}["plan_error"] < 0.05
 
 
 def test_the_c_program_drives_as_the_ten_lines_do(tmp_path):

@@ -46,6 +46,55 @@ def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
     assert "cases to step_timeout = 0.1 s" in done.output
 
 
+def test_a_speed_controller_that_run_drives_is_warned_and_not_failed(tmp_path):
+    (tmp_path / "mine.py").write_text("def acc(seen):\n    return (15.0 - seen.ego.speed) / 0.05\n")
+    done = check("mine.py:acc", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "warn  asks for " in done.stdout
+    assert "may return Command(speed=wanted)" in done.stdout
+
+
+def test_a_plan_in_the_egos_own_coordinates_is_warned_of(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "import sumo_eval\n\ndef plan(seen):\n"
+        "    t = [seen.time, seen.time + 5.0]\n"
+        "    return sumo_eval.Plan(t, [0.0, 5.0 * seen.ego.speed], [0.0, 0.0], speed=[5.0, 5.0])\n"
+    )
+    done = check("mine.py:plan", tmp_path)
+    assert "m from its plan" in done.stdout
+    assert "-> a Plan is in road coordinates" in done.stdout
+
+
+def test_an_exception_of_many_lines_is_cut_to_a_few(tmp_path):
+    """A constructor, and a step, that raise with the weights of a network in their text."""
+    (tmp_path / "mine.py").write_text(
+        "WEIGHTS = '\\n'.join('%d 0.123456' % i for i in range(400))\n"
+        "class Made:\n    def __init__(self):\n        raise ValueError(WEIGHTS)\n"
+        "    def act(self, seen):\n        return 0.0\n"
+        "def step(seen):\n    raise ValueError(WEIGHTS)\n"
+    )
+    made = check("mine.py:Made", tmp_path)
+    assert (made.returncode, made.stdout) == (2, "")
+    assert "making one without arguments failed: ValueError: 0 0.123456" in made.stderr
+    assert len(made.stderr.splitlines()) < 5
+    assert len(made.stderr) < 1000
+    driven = check("mine.py:step", tmp_path)
+    assert driven.returncode == 1
+    cases = driven.stdout.count("The ADS raised at 0.00 s: ValueError")
+    assert cases >= 8
+    assert len(driven.stdout.splitlines()) < 20 * cases
+    assert "lines left out]" in driven.stdout
+
+
+@pytest.mark.parametrize("method", ["run_step", "compute_planner_trajectory", "predict"])
+def test_a_class_of_another_tool_is_told_of_act(tmp_path, method):
+    (tmp_path / "mine.py").write_text(f"class Agent:\n    def {method}(self, data):\n        return 0.0\n")
+    done = check("mine.py:Agent", tmp_path)
+    assert done.returncode == 2
+    assert f"It has `{method}`, as " in done.stderr
+    assert "put it in a class with `act(observation)` that calls it" in done.stderr
+
+
 def test_what_cannot_be_loaded_is_one_sentence(tmp_path):
     done = check("mine.py:acc", tmp_path)
     assert (done.returncode, done.stdout) == (2, "")

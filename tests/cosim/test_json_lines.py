@@ -6,7 +6,7 @@ import time as clock
 from dataclasses import replace
 
 import pytest
-from cosim_cases import HALF_SECOND, case, lead
+from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
@@ -45,13 +45,21 @@ def test_the_protocol_line_by_line(tmp_path):
     assert found.error is None
     brief, *steps = [json.loads(line) for line in log.read_text().splitlines()]
     assert (brief["type"], brief["protocol"], brief["step"]) == ("reset", 1, 0.05)
-    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0}
+    lines = brief["road"].pop("lane_borders")
+    assert brief["road"] == {"lanes": 2, "lane_width": 3.5, "length": 600.0, "speed_limit": 60.0, "line": []}
+    end = 600.0 + ROAD.run_out
+    assert lines[1] == {"centre": [[0, 3.5], [end, 3.5]], "left": [[0, 5.25], [end, 5.25]],
+                        "right": [[0, 1.75], [end, 1.75]]}  # fmt: skip
+    assert (brief["desired_speed"], brief["goal"]) == (20.0, [600.0, 0.0])
     assert brief["vehicle"]["wheelbase"] == 2.7
     assert "scenario" not in brief
     assert [step["time"] for step in steps] == pytest.approx([0.05 * i for i in range(10)])
     assert steps[0]["ego"]["speed"] == 20.0
     assert steps[0]["lead"]["gap"] == pytest.approx(100.0)
-    assert set(steps[0]) == {"type", "time", "ego", "lead", "vehicles", "lanes", "left_edge", "right_edge", "curvature"}
+    assert (steps[0]["lead"]["x"], steps[0]["lead"]["y"], steps[0]["lead"]["kind"]) == (154.5, 0.0, "car")
+    assert set(steps[0]["neighbours"]) == {"left_ahead", "left_behind", "right_ahead", "right_behind", "behind"}
+    assert set(steps[0]) == {"type", "time", "ego", "lead", "second_lead", "neighbours", "vehicles", "lanes",
+                             "left_edge", "right_edge", "curvature"}  # fmt: skip
 
 
 def test_the_scenario_is_told_when_it_is_revealed(tmp_path):
@@ -88,13 +96,20 @@ def test_a_program_that_works_on_after_its_case_is_killed_too(tmp_path):
         ("read x; echo {}; read x; echo brake", "answer with a JSON object on one line, got 'brake' at 0.00 s."),
         ("read x; echo {}; read x; echo 3", "answer with a JSON object on one line, got '3' at 0.00 s."),
         ("read x; echo {}; read x; echo {}", "must have an `acceleration`, got {} at 0.00 s."),
-        ('read x; echo {}; read x; echo "{\\"brake\\": 1}"', "unknown `brake`, and not only acceleration and steering"),
+        ('read x; echo {}; read x; echo "{\\"honk\\": 1}"', "unknown `honk`, and not only acceleration and steering"),
+        ('read x; echo {}; read x; echo "{\\"brake\\":1,\\"speed\\":1}"', "`brake`, and not only speed and steering"),
+        (
+            'read x; echo {}; read x; echo "{\\"brake\\": 2}"',
+            "`brake` of the ADS's pedals must be within 0..1, got 2",
+        ),
+        ('read x; echo {}; read x; echo "{\\"plan\\": null}"', "must give a plan before one can hold at 0.00 s."),
         ('read x; echo {}; read x; echo "{\\"acceleration\\": NaN}"', "must be a finite number, got nan at 0.00 s."),
         (
             'read x; echo {}; read x; echo "{\\"acceleration\\": \\"1\\"}"',
             "must be a finite number, got '1' at 0.00 s.",
         ),
         ("read x; printf '{}\\n{}\\n'; sleep 5", "must answer with one line, got more"),
+        ("read x; printf 'loading\\n{}\\n'; sleep 5", "answer with a JSON object on one line, got 'loading' in reset."),
     ],
 )
 def test_what_is_no_answer_is_the_adss_error(text, sentence):

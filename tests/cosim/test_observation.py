@@ -8,9 +8,10 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body
-from sumo_eval.cosim.doors.observation import Observation, Senses
+from sumo_eval.cosim.doors.observation import Observation, Senses, signal_names
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
+from sumo_eval.scenario.concrete import Brake
 from sumo_eval.settings import ConditionSettings
 from sumo_eval.settings.config import settings_from
 
@@ -147,6 +148,54 @@ def test_conditions_that_cannot_be_are_refused_in_the_file_and_in_python(wrong):
         )  # fmt: skip
 
 
+def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_values():
+    seen = look({"lead": car(84.5, 0.5, 10.0, 0.1), "left": car(70.0, 3.5, 25.0)})
+    assert [(v.x, v.y, v.heading, v.kind) for v in seen.vehicles] == [(70.0, 3.5, 0.0, "car"), (84.5, 0.5, 0.1, "car")]
+    assert (seen.ego.x + seen.lead.gap + 4.5, seen.ego.y + seen.lead.offset) == (pytest.approx(84.5, abs=0.15), 0.5)
+
+
+def test_the_second_lead_is_the_next_one_ahead_in_the_strip():
+    seen = look({"far": car(150.0), "beside": car(90.0, 3.5), "lead": car(84.5), "second": car(110.0)})
+    assert (seen.lead.x, seen.second_lead.x) == (84.5, 110.0)
+    assert look({"lead": car(84.5)}).second_lead is None
+    assert look({}).second_lead is None
+
+
+def test_the_road_has_its_lanes_as_lines_and_the_ads_is_told_its_task():
+    _, shown = seen_by(None, case(lead(50.0)))
+    end = ROAD.length + ROAD.run_out
+    assert [line.centre for line in shown[0].lane_borders] == [((0.0, 0.0), (end, 0.0)), ((0.0, 3.5), (end, 3.5))]
+    assert shown[0].lane_borders[0].left == shown[0].lane_borders[1].right == ((0.0, 1.75), (end, 1.75))
+    assert (shown[0].desired_speed, shown[0].goal, shown[0].speed_limit) == (20.0, (600.0, 0.0), ROAD.speed_limit)
+
+
+@pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"])
+def test_acceleration_is_the_rate_of_the_seen_speed(conditions):
+    # braking from 20 m/s at 4 m/s2 from the start: 0 at the first look, then -4
+    _, shown = seen_by(None, case(Actor("lead", Start(150.0, 0.0, 20.0), brake=Brake(0.0, 4.0))), **conditions)
+    assert [seen.lead.acceleration for seen in shown] == pytest.approx([0.0] + [-4.0] * 9)
+    assert [seen.lead.x for seen in shown][:2] == pytest.approx([150.0, 150.0 + 0.05 * 20.0 - 0.5 * 4.0 * 0.05**2])
+
+
+def test_under_conditions_the_places_in_the_world_are_the_noisy_ones_and_the_late_ones():
+    noisy = look({"lead": car(84.5)}, ConditionSettings(position_noise=0.5)).lead
+    assert noisy.x != 84.5
+    assert noisy.gap == pytest.approx(noisy.x - 50.0 - 4.5)
+    assert noisy.offset == noisy.y
+    moving = Actor("lead", Start(100.0, 0.0, 10.0))
+    _, late = seen_by(None, case(moving), perception_delay=0.1)
+    assert [seen.lead.x for seen in late][:5] == pytest.approx([100.0, 100.0, 100.0, 100.5, 101.0])
+
+
+def test_acceleration_under_noise_is_that_of_the_noisy_speeds():
+    senses, speeds, found = Senses(ROAD, ConditionSettings(speed_noise=0.2), "1"), [], []
+    for step in range(3):
+        senses.take_in(0.05 * step, EGO, 0.0, {"lead": car(84.5)})
+        speeds.append(senses.observe().lead.speed)
+        found.append(senses.observe().lead.acceleration)
+    assert found == pytest.approx([0.0, (speeds[1] - speeds[0]) / 0.05, (speeds[2] - speeds[1]) / 0.05])
+
+
 # --- conditions -------------------------------------------------------------------------------------------------------
 
 
@@ -249,6 +298,9 @@ def test_the_flat_signals_and_the_plain_form_say_the_same():
     assert signals["lead_gap"] == plain["lead"]["gap"] == 30.0
     assert signals["ego_speed"] == plain["ego"]["speed"] == 20.0
     assert len(plain["vehicles"]) == 2
+    assert (signals["lead_x"], signals["left_ahead_x"], signals["left_ahead_y"]) == (84.5, 70.0, 3.5)
+    assert (signals["lanes"], signals["lane_width"], signals["second_lead_present"]) == (2.0, 3.5, 0.0)
+    assert tuple(signals) == signal_names()
     nobody = look({})
     assert (nobody.signals()["lead_present"], nobody.signals()["lead_gap"], nobody.plain()["lead"]) == (
         0.0,

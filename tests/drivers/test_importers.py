@@ -236,3 +236,22 @@ def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
 def test_the_help_names_every_format():
     result = CliRunner().invoke(main, ["humans", "import", "--help"])
     assert all(form in result.output for form in FORMATS)
+
+
+STATE = "<shape><rectangle><length>4</length><width>2</width></rectangle></shape>"
+SETS = "<commonRoad timeStepSize='0.1'><dynamicObstacle id='7'><type>car</type>{}</dynamicObstacle></commonRoad>"
+
+
+@pytest.mark.parametrize(
+    ("name", "inside", "sentence"),
+    [
+        ("a.xml", "<occupancySet><occupancy/></occupancySet>", r"got a set-based prediction \(`occupancySet`\)"),
+        ("a.xml", "<trajectory><state><position><rectangle/></position></state></trajectory>",
+         r"Obstacle 7 in row 1 of .*a\.xml must have exact states, got sets of them \(`position/rectangle`\)"),
+        ("a.pb", "", r"binary format \(\.pb\), which is not read: write it as XML"),
+    ],
+)  # fmt: skip
+def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, inside, sentence):
+    (tmp_path / name).write_text(SETS.format(STATE + inside))
+    with pytest.raises(InputError, match=sentence):
+        commonroad.read(tmp_path / name)

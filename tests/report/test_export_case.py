@@ -211,6 +211,12 @@ def test_the_configuration_runs_in_the_sumo_binary(run, tmp_path):
 # --- OpenSCENARIO and OpenDRIVE ---------------------------------------------------------------------------------------
 
 
+def vertices(root, name):
+    """Where a vehicle's trajectory has it, by time."""
+    (group,) = (g for g in root.iter("ManeuverGroup") if g.get("name") == name)
+    return {float(v.get("time")): v.find(".//WorldPosition") for v in group.iter("Vertex")}
+
+
 def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path):
     case = "cut_in-0001-draws"
     export_case(run, case, tmp_path)
@@ -232,22 +238,28 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
 
     # the other slides 3.5 m to the right at 0.8 m/s, which takes 4.375 s, and goes on at 15 m/s
     assert root.find("Storyboard/Story/Act/ManeuverGroup/Actors/EntityRef").get("entityRef") == "other"
-    path = {float(v.get("time")): v.find(".//WorldPosition") for v in root.iter("Vertex")}
+    path = vertices(root, "other")
     begin = float(places["other"].get("x"))
     for time, y in ((0.0, 3.5), (2.0, 3.5 - 1.6), (4.3, 3.5 - 3.44), (4.4, 0.0), (10.0, 0.0)):
         assert float(path[time].get("y")) == pytest.approx(y, abs=1e-6)
         assert float(path[time].get("x")) == pytest.approx(begin + 15.0 * time, abs=1e-5)
         assert path[time].get("h") == "0"  # it slides
-    # the case ends after 35 s at the latest, the file's vertices too
-    assert root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value") == "35"
+    # the case ends after 35 s at the latest, the others' vertices too; the ego drives as it was recorded, until its end
     assert max(path) == pytest.approx(35.0)
+    with open_store(run / FACTS) as store:
+        driven = store.trajectory(case)
+    ego = vertices(root, "ego")
+    assert sorted(ego) == pytest.approx(driven.time.tolist(), abs=1e-6)
+    assert [float(ego[time].get("x")) for time in sorted(ego)] == pytest.approx(driven.x.tolist(), abs=1e-6)
+    end = float(root.find("Storyboard/StopTrigger//SimulationTimeCondition").get("value"))
+    assert end == pytest.approx(driven.time[-1], abs=1e-6)
 
 
 def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
     case = "slow_truck-0001-program"
     export_case(run, case, tmp_path)
     root = etree.parse(tmp_path / f"{case}.xosc").getroot()
-    path = {float(v.get("time")): float(v.find(".//WorldPosition").get("x")) for v in root.iter("Vertex")}
+    path = {time: float(place.get("x")) for time, place in vertices(root, "truck").items()}
     # 10 m in the first second, then 4 m/s2: 10 t - 2 t^2, at rest after 2.5 s and 12.5 m
     travelled = [path[time] - path[0.0] for time in (1.0, 2.0, 3.5, 20.0)]
     assert travelled == pytest.approx([10.0, 10.0 + 8.0, 10.0 + 12.5, 10.0 + 12.5], abs=1e-5)

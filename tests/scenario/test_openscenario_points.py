@@ -227,3 +227,11 @@ def test_what_cannot_be_used_is_refused_in_a_sentence(files, change, sentence):
 def test_without_the_scenario_file_there_are_no_constraints_and_that_is_said(files):
     (files / "Concrete" / "cut_in.xosc").unlink()
     assert any("no constraint groups" in note for note in points(files).notes)
+
+
+def test_a_count_for_a_deterministic_variation_is_not_ignored_in_silence(tmp_path):
+    path = tmp_path / "all.xosc"
+    path.write_text(variation("<Deterministic>" + single("Ve0_kph", steps("20", "60", "10")) + "</Deterministic>"))
+    assert len(read_variation(path, None, 1).combinations) == 5
+    with pytest.raises(InputError, match=r"`count` does nothing for all\.xosc: its distribution is deterministic"):
+        read_variation(path, 3, 1)

@@ -16,7 +16,8 @@ from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulate import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
-from sumo_eval.trajectory import CHANNELS, Recording
+from sumo_eval.text import last_lines
+from sumo_eval.trajectory import CHANNELS, Clip, Recording
 
 _WORDS = {
     "acceleration": "asks for {requested:.3g} m/s2, the vehicle gives {applied:.3g}",
@@ -25,9 +26,15 @@ _WORDS = {
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
+    "plan_error": "the vehicle was {applied:.2f} m from its plan",
+    "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until {applied:.2f} s",
 }
 _OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",
                  "actor_off_its_script")  # fmt: skip
+_OF_A_PLAN = ("plan_error", "plan_ended")
+_FAR_FROM_A_PLAN = 1.0  # m
+_NO_ACCELERATION = 20.0  # m/s2: nobody means more
+_LINES = 12  # of a log that a finding shows
 _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
 _PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
@@ -78,6 +85,7 @@ def check_controller(
         return [*findings, *left_out, *clock]
     findings.append(Finding("ok", "commands are finite numbers"))
     findings.append(_in_range(first))
+    findings += _planned(first)
     again: list[Recording] = []
     for case in driven:
         if sum(recording.wall_time for recording in again) <= _PATIENCE:
@@ -142,7 +150,7 @@ def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "mend what the sentence names")
-    log = f"\n{recording.log.rstrip()}" if recording.log.strip() else ""
+    log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""
     return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
 
 
@@ -157,8 +165,27 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
             "the vehicle does what it can, and every case counts that as clips; if it was not meant: acceleration is "
             "in m/s2, steering is the steering WHEEL's angle in rad"
         )
+        if any(clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst):
+            mend += "; who asks for (wanted - v)/dt, to have a speed at once, may return Command(speed=wanted)"
         return Finding("warn", text, mend)
     return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
+
+
+def _planned(recordings: Sequence[Recording]) -> list[Finding]:
+    """How far the vehicle was from what its ADS planned at worst, where it plans."""
+    worst: dict[str, Clip] = {}
+    for clip in (clip for recording in recordings for clip in recording.clips if clip.what in _OF_A_PLAN):
+        if clip.what not in worst or abs(clip.applied) > abs(worst[clip.what].applied):
+            worst[clip.what] = clip
+    if not worst:
+        return []
+    text = "; ".join(
+        _WORDS[what].format(requested=clip.requested, applied=clip.applied) for what, clip in worst.items()
+    )
+    if worst["plan_error"].applied > _FAR_FROM_A_PLAN or "plan_ended" in worst:
+        return [Finding("warn", text, "a Plan is in road coordinates and in s since the start of the case, from where "
+                        "the ego is, and reaches until the next one is given")]  # fmt: skip
+    return [Finding("ok", text)]
 
 
 def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:

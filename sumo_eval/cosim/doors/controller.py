@@ -20,11 +20,13 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, cast
 from urllib.parse import parse_qsl
 
+from sumo_eval.cosim.doors.entry import check_options, made, split_entry
 from sumo_eval.cosim.doors.observation import Observation, Senses
 from sumo_eval.cosim.doors.traci_module import TRACI, seen_as_traci
 from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
-from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, said, unknown
+from sumo_eval.cosim.plans import Plan, Wanted
+from sumo_eval.cosim.vehicle_model import Command, Pedals
+from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, unknown
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
@@ -34,6 +36,8 @@ from sumo_eval.settings.locators import load_object
 class Briefing:
     """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
 
+    period: s from one call to the next. desired_speed: the speed that the ego wants, m/s: the one that it starts with.
+    goal: the end of the road in the lane that it starts in, x, y m.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
     """
 
@@ -43,6 +47,14 @@ class Briefing:
     step: float
     values: Mapping[str, float] | None = None
     step_timeout: float = math.inf
+    desired_speed: float = math.nan
+    goal: tuple[float, float] = (math.nan, math.nan)
+    period: float = math.nan
+
+    @property
+    def speed_limit(self) -> float:
+        """Of the road, m/s."""
+        return self.road.speed_limit
 
 
 class Controller(Protocol):
@@ -51,8 +63,8 @@ class Controller(Protocol):
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """Called once, before the first step."""
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | None:
-        """Called every step; returns a command, or None after commanding SUMO itself."""
+    def step(self, traci: Any, ego: str, time: float) -> Wanted | None:
+        """Called every step; returns what is asked of the vehicle, or None after commanding SUMO itself."""
 
     def close(self) -> None:
         """Called once, after the last step, whatever happened."""
@@ -134,7 +146,7 @@ class PolicyController(ObservingController):
         if hasattr(self.target, "reset"):
             self.target.reset(scenario)
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
+    def step(self, traci: Any, ego: str, time: float) -> Wanted:
         """Show what is seen, take the action."""
         return as_command(self.act(self.senses.observe()))
 
@@ -144,11 +156,13 @@ class PolicyController(ObservingController):
             self.target.close()
 
 
-def as_command(action: Any) -> Command:
-    """An action as a Command: a Command, an acceleration in m/s2, or a pair with the steering wheel angle in rad."""
+def as_command(action: Any) -> Wanted:
+    """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or a pair with the
+    steering wheel angle in rad.
+    """
     if type(action) is float:
         return Command(action)
-    if isinstance(action, Command):
+    if isinstance(action, Command | Pedals | Plan):
         return action
     if hasattr(action, "tolist"):
         action = action.tolist()
@@ -157,6 +171,7 @@ def as_command(action: Any) -> Command:
     if not found or None in found:
         raise ControllerError(
             "The action of the ADS must be a Command, an acceleration or (acceleration, steering), of finite numbers, "
+            "or a Plan, "
             f"got {shown(action)}"
         )
     return Command(*cast(list[float], found))
@@ -231,12 +246,15 @@ DOORS = {
     "exec": "sumo_eval.cosim.doors.json_lines:JsonLinesProgram.from_command",
     "traci": "sumo_eval.cosim.doors.traci_program:TraciProgram.from_command",
     "fmu": "sumo_eval.cosim.doors.fmu:FmuController.from_locator",
+    "given": "sumo_eval.cosim.doors.given:load_given",
     "onnx": "sumo_eval.cosim.doors.onnx:from_locator",
 }
 """What makes a controller of the rest of a locator and the folder where its paths start, by the locator's scheme.
 
 Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
 """
+
+_IN_THEIR_OWN_TIME = ("sumo", "traci")
 
 SUMO_MODELS = (
     "Krauss", "KraussOrig1", "KraussPS", "PWagner2009", "BKerner", "IDM", "IDMM", "EIDM", "SmartSK", "Wiedemann", "W99",
@@ -254,13 +272,16 @@ def load_controller(controller: ControllerLike, folder: Path | None = None) -> C
     """
     with seen_as_traci():
         if isinstance(controller, str):
-            return adapted(find_controller(controller, folder), controller)
+            return adapted(find_controller(controller, folder), controller, split_entry(controller)[1].options)
         return adapted(controller, repr(controller))
 
 
 def find_controller(locator: str, folder: Path | None = None) -> Any:
     """What a locator names, not yet made into a controller: a class stays a class."""
+    locator, entry = split_entry(locator)
     scheme, colon, rest = locator.partition(":")
+    if entry.period and (scheme in _IN_THEIR_OWN_TIME or locator in SHIPPED):
+        raise InputError(f"ADS `{locator}` drives at every step; it takes no `period`.")
     if colon and scheme == "sumo":
         return _native_model(locator, rest)
     if colon and scheme in DOORS:
@@ -272,7 +293,9 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
             f"{did_you_mean(locator, (*SHIPPED, 'sumo:IDM'))}"
         )
     with seen_as_traci():
-        return load_object(target, folder, "ADS")
+        found = load_object(target, folder, "ADS")
+    check_options(found, entry.options, locator)
+    return found
 
 
 def knows_the_scripts(driver: Any) -> bool:
@@ -292,6 +315,9 @@ def made_absolute(locator: str, folder: Path) -> str:
 
     A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
     """
+    bare = split_entry(locator)[0]
+    if bare != locator and not bare.partition(":")[2].count("?"):  # the entry goes with it as it is
+        return made_absolute(bare, folder) + locator[len(bare) :]
     scheme, _, rest = locator.partition(":")
     if scheme in ("exec", "traci") and rest:
         return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
@@ -353,17 +379,16 @@ def _is_finite(text: str) -> bool:
 _ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerController, ObservingController)
 
 
-def adapted(found: Any, described: str) -> Controller:
-    """A fresh controller from what a locator names, or from what was given in its place."""
+def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Controller:
+    """A fresh controller from what a locator names, or from what was given in its place. options: of its entry."""
+    if inspect.isclass(found):
+        found = made(found, options or {}, described)
+    elif options and hasattr(found, "options"):
+        found.options = dict(options)
+    elif options:
+        raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
     if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
         return cast("Controller", found)
-    if inspect.isclass(found):
-        try:
-            found = found()
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            raise InputError(f"ADS `{described}`: making one without arguments failed: {said(error)}.") from error
     if isinstance(found, TRACI.StepListener):
         return ListenerController(found)
     if callable(getattr(found, "act", None)):
@@ -372,10 +397,27 @@ def adapted(found: Any, described: str) -> Controller:
         return ObjectController(found)
     if callable(found):
         return PolicyController(found, None) if _takes_one_argument(found) else FunctionController(found)
+    foreign = next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
+    hint = (
+        f" It has `{foreign}`, as {FOREIGN[foreign]}: put it in a class with `act(observation)` that calls it "
+        "(docs/ads/observation.md)."
+        if foreign is not None
+        else " Or, without TraCI, a function (observation) or one with `act`."
+    )
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
-        f"got {type(found).__name__}."
+        f"got {type(found).__name__}.{hint}"
     )
+
+
+FOREIGN = {
+    "run_step": "CARLA's agents have it",
+    "compute_planner_trajectory": "nuPlan's planners have it",
+    "compute_trajectory": "nuPlan's planners have it",
+    "predict": "the models of stable-baselines3 have it",
+    "plan": "CommonRoad's planners have it",
+}
+"""Methods by which the ADSs of other tools are called."""
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:

@@ -20,8 +20,8 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import NO_LEAD_GAP, Observation, SeenVehicle, Senses
-from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
+from sumo_eval.cosim.doors.observation import NO_LEAD_GAP, Observation, SeenVehicle, Senses, signal_names
+from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState, Pedals
 from sumo_eval.errors import (
     ControllerError,
     InputError,
@@ -34,11 +34,8 @@ from sumo_eval.errors import (
 )
 from sumo_eval.settings import FmuSettings
 
-SIGNALS = (
-    "time", "ego_x", "ego_y", "ego_heading", "ego_speed", "ego_acceleration", "ego_lane", "left_edge", "right_edge",
-    "lane_offset", "curvature", "lead_present", "lead_gap", "lead_speed", "lead_relative_speed", "lead_offset",
-)  # fmt: skip
-"""What an ADS's inputs can be given; without a lead the gap is 1000 m."""
+SIGNALS = signal_names()
+"""What an ADS's inputs can be given; where no vehicle is its gap is 1000 m."""
 
 _SPEED_TOLERANCE = 0.01  # m/s, what a vehicle model may be off the speed of the start
 _NUMBERS = ("Real", "Float32", "Float64")
@@ -305,7 +302,11 @@ class FmuController(ObservingController):
     _begun: bool = False
 
     def __post_init__(self) -> None:
-        self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("acceleration",), ("steering",))
+        asks = next((name for name in ("speed", "throttle") if self._gives(name)), "acceleration")
+        if asks == "throttle":
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("throttle", "brake"), ("steer",))
+        else:
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (asks,), ("steering",))
 
     @classmethod
     def from_locator(cls, text: str, folder: Path | None) -> FmuController:
@@ -321,9 +322,9 @@ class FmuController(ObservingController):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """A fresh instance of the FMU is made at the first step, which knows the signals."""
-        self._step, self._begun = scenario.step, False
+        self._step, self._begun = scenario.period, False
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
+    def step(self, traci: Any, ego: str, time: float) -> Command | Pedals:
         """One step of the FMU: what is seen goes in, the command comes out."""
         seen = self.senses.observe()
         signals: dict[str, Any] = dict(seen.signals())
@@ -333,7 +334,11 @@ class FmuController(ObservingController):
             self._begun = True
             self._fmu.begin(signals)
         answer = self._fmu.step(signals, time, self._step)
-        return Command(answer["acceleration"], answer.get("steering", 0.0))
+        return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
+
+    def _gives(self, name: str) -> bool:
+        """Whether the mapping has an output of this name, where it has no acceleration."""
+        return name in self.wiring.outputs and "acceleration" not in self.wiring.outputs
 
     def close(self) -> None:
         """Free the instance."""

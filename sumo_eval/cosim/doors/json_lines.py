@@ -3,7 +3,8 @@
 The protocol, version 1 (docs/ads/exec.md): for every line that the harness writes to the program's stdin, the program
 writes one line to its stdout. First {"type": "reset", "protocol": 1, "step": s, "vehicle": {...}, "road": {...}}, which
 any JSON object answers; then {"type": "step", "time": s, "ego": {...}, "lead": ..., ...}, which
-{"acceleration": m/s2, "steering": rad} answers. The end of the input ends the case. One program serves one case.
+{"acceleration": m/s2, "steering": rad} answers, or a speed, pedals or a plan. The end of the input ends the case. One
+program serves one case.
 """
 
 from __future__ import annotations
@@ -12,19 +13,30 @@ import json
 import os
 import select
 import time as clock
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import Senses
+from sumo_eval.cosim.doors.observation import Senses, lane_borders
+from sumo_eval.cosim.doors.traci_numbers import shown
+from sumo_eval.cosim.plans import HOLD, Plan
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
 PROTOCOL = 1
 START_TIMEOUT = 10.0  # s of wall time that a program has to start and to answer the reset
-_ANSWERS = ("acceleration", "steering")
+_ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "acceleration": (("acceleration", "steering"), Command),
+    "speed": (("speed", "steering"), Command),
+    "throttle": (("throttle", "brake", "steer"), Command.pedals),
+    "brake": (("throttle", "brake", "steer"), Command.pedals),
+    "plan": (("plan",), lambda plan: _plan(plan)),
+}
+"""What an answer may be, by the name that it must have: all its names, and what it is made into."""
+_OF_A_PLAN = ("time", "x", "y", "heading", "speed")
 
 
 @dataclass(slots=True)
@@ -35,6 +47,7 @@ class JsonLinesProgram(ObservingController):
     folder: Path | None
     log: str = ""
     senses: Senses = field(init=False, repr=False)
+    options: dict[str, Any] = field(default_factory=dict)
     _program: ChildProgram | None = None
     _unread: bytes = b""
     _deadline: float = START_TIMEOUT
@@ -49,29 +62,26 @@ class JsonLinesProgram(ObservingController):
         self.log, self._unread = "", b""
         self._program = ChildProgram(self.command, self.folder, talks=True)
         road = scenario.road
-        described: dict[str, Any] = {"lanes": road.lanes, "lane_width": road.lane_width, "length": road.length}
-        if road.bent:
-            described["line"] = [asdict(piece) for piece in road.line]
-        briefing = {
-            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "vehicle": asdict(scenario.vehicle),
-            "road": described,
+        described: dict[str, Any] = {
+            "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length, "speed_limit": road.speed_limit,
+            "line": [asdict(piece) for piece in road.line],
+            "lane_borders": [line._asdict() for line in lane_borders(road)],
         }  # fmt: skip
+        briefing = {
+            "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
+            "vehicle": asdict(scenario.vehicle), "road": described, "desired_speed": scenario.desired_speed,
+            "goal": scenario.goal,
+        }  # fmt: skip
+        if self.options:
+            briefing["options"] = self.options
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
         self._ask(briefing, START_TIMEOUT)
         self._deadline = scenario.step_timeout
 
-    def step(self, traci: Any, ego: str, time: float) -> Command:
-        """Send what is seen, read the command."""
-        answer = self._ask({"type": "step", **self.senses.observe().plain()}, self._deadline)
-        for name in answer:
-            if name not in _ANSWERS:
-                raise ControllerError(
-                    f"The ADS's answer has an unknown `{name}`, and not only {' and '.join(_ANSWERS)}"
-                )
-        if "acceleration" not in answer:
-            raise ControllerError(f"The ADS's answer must have an `acceleration`, got {json.dumps(answer)}")
-        return Command(answer["acceleration"], answer.get("steering", 0.0))
+    def step(self, traci: Any, ego: str, time: float) -> Any:
+        """Send what is seen, read what is asked for."""
+        return _asked(self._ask({"type": "step", **self.senses.observe().plain()}, self._deadline))
 
     def close(self) -> None:
         """End of input, then the end of the program."""
@@ -92,9 +102,11 @@ class JsonLinesProgram(ObservingController):
         try:
             answer = json.loads(line)
         except ValueError:
-            raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}") from None
+            answer = None
         if not isinstance(answer, dict):
             raise ControllerError(f"The ADS must answer with a JSON object on one line, got {line[:200]!r}")
+        if self._unread:
+            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
         return answer
 
     def _line(self, program: ChildProgram, deadline: float) -> str:
@@ -110,10 +122,38 @@ class JsonLinesProgram(ObservingController):
                 raise self._ended()
             self._unread += chunk
         line, _, self._unread = self._unread.partition(b"\n")
-        if self._unread:
-            raise ControllerError(f"The ADS must answer with one line, got more: {self._unread[:200]!r}")
         return line.decode("utf-8", errors="replace")
 
     def _ended(self) -> ControllerError:
         assert self._program is not None
         return ControllerError(f"The ADS's program ended before its case did, {self._program.ended()}")
+
+
+def _asked(answer: dict[str, Any]) -> Any:
+    """What the ADS's answer asks for."""
+    kind = next((name for name in _ANSWERS if name in answer), "acceleration")
+    names, make = _ANSWERS[kind]
+    _refuse_other_names(answer, names, "answer")
+    if kind not in answer:
+        raise ControllerError(
+            "Without a `speed`, a `throttle`, a `brake` or a `plan` the ADS's answer must have an `acceleration`, "
+            f"got {json.dumps(answer)}"
+        )
+    return make(**answer)
+
+
+def _plan(plan: Any) -> Any:
+    """A plan; null: the one in force holds."""
+    if plan is None:
+        return HOLD
+    if not isinstance(plan, dict):
+        raise ControllerError(f"The ADS's `plan` must be an object of lists, or null, got {shown(plan)}")
+    _refuse_other_names(plan, _OF_A_PLAN, "plan")
+    return Plan(*(plan.get(name) for name in _OF_A_PLAN))
+
+
+def _refuse_other_names(answer: dict[str, Any], names: tuple[str, ...], what: str) -> None:
+    for name in answer:
+        if name not in names:
+            known = f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+            raise ControllerError(f"The ADS's {what} has an unknown `{name}`, and not only {known}")

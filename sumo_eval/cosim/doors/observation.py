@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -19,13 +19,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, within_a_turn
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
 
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
+
+
+class Task(NamedTuple):
+    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends, x, y m."""
+
+    desired_speed: float
+    goal: tuple[float, float]
+
+
+def task_of(concrete: ConcreteScenario) -> Task:
+    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in."""
+    road, ego = concrete.road, concrete.ego
+    return Task(ego.speed, (road.length, road.lane_centre(_lane(ego.y, road))))
+
+
+class LaneLine(NamedTuple):
+    """A lane as lines of points (x, y), m, in the direction of travel: its centre, its left and its right border."""
+
+    centre: tuple[tuple[float, float], ...]
+    left: tuple[tuple[float, float], ...]
+    right: tuple[tuple[float, float], ...]
+
+
+@lru_cache(maxsize=16)
+def lane_borders(road: Road) -> tuple[LaneLine, ...]:
+    """The lanes of a road as lines, the right-hand lane first."""
+    end, half = road.length + road.run_out, 0.5 * road.lane_width
+
+    def line(y: float) -> tuple[tuple[float, float], ...]:
+        return (0.0, y), (end, y)
+
+    centres = [road.lane_centre(lane) for lane in range(road.lanes)]
+    return tuple(LaneLine(line(y), line(y + half), line(y - half)) for y in centres)
 
 
 class SeenEgo(NamedTuple):
@@ -48,6 +81,8 @@ class SeenVehicle(NamedTuple):
     to its rear; behind: from its front to the ego's rear; negative beside the ego). ahead: whether its centre is.
     relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer: negative). offset: its
     centre to the left of the ego's, m. overlaps: whether its body reaches into the strip that the ego's body sweeps.
+    x, y, heading: its centre, m, and where it points, rad, in the coordinates of the ego's own. acceleration: the rate
+    at which its seen speed has changed since it was last seen, m/s2; 0 until it has been seen twice. kind: `car`.
     """
 
     number: int
@@ -61,6 +96,11 @@ class SeenVehicle(NamedTuple):
     lane: int
     length: float
     width: float
+    x: float
+    y: float
+    heading: float
+    acceleration: float
+    kind: str = "car"
 
 
 class _Worked:
@@ -88,9 +128,13 @@ class Observation:
     _ego: Sequence[float]
     _acceleration: float
     _look: Look
+    _task: Task | None
 
-    def __init__(self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look) -> None:
+    def __init__(
+        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None = None
+    ) -> None:
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
+        own["_task"] = task
         own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
 
     @_Worked
@@ -141,6 +185,33 @@ class Observation:
         return tuple(self.road.lane_centre(lane) - self._ego[1] for lane in range(self.road.lanes))
 
     @property
+    def desired_speed(self) -> float:
+        """The speed that the ego wants, m/s: the one that it starts with; nan where nobody has said."""
+        return math.nan if self._task is None else self._task.desired_speed
+
+    @property
+    def speed_limit(self) -> float:
+        """Of the road, m/s."""
+        return self.road.speed_limit
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        """The end of the road in the lane that the ego started in, x, y m; nan where nobody has said."""
+        return (math.nan, math.nan) if self._task is None else self._task.goal
+
+    @property
+    def lane_borders(self) -> tuple[LaneLine, ...]:
+        """The lanes as lines in the coordinates of the vehicles, the right-hand lane first."""
+        return lane_borders(self.road)
+
+    @_Worked
+    def second_lead(self) -> SeenVehicle | None:
+        """The nearest vehicle ahead of the lead that reaches into the strip that the ego's body sweeps."""
+        first = None if self.lead is None else self.lead.number
+        further = (v for v in self.vehicles if v.ahead and v.overlaps and v.number != first)
+        return min(further, key=lambda v: v.gap, default=None)
+
+    @property
     def left_edge(self) -> float:
         """From the ego's centre to the left edge of the road, m."""
         return self.road.left_edge - self._ego[1]
@@ -174,23 +245,30 @@ class Observation:
         lead = self.lead
         return {
             "time": round(self.time, 6), "ego": self.ego._asdict(), "lead": None if lead is None else lead._asdict(),
+            "second_lead": None if self.second_lead is None else self.second_lead._asdict(),
+            "neighbours": {place: None if it is None else it._asdict() for place, it in self.neighbours.items()},
             "vehicles": [vehicle._asdict() for vehicle in self.vehicles], "lanes": list(self.lanes),
             "left_edge": self.left_edge, "right_edge": self.right_edge, "curvature": self.curvature,
         }  # fmt: skip
 
     def signals(self) -> dict[str, float]:
-        """Everything that is one number, by name. Without a lead: present 0, gap 1000 m, its speed the ego's."""
-        me, lead = self.ego, self.lead
-        return {
+        """Everything that is one number, by name.
+
+        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own place and heading.
+        """
+        me, road = self.ego, self.road
+        found = {
             "time": self.time, "ego_x": me.x, "ego_y": me.y, "ego_heading": me.heading, "ego_speed": me.speed,
             "ego_acceleration": me.acceleration, "ego_lane": float(me.lane), "left_edge": self.left_edge,
             "right_edge": self.right_edge, "lane_offset": -self.lanes[me.lane], "curvature": self.curvature,
-            "lead_present": 0.0 if lead is None else 1.0,
-            "lead_gap": NO_LEAD_GAP if lead is None else lead.gap,
-            "lead_speed": me.speed if lead is None else lead.speed,
-            "lead_relative_speed": 0.0 if lead is None else lead.relative_speed,
-            "lead_offset": 0.0 if lead is None else lead.offset,
+            "ego_length": me.length, "ego_width": me.width, "lanes": float(road.lanes), "lane_width": road.lane_width,
+            "speed_limit": road.speed_limit, "road_length": road.length, "desired_speed": self.desired_speed,
+            "goal_x": self.goal[0], "goal_y": self.goal[1],
         }  # fmt: skip
+        places = {"lead": self.lead, "second_lead": self.second_lead, **self.neighbours}
+        for place, vehicle in places.items():
+            found |= _place_signals(place, vehicle, me)
+        return found
 
 
 @dataclass(frozen=True)
@@ -198,7 +276,8 @@ class Observations:
     """One instant of n cases for a policy that takes arrays: what an `Observation` has, under the same names.
 
     number: of each case among those that are driven together, (n,): a policy that remembers something of its cases
-    knows them by it. ego, lead: arrays (n,). vehicles: arrays (n, m), in the order of the scenario's vehicles.
+    knows them by it. desired_speed: m/s, (n,). ego, lead: arrays (n,). vehicles: arrays (n, m), in the order of the
+    scenario's vehicles.
     """
 
     time: float
@@ -207,6 +286,12 @@ class Observations:
     _egos: NDArray[Any]
     _seen: NDArray[Any]
     _others: NDArray[Any]
+    _cases: Sequence[ConcreteScenario]
+
+    @cached_property
+    def desired_speed(self) -> NDArray[np.float64]:
+        """The speed that each ego wants, m/s: the one that it starts with."""
+        return np.array([self._cases[number].ego.speed for number in self.number.tolist()])
 
     @cached_property
     def ego(self) -> SimpleNamespace:
@@ -216,7 +301,9 @@ class Observations:
 
     @cached_property
     def vehicles(self) -> SimpleNamespace:
-        """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width."""
+        """ahead, gap, relative_speed, offset, overlaps, speed, lateral_speed, lane, length, width, x, y, heading,
+        acceleration.
+        """
         me, seen, others = self._egos["seen"][:, None], self._seen, self._others
         c, s = np.cos(others["heading"]), np.sin(others["heading"])
         half_length, half_width = seen["half_length"] + me["half_length"], seen["half_width"] + me["half_width"]
@@ -229,8 +316,7 @@ class Observations:
             speed=others["speed"],
             lateral_speed=others["speed"] * s + others["across"] * c,
             lane=self._lanes(others["y"]),
-            length=others["length"],
-            width=others["width"],
+            **{name: others[name] for name in ("length", "width", "x", "y", "heading", "acceleration")},
         )
 
     @cached_property
@@ -283,7 +369,9 @@ class Observations:
 
 
 class Look(NamedTuple):
-    """The ego and the numbered others as they were perceived at one instant, in the numbers of a `Body`."""
+    """The ego and the numbered others as they were perceived at one instant, in the numbers of a `Body`; behind those
+    of the others stands their acceleration, m/s2.
+    """
 
     me: Sequence[float]
     others: Sequence[tuple[int, Sequence[float]]]
@@ -292,8 +380,8 @@ class Look(NamedTuple):
 class Senses:
     """The ADS's eyes in one case. `stream` names the random numbers: the same name, the same misses and noise."""
 
-    def __init__(self, road: Road, conditions: ConditionSettings, stream: str) -> None:
-        self._road = road
+    def __init__(self, road: Road, conditions: ConditionSettings, stream: str, task: Task | None = None) -> None:
+        self._road, self._task = road, task
         self._conditions = conditions
         self._sees_all = not (
             conditions.dropout or conditions.position_noise or conditions.speed_noise or conditions.occlusion
@@ -301,6 +389,7 @@ class Senses:
         self._numbers: dict[str, int] = {}
         self._random = {name: random.Random(f"{stream}/{name}") for name in ("dropout", "position", "speed")}  # noqa: S311
         self._memory: deque[tuple[float, Look]] = deque()
+        self._last: dict[int, tuple[float, float]] = {}  # when each was last seen, s, and how fast, m/s
         self._now: tuple[float, Body, float] = (0.0, Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), 0.0)
 
     def take_in(self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]) -> None:
@@ -308,7 +397,7 @@ class Senses:
         for name in others:
             self._numbers.setdefault(name, len(self._numbers) + 1)
         self._now = time, ego, acceleration
-        look = Look(ego, tuple(self._perceived(ego, others)))
+        look = Look(ego, tuple(self._with_acceleration(time, self._perceived(ego, others))))
         limit = time - self._conditions.perception_delay + 1e-9
         self._memory.append((time, look))
         while len(self._memory) > 1 and self._memory[1][0] <= limit:
@@ -317,7 +406,13 @@ class Senses:
     def observe(self) -> Observation:
         """The present step, as old as the perception delay makes it (at the start: as old as there is)."""
         time, ego, acceleration = self._now
-        return Observation(time, self._road, ego, acceleration, self._memory[0][1])
+        return Observation(time, self._road, ego, acceleration, self._memory[0][1], self._task)
+
+    def _with_acceleration(self, time: float, seen: list[tuple[int, Body]]) -> Iterator[tuple[int, tuple[float, ...]]]:
+        for number, body in seen:
+            when, speed = self._last.get(number, (time, body.speed))
+            self._last[number] = time, body.speed
+            yield number, (*body, (body.speed - speed) / (time - when) if time > when else 0.0)
 
     def _perceived(self, ego: Body, others: Mapping[str, Body]) -> list[tuple[int, Body]]:
         if self._sees_all:
@@ -379,7 +474,7 @@ def _extent(body: Sequence[float]) -> tuple[float, float]:
 
 def _velocity(body: Sequence[float]) -> tuple[float, float]:
     """Speeds along and across the road, m/s."""
-    _, _, heading, speed, _, _, across = body
+    heading, speed, across = body[2], body[3], body[6]
     if heading == 0.0:
         return speed, across
     c, s = math.cos(heading), math.sin(heading)
@@ -394,4 +489,25 @@ def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road) 
     return _tuple(SeenVehicle, (
         number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
         abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road), other[4], other[5],
+        other[0], other[1], other[2], other[7], "car",
     ))  # fmt: skip
+
+
+def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
+    """What `signals` tell of a vehicle in one place, or of nobody there."""
+    if it is None:
+        values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0)
+    else:
+        values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading, it.acceleration,
+                  it.length, it.width)  # fmt: skip
+    return {f"{place}_{name}": value for name, value in zip(_OF_A_PLACE, values, strict=True)}
+
+
+_OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading", "acceleration", "length",
+               "width")  # fmt: skip
+
+
+def signal_names() -> tuple[str, ...]:
+    """The names of all `signals`."""
+    alone = Look(Body(0.0, 0.0, 0.0, 0.0, 1.0, 1.0), ())
+    return tuple(Observation(0.0, Road("", 1.0, 1, 1.0, 0.0), alone.me, 0.0, alone).signals())

@@ -168,6 +168,11 @@ def read_variation(path: Path, count: int | None, seed: int) -> Variation:
     if (deterministic is None) == (stochastic is None):
         raise InputError(f"{path.name} must be either Deterministic or Stochastic.")
     if deterministic is not None:
+        if count is not None:
+            raise InputError(
+                f"`count` does nothing for {path.name}: its distribution is deterministic, and all combinations are "
+                "driven; [only] of the mapping leaves some out."
+            )
         combinations = tuple(_deterministic(deterministic, path.name))
     else:
         assert stochastic is not None

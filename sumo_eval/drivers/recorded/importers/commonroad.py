@@ -18,6 +18,10 @@ from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.errors import InputError
 from sumo_eval.trajectory import FloatArray
 
+_SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon", "position/lanelet",
+         "orientation/intervalStart", "velocity/intervalStart")  # fmt: skip
+"""What states have that are sets, in place of exact values."""
+
 
 def read(path: Path) -> list[Found]:
     """The recording of a file, or of every .xml file of a folder."""
@@ -25,6 +29,11 @@ def read(path: Path) -> list[Found]:
 
 
 def _read_one(path: Path) -> Found:
+    if path.suffix == ".pb":
+        raise InputError(
+            f"{path} is a CommonRoad scenario in its binary format (.pb), which is not read: write it as XML with "
+            "commonroad-io, CommonRoadFileWriter(..., file_format=FileFormat.XML)."
+        )
     root = parse_xml(path)
     if root.tag != "commonRoad":
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")
@@ -36,11 +45,16 @@ def _read_one(path: Path) -> Found:
         if obstacle.findtext("role", "dynamic") != "dynamic" or shape is None or not states:
             left_out += 1
             continue
+        known = [state for state in (obstacle.find("initialState"), *states) if state is not None]
+        vague = next((place for state in known for place in _SETS if state.find(place) is not None), None)
+        if vague is not None:
+            raise InputError(
+                f"Obstacle {obstacle.get('id', '')} in row {obstacle.sourceline} of {path} must have exact states, got "
+                f"sets of them (`{vague}`): a set-based prediction says where a vehicle may be, not where it was."
+            )
         body = {name: _number(shape.findtext(name), path, shape, name) for name in ("length", "width")}
         kind = obstacle.findtext("type", "car")
-        for state in (obstacle.find("initialState"), *states):
-            if state is None:
-                continue
+        for state in known:
             rows.append(
                 {
                     "vehicle": obstacle.get("id", ""),
@@ -53,6 +67,11 @@ def _read_one(path: Path) -> Found:
                     **body,
                 }
             )
+    if not rows and root.find(".//occupancySet") is not None:
+        raise InputError(
+            f"{path} must hold a dynamic obstacle with a trajectory, got a set-based prediction (`occupancySet`), "
+            "which says where a vehicle may be, not where it was."
+        )
     if not rows:
         raise InputError(f"{path} must hold at least one dynamic obstacle with a trajectory, got none.")
     table = pd.DataFrame(rows).assign(recording=root.get("benchmarkID") or path.stem)

@@ -1,0 +1,119 @@
+"""What stands beside a controller in an `[[ads]]` entry: how often it is asked, and what its constructor is given.
+
+In one text with the locator: `my_ads.py:Planner?period=0.2&options.gain=2`. Loading that a class asks for once a
+process happens here too, and its time is told apart from driving.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import time as clock
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from urllib.parse import unquote_plus
+
+from sumo_eval.errors import InputError, must_be, said, unknown
+
+_PERIOD, _OPTION = "period", "options."
+LOAD_ONCE = "load_once"
+"""The name of a class method that loads what all objects of the class share."""
+
+_loaded: dict[type, float] = {}
+_told: set[type] = set()
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """period: s between two calls; 0: every step. options: keyword arguments of the constructor."""
+
+    period: float = 0.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+PLAIN = Entry()
+
+
+def split_entry(locator: str) -> tuple[str, Entry]:
+    """The locator without its entry, and the entry. Raises InputError for a period that is none."""
+    head, mark, query = locator.rpartition("?")
+    pairs = query.split("&") if mark else []
+    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", _OPTION))]
+    if not own:
+        return locator, PLAIN
+    rest = "&".join(pair for pair in pairs if pair not in own)
+    period, options = 0.0, {}
+    for pair in own:
+        name, _, text = pair.partition("=")
+        value = _value(unquote_plus(text))
+        if name == _PERIOD:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+                raise must_be("`period`", f"ADS `{locator}`", "a number greater than 0 s", value)
+            period = float(value)
+        else:
+            options[unquote_plus(name.removeprefix(_OPTION))] = value
+    return f"{head}?{rest}" if rest else head, Entry(period, options)
+
+
+def _value(text: str) -> Any:
+    """What a text in a locator means: JSON, and anything else itself."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def check_options(kind: Any, options: Mapping[str, Any], described: str) -> None:
+    """Raises InputError for options that a class cannot be made with, before one is made."""
+    if not options or not inspect.isclass(kind):
+        return
+    try:
+        signature = inspect.signature(kind)
+    except (TypeError, ValueError):
+        return
+    known = [p.name for p in signature.parameters.values() if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not any(p.kind == p.VAR_KEYWORD for p in signature.parameters.values()):
+        for name in options:
+            if name not in known:
+                raise unknown(f"option of ADS `{described}`", name, known)
+
+
+def steps_between(period: float, step: float, owner: str) -> int:
+    """Steps from one call to the next. Raises InputError for a period that is no multiple of the step."""
+    ratio = period / step
+    if period and (round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6):
+        raise must_be("`period`", owner, f"a multiple of `simulation.step` ({step:g} s)", period)
+    return max(round(ratio), 1)
+
+
+def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
+    """An object of a user's class, made with its options. What its class loads once a process is there before."""
+    _load_once(kind, options, described)
+    try:
+        return kind(**options)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        how = f"with the options {', '.join(options)}" if options else "without arguments"
+        raise InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.") from error
+
+
+def _load_once(kind: type, options: Mapping[str, Any], described: str) -> None:
+    if kind in _loaded or not callable(load := getattr(kind, LOAD_ONCE, None)):
+        return
+    began = clock.perf_counter()
+    try:
+        load(**options)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise InputError(f"ADS `{described}`: `{LOAD_ONCE}` failed: {said(error)}.") from error
+    _loaded[kind] = clock.perf_counter() - began
+
+
+def loading() -> str:
+    """A sentence on what has been loaded in this process since this was asked last; "" where nothing was."""
+    new = [kind for kind in _loaded if kind not in _told]
+    _told.update(new)
+    return "".join(f"Loading {kind.__name__} took {_loaded[kind]:.2f} s, once in this process.\n" for kind in new)

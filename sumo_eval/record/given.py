@@ -1,0 +1,57 @@
+"""ADSs that are given as they are, a class, a function or an object of a notebook cell, in place of a locator.
+
+What lies in a file of its own is named by it. What does not is written by value into the run folder, from where the
+children read it: downwards only, and by nobody but the user's own process.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from sumo_eval.errors import InputError, said
+from sumo_eval.record.run_folder import GIVEN, refuse_foreign
+from sumo_eval.settings import AdsSettings
+
+
+def entry_of(ads: Any, run: Path, *, resume: bool) -> AdsSettings:
+    """The `[[ads]]` entry of something that is given. run: the run folder that is to be."""
+    if isinstance(ads, AdsSettings):
+        return ads
+    own: Any = ads if inspect.isclass(ads) or inspect.isfunction(ads) else type(ads)
+    name = own.__name__.strip("<>")
+    place = _place(ads)
+    if place:
+        return AdsSettings(name, place)
+    try:
+        data: bytes = cloudpickle.dumps(ads)
+    except Exception as error:
+        raise InputError(
+            f"ADS `{name}` cannot be sent to the processes that drive: {said(error)}. Make what it holds in its "
+            "constructor or in `reset`, or give its locator, `my_ads.py:Name`."
+        ) from error
+    refuse_foreign(run, resume)
+    file = (run / GIVEN / f"{name}-{hashlib.sha256(data).hexdigest()[:12]}.pickle").resolve()
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    except OSError as error:
+        raise InputError(f"The run folder {run} cannot be written: {error}.") from error
+    return AdsSettings(name, f"given:{file}")
+
+
+def _place(ads: Any) -> str:
+    """`/path/my_ads.py:Name` of a class or a function at the top of a file that others can read; else ""."""
+    if not (inspect.isclass(ads) or inspect.isfunction(ads)) or ads.__module__ == "__main__":
+        return ""
+    home, name = ads.__module__, ads.__qualname__
+    module = sys.modules.get(home)
+    file = getattr(module, "__file__", None)
+    if not file or not file.endswith(".py") or getattr(module, name, None) is not ads:
+        return ""
+    return f"{home}:{name}" if "." in home else f"{Path(file).resolve()}:{name}"

@@ -1,0 +1,45 @@
+"""An evaluation as a notebook shows it: a table, and a picture of the scores."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.terminal import COLUMNS, WORDS, closing_lines, row_of
+from sumo_eval.results import Evaluation
+
+
+def html_table(evaluation: Evaluation) -> str:
+    """The scores of every ADS in every logical scenario, a row each, and what must be known beside them."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row_of(score))}</tr>" for score in evaluation.scores
+    )
+    lines = "<br>".join(map(escape, (WORDS, *closing_lines(evaluation))))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table><p><small>{lines}</small></p>"
+
+
+def picture(evaluation: Evaluation) -> Any:
+    """S+ of every ADS with its interval, a panel for each logical scenario: a figure of matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise InputError("A plot needs the extra `plots`: pip install 'sumo_eval[plots]'.") from error
+    scenarios = list(dict.fromkeys(score.scenario for score in evaluation.scores))
+    ads = list(dict.fromkeys(score.ads for score in evaluation.scores))
+    figure = Figure(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
+    panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
+    for panel, scenario in zip(panels, scenarios, strict=True):
+        for place, name in enumerate(ads):
+            score = evaluation.score(name, scenario)
+            if score.s_plus is None:
+                panel.annotate("not computed", (1.0, place), va="center")
+                continue
+            panel.barh(place, score.s_plus, color="tab:blue", alpha=0.6)
+            if score.s_plus_interval is not None:
+                panel.plot(score.s_plus_interval, [place, place], color="black")
+        panel.set(title=scenario, xlabel="S+ (line: its interval)", xlim=(0.0, 100.0))
+        panel.set_yticks(range(len(ads)), ads)
+        panel.invert_yaxis() if panel is panels[0] else None
+    return figure

@@ -1,0 +1,181 @@
+"""What stands beside a controller: how often it is asked, what it is made with, what it loads once."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cosim_cases import HALF_SECOND, case, lead
+
+from sumo_eval import Command
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.doors.controller import made_absolute
+from sumo_eval.cosim.doors.entry import loading, split_entry
+from sumo_eval.errors import InputError
+from sumo_eval.record.recording import planner
+from sumo_eval.settings import AdsSettings, ConditionSettings, EvaluationSettings, FmuSettings, ScenarioSettings
+from sumo_eval.settings.config import read_evaluation, settings_from, to_plain
+
+MODULE = """
+import sumo_eval
+
+asked, made, loaded = [], [], []
+
+
+class Counting:
+    def __init__(self, gain=1.0, path=""):
+        made.append((gain, path))
+        self.gain = gain
+
+    def act(self, seen):
+        asked.append(round(seen.time, 2))
+        return -self.gain * (1.0 + seen.time)
+
+
+class Planning:
+    def act(self, seen):
+        asked.append(round(seen.time, 2))
+        return sumo_eval.Plan([seen.time, seen.time + 9.0], [seen.ego.x, seen.ego.x + 90.0], [0.0, 0.0])
+
+
+class Network:
+    @classmethod
+    def load_once(cls, size=1):
+        loaded.append(size)
+
+    def __init__(self, size=1):
+        assert loaded
+
+    def act(self, seen):
+        return 0.0
+
+
+def function(seen):
+    return 0.0
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "mine.py").write_text(MODULE)
+    return tmp_path
+
+
+def test_an_entry_in_one_text_and_back():
+    entry = AdsSettings(
+        "a", "mine.py:Mine", period=0.2, options={"gain": 2.5, "path": "w/a b?&:x.onnx", "deep": [1, 2]}
+    )
+    bare, found = split_entry(entry.locator)
+    assert (bare, found.period, dict(found.options)) == ("mine.py:Mine", 0.2, entry.options)
+    assert split_entry("exec:./a --b?c")[0] == "exec:./a --b?c"
+    fmu = AdsSettings("a", "fmu:a.fmu", FmuSettings(inputs={"v": "ego_speed"}), period=0.1).locator
+    assert split_entry(fmu)[0] == "fmu:a.fmu?inputs.v=ego_speed"
+    absolute = made_absolute(entry.locator, Path("/x"))
+    assert absolute.startswith("/x/mine.py:Mine?")
+    assert split_entry(absolute)[1] == found
+
+
+def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):
+    found = simulate(case(), "mine.py:Counting?period=0.2", HALF_SECOND, folder=folder)
+    # asked at 0, 0.2 and 0.4 s: -1, -1.2, -1.4; samples are every 0.1 s
+    assert found.ego.acceleration.tolist() == pytest.approx([0.0, -1.0, -1.0, -1.2, -1.2, -1.4])
+    together = list(simulate_many([case(lead(g)) for g in (100.0, 90.0)], "mine.py:Counting?period=0.2", HALF_SECOND,
+                                  folder=folder))  # fmt: skip
+    assert [one.ego.speed.tolist() for one in together] == [found.ego.speed.tolist()] * 2
+
+
+def test_between_calls_a_plan_is_tracked_at_every_step(folder):
+    found = simulate(case(), "mine.py:Planning?period=0.25", HALF_SECOND, folder=folder)
+    assert {clip.what: clip.count for clip in found.clips}["plan_error"] == 10
+    assert found.controller_latency[1] > 0.0
+
+
+def test_traci_code_is_asked_so_often_too_and_told_its_period():
+    asked, told = [], []
+
+    class Mine:
+        def reset(self, scenario, traci, ego):
+            told.append(scenario.period)
+
+        def step(self, traci, ego, time):
+            asked.append(round(time, 2))
+            return Command(-1.0)
+
+    found = simulate(case(), Mine, HALF_SECOND, period=0.1)
+    assert (asked, told) == ([0.0, 0.1, 0.2, 0.3, 0.4], [0.1])
+    assert (found.ego.acceleration[1:] == -1.0).all()
+
+
+def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
+    import time as clock
+
+    def slow(seen):
+        clock.sleep(0.03)
+        return -1.0
+
+    budget = replace(HALF_SECOND, conditions=ConditionSettings(step_budget=0.02))
+    found = simulate(case(), slow, budget, period=0.25)
+    assert {clip.what: clip.count for clip in found.clips}["late_command"] == 2
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("mine.py:Counting?period=0.07", "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of"),
+        ("mine.py:Counting?period=-1", "must be a number greater than 0 s, got -1"),
+        ("mine.py:Counting?period=soon", "must be a number greater than 0 s, got 'soon'"),
+        ("mine.py:Counting?options.gian=2", "Unknown option of ADS `mine.py:Counting` `gian`. Did you mean `gain`?"),
+        ("mine.py:function?options.gain=2", "takes no `options`"),
+        ("idm?period=0.2", "ADS `idm` drives at every step; it takes no `period`"),
+        ("sumo:IDM?tau=2&period=0.2", "drives at every step; it takes no `period`"),
+        ("sumo:IDM?options.tau=2", "takes no `options`"),
+    ],
+)
+def test_an_entry_that_cannot_be_is_refused(folder, locator, sentence):
+    with pytest.raises(InputError) as refused:
+        simulate(case(), locator, HALF_SECOND, folder=folder)
+    assert sentence in str(refused.value)
+
+
+def test_options_are_handed_to_the_constructor(folder):
+    found = simulate(case(), "mine.py:Counting?options.gain=2.5&options.path=a.onnx", HALF_SECOND, folder=folder)
+    assert found.ego.acceleration[1] == pytest.approx(-2.625)  # -2.5 (1 + 0.05 s)
+
+
+def test_a_program_is_told_its_options(folder):
+    text = "exec:sh -c 'read x; echo \"$x\" >&2; echo no'?options.gain=2"
+    assert '"options":{"gain":2}' in simulate(case(), text, HALF_SECOND).log
+
+
+def test_what_a_class_loads_once_is_loaded_once_in_a_process_and_its_time_is_told(folder):
+    loading()
+    locator = "mine.py:Network?options.size=7"
+    for _ in simulate_many([case(lead(100.0)), case(lead(90.0))], locator, HALF_SECOND, folder=folder):
+        pass
+    simulate(case(), locator, HALF_SECOND, folder=folder)
+    assert loading().startswith("Loading Network took 0.0")
+    assert loading() == ""
+
+
+def test_a_retrained_network_is_another_ads_and_a_file_that_is_not_there_is_refused(folder):
+    ads = AdsSettings("a", "mine.py:Counting", files=("weights.bin",))
+    settings = EvaluationSettings("x", (ScenarioSettings("cut_in"),), (ads,))
+    with pytest.raises(InputError, match=r"`files` of ADS `a` must be files that are there, got 'weights\.bin'"):
+        planner(settings, folder)
+    found = []
+    for content in (b"1", b"2", b"1"):
+        (folder / "weights.bin").write_bytes(content)
+        found.append(planner(settings, folder).identities[ads.locator])
+    assert found[0] == found[2] != found[1]
+
+
+def test_the_entry_is_read_from_the_file_and_a_misspelt_key_is_named(folder):
+    text = 'name = "x"\n[[scenario]]\nuse = "cut_in"\n[[ads]]\nname = "a"\ncontroller = "mine.py:Counting"\n'
+    (folder / "e.toml").write_text(text + 'period = 0.2\nfiles = ["w.bin"]\n[ads.options]\ngain = 2.0\n')
+    (ads,) = read_evaluation(folder / "e.toml").ads
+    assert (ads.period, ads.files, ads.options) == (0.2, ("w.bin",), {"gain": 2.0})
+    assert settings_from(to_plain(read_evaluation(folder / "e.toml")), "again").ads == (ads,)
+    (folder / "e.toml").write_text(text + "perod = 0.2\n")
+    with pytest.raises(InputError, match="Did you mean `period`"):
+        read_evaluation(folder / "e.toml")

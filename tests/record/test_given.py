@@ -1,0 +1,91 @@
+"""An evaluation from a notebook: a dict in, classes and functions of a cell as ADSs, a table and a picture out."""
+
+import threading
+from importlib.metadata import version
+
+import pytest
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.settings import AdsSettings
+from sumo_eval.settings.config import read_evaluation
+
+EVALUATION = {
+    "name": "notebook",
+    "scenario": [{"use": "front_vehicle_low_speed", "sampling": {"levels": 2}}],
+    "ads": [{"name": "idm", "controller": "idm"}],
+    "drivers": {"count": 2},
+}
+LIMIT = 4.0
+
+
+class Acc:
+    """Stands in for a class of a cell: it lies within no file that a child could import by its name."""
+
+    __module__ = "__main__"
+
+    def act(self, seen):
+        return 0.0 if seen.lead is None else max(-LIMIT, 0.2 * (seen.lead.gap - 5.0 - seen.ego.speed))
+
+
+def brake(seen):
+    return -1.0
+
+
+@pytest.mark.parametrize("engine", ["serial", "processes"])
+def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
+    def cell(seen):
+        return -LIMIT if seen.lead and seen.lead.gap < 40.0 else 0.0
+
+    found = sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", cell], engine=engine, workers=2)
+    assert [ads.name for ads in found.settings.ads] == ["idm", "cell"]
+    assert {case.status for case in found.cases} <= {"ok", "collision"}, [case.error for case in found.cases]
+    again = sumo_eval.evaluate(None, tmp_path / "run", resume=True)
+    assert again.scores == found.scores
+    html = found._repr_html_()
+    assert html.count("<tr>") == 1 + len(found.scores)
+    assert "<td>cell</td>" in html
+
+
+def test_a_class_a_function_and_an_object_in_the_dict_itself(tmp_path):
+    ads = [
+        {"name": "class", "controller": Acc},
+        {"name": "file", "controller": brake},
+        {"name": "it", "controller": Acc()},
+    ]
+    found = sumo_eval.evaluate({**EVALUATION, "ads": ads}, tmp_path / "run")
+    assert {case.error for case in found.cases} == {None}
+    rows = {name: [case.impact_speed for case in found.cases if case.ads == name] for name in ("class", "it")}
+    assert rows["class"] == rows["it"]
+    kept = {ads.name: ads.controller for ads in read_evaluation(tmp_path / "run" / "evaluation.toml").ads}
+    assert kept["file"].endswith("test_given.py:brake")
+    assert kept["class"].startswith(f"given:{tmp_path}/run/ads/Acc-")
+    pytest.importorskip("matplotlib")
+    axes = found.plot().axes
+    assert [axis.get_title() for axis in axes] == ["front_vehicle_low_speed"]
+    assert [label.get_text() for label in axes[0].get_yticklabels()] == ["class", "file", "it"]
+
+
+def test_what_cannot_be_sent_is_a_sentence_and_leaves_no_run(tmp_path):
+    lock = threading.Lock()
+
+    def holds(seen):
+        return 0.0 if lock else 1.0
+
+    with pytest.raises(InputError, match=r"ADS `holds` cannot be sent to the processes that drive: TypeError"):
+        sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=[holds])
+    assert not (tmp_path / "run").exists()
+
+
+def test_two_of_one_name_cannot_be_told_apart(tmp_path):
+    with pytest.raises(InputError, match="must differ from each other, got 'idm' twice"):
+        sumo_eval.evaluate(EVALUATION, tmp_path / "run", ads=["idm", AdsSettings("idm", "idm")])
+
+
+def test_a_wrong_dict_is_refused_like_a_wrong_file(tmp_path):
+    with pytest.raises(InputError, match=r"Unknown key `drivers\.cout` in the evaluation\. Did you mean `count`"):
+        sumo_eval.evaluate({**EVALUATION, "drivers": {"cout": 2}}, tmp_path / "run")
+
+
+def test_the_package_says_its_version():
+    assert sumo_eval.__version__ == version("sumo_eval")
