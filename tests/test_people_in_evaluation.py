@@ -14,7 +14,7 @@ from sumo_eval.cli import main
 from sumo_eval.evaluation import score
 from sumo_eval.studies.calibration import calibrate
 from sumo_eval.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.studies.sensitivity import sensitivity
+from sumo_eval.studies.sensitivity import NO_WHEEL, sensitivity, sensitivity_lines
 
 EVALUATION = """
 name = "people"
@@ -151,6 +151,7 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
 def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
     rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
+    assert sensitivity_lines(rows, by_wheel=False) == [*sensitivity_lines(rows), NO_WHEEL]
     assert {(row.constant, row.index) for row in rows} == {("k2", "D"), ("k2", "H"), ("a", "S"), ("a", "S+")}
     k2 = [row for row in rows if (row.constant, row.index) == ("k2", "D")]
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])

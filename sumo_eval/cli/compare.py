@@ -54,7 +54,7 @@ def compare(
     gates = judge(after, comparison, settings)
     if junit is not None:
         write_junit(comparison_suites(comparison, gates), junit)
-    for line in comparison_lines(comparison, gates):
+    for line in comparison_lines(comparison, gates, after):
         click.echo(line)
     if with_report:
         report = write_assessed_report(after, Beside(comparison, gates))
