@@ -28,7 +28,13 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
-from sumo_eval.scoring.likeness import compare_with_people, reference_notes, references, with_people
+from sumo_eval.scoring.likeness import (
+    compare_with_people,
+    plausible_people,
+    reference_notes,
+    references,
+    with_people,
+)
 from sumo_eval.scoring.quantities import (
     beyond_range,
     chosen_severity,
@@ -114,15 +120,19 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 logical, compared, judged, store, settings, spread, progress
             )
             left_out = drivers_left_out(logical, store)
+            plausible = plausible_people(logical, store, method.plausibility)
             there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
             combined: list[ScenarioResult] = []
             tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
-                measured = drive_measures(facts, store)  # beside the paper: TTC, DRAC, PET, plausibility ...
+                measured = drive_measures(
+                    facts, store, plausible.people
+                )  # beside the paper: TTC, DRAC, PET, plausibility ...
                 rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
                 notes = (
                     *left_out,
+                    *plausible.notes,
                     *simulated_alone(logical, name, store),
                     *reference_notes(rows),
                     *beyond_range(facts, severity),

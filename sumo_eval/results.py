@@ -193,6 +193,21 @@ class OutsideSupport:
 
 
 @dataclass(frozen=True, slots=True)
+class PlausibleTo:
+    """Whose drives say how plausible a drive is, where the recorded drivers of the run were asked for.
+
+    people: how many recorded drivers the run has in the scenario, with so many drives. least: how many a table needs;
+    instead: the people of the default table who stand in where they are fewer, else None.
+    """
+
+    scenario: str
+    people: int
+    drives: int
+    least: int
+    instead: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class CasesMissing:
     """Cases that could not be evaluated, by the zone they lie in."""
 
@@ -234,6 +249,7 @@ ScoreNote = (
     | BeyondRange
     | ThinReferences
     | OutsideSupport
+    | PlausibleTo
     | CasesMissing
     | WorstAndBest
     | GentlerThanIdeal

@@ -54,7 +54,7 @@ def compare(
     gates = judge(after, comparison, settings)
     if junit is not None:
         write_junit(comparison_suites(comparison, gates), junit)
-    for line in comparison_lines(comparison, gates):
+    for line in comparison_lines(comparison, gates, after):
         click.echo(line)
     if with_report:
         report = write_assessed_report(after, Beside(comparison, gates))
@@ -93,7 +93,9 @@ def nightly(evaluation: Path, history: Path, gate: Path | None, keep: int, worke
     for note in result.notes:
         click.echo(note)
     click.echo(plain_table(result.evaluation))
-    lines = comparison_lines(result.comparison, result.gates)[1:] if result.comparison else gate_lines(result.gates)
+    lines = gate_lines(result.gates)
+    if result.comparison:
+        lines = comparison_lines(result.comparison, result.gates, result.evaluation)[1:]
     for line in (*lines, *closing_lines(result.evaluation)[:-1]):
         click.echo(line)
     click.echo(f"The report is {result.report}")

@@ -102,7 +102,7 @@ def run_night(
             wall_time=time.monotonic() - clock,
             exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
             base=None if base is None else base[0].night,
-            verdict=verdict_of(comparison, gates),
+            verdict=verdict_of(comparison, gates, done),
             sumo_eval=_version(done, "sumo_eval"),
             libsumo=_version(done, "libsumo"),
             imported=False,

@@ -64,7 +64,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         return None
     changed = (*comparison.worse, *comparison.better) if comparison else ()
     return {
-        "verdict": verdict_of(comparison, beside.gates),
+        "verdict": verdict_of(comparison, beside.gates, evaluation),
         "failed": any(gate.passed is False for gate in beside.gates),
         "comparison": comparison,
         "notes": (*beside.notes, *(comparison.notes if comparison else ())),

@@ -236,9 +236,9 @@ MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
 _COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 6}
 
 
-def comparison_lines(comparison: Comparison, gates: Sequence[GateResult]) -> list[str]:
+def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
     """What changed between two runs: verdict first, then what flipped, then the quantities, then the gates."""
-    lines = [verdict_of(comparison, gates)]
+    lines = [verdict_of(comparison, gates, evaluation)]
     lines += [
         f"{'DIFFERS' if other.decides else 'differs'}: {_one_line(other.words)}" for other in comparison.differences
     ]
@@ -292,20 +292,26 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"
 
 
-def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult]) -> str:
-    """One sentence for somebody who reads no further."""
+def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> str:
+    """One sentence for somebody who reads no further: gates, changes, avoidable collisions of the newer run."""
+    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
+    hit = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
+    return f"{_standing(comparison, gates)}; {hit}."
+
+
+def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> str:
     bad = sum(gate.passed is False for gate in gates)
     if comparison is None:
         beside = "there is no earlier good run to compare with"
-        return f"NOT GOOD: {count(bad, 'gate')} failed; {beside}." if bad else f"NO GATE FAILED; {beside}."
+        return f"NOT GOOD: {count(bad, 'gate')} failed; {beside}" if bad else f"NO GATE FAILED; {beside}"
     base = Path(comparison.base_folder).name
     worse, better = len(comparison.worse), len(comparison.better)
     moved = f"{count(worse, 'case')} got worse, {better} better"
     if bad:
-        return f"WORSE than {base}: {count(bad, 'gate')} failed; {moved}."
+        return f"WORSE than {base}: {count(bad, 'gate')} failed; {moved}"
     if not worse and not better:
-        return f"THE SAME as {base}: no case changed, and every gate holds."
-    return f"NO GATE FAILED beside {base}: {moved}."
+        return f"THE SAME as {base}: no case changed, and every gate holds"
+    return f"NO GATE FAILED beside {base}: {moved}"
 
 
 # --- where the points went --------------------------------------------------------------------------------------------

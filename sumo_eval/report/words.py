@@ -24,6 +24,7 @@ from sumo_eval.results import (
     IdealCollidesToo,
     NotComputed,
     OutsideSupport,
+    PlausibleTo,
     ScenarioResult,
     ScoreNote,
     ThinReferences,
@@ -533,6 +534,13 @@ def score_note(note: ScoreNote) -> str:
             )
         case OutsideSupport(cases, of):
             return f"{cases} of {of} cases lie outside the support of the recorded exposure."
+        case PlausibleTo(scenario, people, drives, least, instead):
+            if instead is None:
+                return f"Plausibility is judged by {people} recorded drivers of the run ({drives} drives)."
+            return (
+                f"Plausibility is judged by {instead} people on a motorway: the run has {people} recorded drivers in "
+                f"`{scenario}`, of the {least} that a table needs."
+            )
         case CasesMissing(zones):
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
             missing = count(note.cases, "case")

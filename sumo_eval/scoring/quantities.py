@@ -18,7 +18,7 @@ from sumo_eval.method.collision_avoidance import (
     impact_severity,
 )
 from sumo_eval.method.measures import CriticalityMeasures, measures
-from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility
+from sumo_eval.method.plausibility import Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
@@ -96,8 +96,8 @@ class DriveMeasures:
     plausibility: float
 
 
-def drive_measures(facts: Sequence[Fact], store: Store) -> dict[str, DriveMeasures]:
-    """The criticality measures and the plausibility of every evaluated case, by case."""
+def drive_measures(facts: Sequence[Fact], store: Store, people: Quantiles) -> dict[str, DriveMeasures]:
+    """The criticality measures and the plausibility among some people of every evaluated case, by case."""
     measured = {}
     for fact in facts:
         if fact.status in EVALUATED:
@@ -105,7 +105,7 @@ def drive_measures(facts: Sequence[Fact], store: Store) -> dict[str, DriveMeasur
             ego = actors.pop(EGO)
             measured[fact.case] = DriveMeasures(
                 measures(ego, actors, fact.collision),
-                plausibility(extremes_of(ego, actors, fact.collision), MOTORWAY_PEOPLE),
+                plausibility(extremes_of(ego, actors, fact.collision), people),
             )
     return measured
 

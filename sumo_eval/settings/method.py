@@ -165,6 +165,19 @@ class CollisionSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class PlausibilitySettings(Checked):
+    """Plausibility, a factor of H: how many people go to such extremes."""
+
+    table: Annotated[
+        Literal["motorway", "recorded"],
+        About(
+            "the people: 213 on a motorway, or the recorded drivers of the run in the same scenario (20 people at the "
+            "least, or the motorway's stand in, and the scores say so)"
+        ),
+    ] = "motorway"
+
+
+@dataclass(frozen=True, slots=True)
 class ScoreSettings(Checked):
     """Combined score S, Eq. 18."""
 
@@ -204,5 +217,6 @@ class MethodSettings(Checked):
     zones: ZoneSettings = field(default_factory=ZoneSettings)
     anthropomorphic: AnthropomorphicSettings = field(default_factory=AnthropomorphicSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
+    plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
     score: ScoreSettings = field(default_factory=ScoreSettings)
     ranking: RankingSettings = field(default_factory=RankingSettings)

@@ -13,6 +13,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.evaluation import score
 from sumo_eval.method.score_terms import ordering_score, paper_score
 from sumo_eval.results import Evaluation
+from sumo_eval.settings import EvaluationSettings
 from sumo_eval.studies.tables import aligned
 
 BASE = "as scored"
@@ -26,6 +27,12 @@ _D_PATHS = {
     "field floor": "method.anthropomorphic.field_deviation_floor",
 }
 """Constants that move D and H: name -> path of the setting."""
+
+NO_WHEEL = (
+    "k3 moves nothing here: a steering operation is a lateral manoeuvre, and k3 is a threshold of the steering wheel "
+    '(`method.anthropomorphic.steering_rule = "wheel"`).'
+)
+"""Why the default leaves k3 out."""
 
 _LIKENESSES = {"D": "d", "H": "human_likeness"}
 _TOTALS = {"S": "s", "S+": "s_plus"}
@@ -55,11 +62,12 @@ class SensitivityRow:
 
 
 def sensitivity(
-    run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str] = (*_D_PATHS, "a")
+    run: Path, progress: Callable[[str, int, int], None], *, constants: Sequence[str] = ()
 ) -> list[SensitivityRow]:
     """Score a run again with each constant halved and doubled, and with other shares of the points.
 
-    constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a). Raises InputError for others.
+    constants: any of k1, k2, k3, k4, `centre floor`, `field floor`, a (b = 100 - a); none: all that can move a score of
+    this run (`without_the_wheel`). Raises InputError for others.
     """
     for name in constants:
         if name not in (*_D_PATHS, "a"):
@@ -67,6 +75,8 @@ def sensitivity(
                 f"A constant of the sensitivity must be one of {', '.join((*_D_PATHS, 'a'))}, got {name!r}."
             )
     base = score(run, [_NO_BANDS])
+    if not constants:
+        constants = [name for name in (*_D_PATHS, "a") if name != "k3" or not without_the_wheel(base.settings)]
     wanted = [(name, factor) for name in constants if name in _D_PATHS for factor in FACTORS]
     variants: list[tuple[str, float, Evaluation]] = []
     for done, (name, factor) in enumerate(wanted, start=1):
@@ -90,6 +100,11 @@ def sensitivity(
                     if changed == name:
                         rows.append(_row(scenario, name, value, index, _scores(evaluation, scenario, field), before))
     return sorted(rows, key=lambda row: (row.scenario, row.constant, row.index, row.value))
+
+
+def without_the_wheel(settings: EvaluationSettings) -> bool:
+    """Whether steering operations are lateral manoeuvres, of which k3 is no threshold."""
+    return settings.method.anthropomorphic.steering_rule == "manoeuvre"
 
 
 def _value(evaluation: Evaluation, path: str) -> float:
@@ -133,13 +148,13 @@ def _row(
     return SensitivityRow(scenario, constant, value, index, tuple(now), tuple(now.values()), ranking, tau)
 
 
-def sensitivity_lines(rows: Sequence[SensitivityRow]) -> list[str]:
-    """The table for a terminal."""
+def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) -> list[str]:
+    """The table for a terminal. by_wheel: whether k3 is a threshold of this run; where not, a sentence says so."""
     table = [("scenario", "constant", "value", "index", "ranking, best first", "tau")]
     for row in rows:
         ranked = " > ".join(f"{ads} {row.scores[row.ads.index(ads)]:z.3g}" for ads in row.ranking) or "none"
         table.append((row.scenario, row.constant, f"{row.value:g}", row.index, ranked, f"{row.tau:z.2f}"))
-    return aligned(table)
+    return [*aligned(table), *([] if by_wheel else [NO_WHEEL])]
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:

@@ -47,6 +47,7 @@ def test_each_night_is_compared_with_the_last_good_one(week: tuple[Path, list[st
     assert [night.exit_status for night in found] == [0, 0, 1, 1]
     assert [night.base for night in found] == [None, found[0].night, found[1].night, found[1].night]
     assert "there is no earlier good run to compare with" in outputs[0]
+    assert "avoidable collision" in outputs[1].splitlines()[0]
     assert outputs[1].startswith("THE SAME as")
     assert outputs[2].startswith("WORSE than")
     assert "ego_speed=30, lead_speed=0" in outputs[2]

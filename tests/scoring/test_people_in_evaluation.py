@@ -14,7 +14,7 @@ from sumo_eval.cli import main
 from sumo_eval.evaluation import score
 from sumo_eval.studies.calibration import calibrate
 from sumo_eval.studies.opinion import compare_opinion, read_ratings
-from sumo_eval.studies.sensitivity import sensitivity
+from sumo_eval.studies.sensitivity import NO_WHEEL, sensitivity, sensitivity_lines
 
 EVALUATION = """
 name = "people"
@@ -148,9 +148,18 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
     assert (result.exit_code, "`score` in row 2 of" in result.output) == (2, True)
 
 
+def test_a_table_of_the_runs_own_people_needs_twenty_of_them_and_the_scores_say_who_judged(runs):
+    out, _, _ = runs["fill"]
+    for one in score(out, ["method.plausibility.table=recorded"]).scores:
+        (note,) = [note for note in one.notes if note.startswith("Plausibility")]
+        assert note.startswith("Plausibility is judged by 213 people on a motorway: the run has ")
+    assert not any(note.startswith("Plausibility") for one in score(out).scores for note in one.notes)
+
+
 def test_the_ranking_under_other_constants(runs):
     out, _, _ = runs["fill"]
     rows = sensitivity(out, lambda stage, done, total: None, constants=("k2", "a"))
+    assert sensitivity_lines(rows, by_wheel=False) == [*sensitivity_lines(rows), NO_WHEEL]
     assert {(row.constant, row.index) for row in rows} == {("k2", "D"), ("k2", "H"), ("a", "S"), ("a", "S+")}
     k2 = [row for row in rows if (row.constant, row.index) == ("k2", "D")]
     assert [row.value for row in k2] == pytest.approx([0.0025, 0.005, 0.01])

@@ -1,0 +1,56 @@
+"""Whom plausibility is judged by: people on a motorway, or the recorded drivers of the run."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE
+from sumo_eval.record.cases import Case, Outcome
+from sumo_eval.record.recording import RECORDED
+from sumo_eval.record.store import open_store
+from sumo_eval.scenario import catalogue
+from sumo_eval.scoring.likeness import plausible_people
+from sumo_eval.settings import PlausibilitySettings
+from sumo_eval.trajectory import Recording, Trajectory
+
+LOGICAL = catalogue.load("front_vehicle_low_speed")
+RECORDED_TABLE = PlausibilitySettings(table="recorded")
+
+
+def people(path: Path, count: int, settings: PlausibilitySettings):
+    """Person i follows for 20 s, (1 + i / 10) s behind a lead of 10 m/s that started 3.5 * 20 = 70 m ahead."""
+    concrete = LOGICAL.concrete(ego_speed=20.0, lead_speed=10.0)
+    time = np.arange(201) / 10.0
+    (lead,) = concrete.actors
+    with open_store(path, create=True) as store:
+        for index in range(count):
+            gap = 10.0 * (1.0 + index / 10.0)
+            x = np.array([lead.x(t) for t in time]) - 0.5 * (lead.length + 4.5) - gap
+            drive = Trajectory(time, x, np.zeros(201), speed=np.full(201, 10.0), length=4.5)
+            case = Case(0, concrete, "human", f"recorded_{index:02d}", RECORDED)
+            store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=f"person {index}"))
+        return plausible_people(LOGICAL, store, settings)
+
+
+def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path: Path) -> None:
+    found = people(tmp_path / "facts.sqlite", 3, PlausibilitySettings())
+    assert (found.people, found.notes) == (MOTORWAY_PEOPLE, ())
+
+
+def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path: Path) -> None:
+    found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
+    assert found.notes == ("Plausibility is judged by 40 recorded drivers of the run (40 drives).",)
+    assert (found.people.people, found.people.drives) == (40, 40)
+    assert found.people.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
+    assert found.people.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)  # ten of forty: 1.0 to 1.9 s
+    assert found.people.share("min_thw", 0.5) == 0.0
+
+
+def test_too_few_recorded_drivers_are_no_table_and_the_note_counts_them(tmp_path: Path) -> None:
+    found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
+    assert found.people is MOTORWAY_PEOPLE
+    assert found.notes == (
+        "Plausibility is judged by 213 people on a motorway: the run has 19 recorded drivers in "
+        "`front_vehicle_low_speed`, of the 20 that a table needs.",
+    )
