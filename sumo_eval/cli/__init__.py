@@ -37,7 +37,7 @@ MEANT: Final = {
     "report": "html page show open result results",
     "explain": "why case ledger arithmetic",
     "replay": "watch view animate animation gui video play",
-    "plot": "figure figures draw chart svg pdf png picture",
+    "plot": "figure figures chart svg pdf png picture",
     "export": "csv parquet table tables dump xosc sumocfg",
     "compare": "diff gate regression versus",
     "nightly": "night cron schedule ci",

@@ -90,11 +90,11 @@ def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("figure", "more", "words"),
     [
-        ("zonemap", {}, "Unknown figure 'zonemap'.*Did you mean 'zone_map'"),
-        ("field", {"case": "nobody"}, "Unknown case 'nobody'"),
-        ("field", {"ads": "idn"}, "Unknown ADS 'idn'.*Did you mean 'idm'"),
-        ("points", {"scenario": "cut"}, "Unknown scenario 'cut'"),
-        ("points", {"width": "wide"}, "Unknown width 'wide'"),
+        ("zonemap", {}, "Unknown figure `zonemap`.*Did you mean `zone_map`"),
+        ("field", {"case": "nobody"}, "Unknown case `nobody`"),
+        ("field", {"ads": "idn"}, "Unknown ADS `idn`.*Did you mean `idm`"),
+        ("points", {"scenario": "cut"}, "Unknown scenario `cut`"),
+        ("points", {"width": "wide"}, "Unknown width `wide`"),
         ("opinion", {}, "Nobody's opinion is in"),
         ("trend", {}, "There is no history in"),
         ("trend", {"case": "x"}, "shows no single case"),

@@ -151,9 +151,9 @@ def test_peoples_opinion_beside_the_scores(runs, tmp_path):
 def test_a_table_of_the_runs_own_people_needs_twenty_of_them_and_the_scores_say_who_judged(runs):
     out, _, _ = runs["fill"]
     for one in score(out, ["method.plausibility.table=recorded"]).scores:
-        (note,) = [note for note in one.notes if note.startswith("Plausibility")]
+        (note,) = [words for words in map(score_note, one.notes) if words.startswith("Plausibility")]
         assert note.startswith("Plausibility is judged by 213 people on a motorway: the run has ")
-    assert not any(note.startswith("Plausibility") for one in score(out).scores for note in one.notes)
+    assert not any(isinstance(note, PlausibleTo) for one in score(out).scores for note in one.notes)
 
 
 def test_the_ranking_under_other_constants(runs):

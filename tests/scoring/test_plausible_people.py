@@ -9,6 +9,7 @@ from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE
 from sumo_eval.record.cases import Case, Outcome
 from sumo_eval.record.recording import RECORDED
 from sumo_eval.record.store import open_store
+from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.likeness import plausible_people
 from sumo_eval.settings import PlausibilitySettings
@@ -40,7 +41,9 @@ def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path: Pa
 
 def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path: Path) -> None:
     found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
-    assert found.notes == ("Plausibility is judged by 40 recorded drivers of the run (40 drives).",)
+    assert tuple(map(score_note, found.notes)) == (
+        "Plausibility is judged by 40 recorded drivers of the run (40 drives).",
+    )
     assert (found.people.people, found.people.drives) == (40, 40)
     assert found.people.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
     assert found.people.share("min_thw", 1.9) == pytest.approx(0.25, abs=0.01)  # ten of forty: 1.0 to 1.9 s
@@ -50,7 +53,7 @@ def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(t
 def test_too_few_recorded_drivers_are_no_table_and_the_note_counts_them(tmp_path: Path) -> None:
     found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
     assert found.people is MOTORWAY_PEOPLE
-    assert found.notes == (
+    assert tuple(map(score_note, found.notes)) == (
         "Plausibility is judged by 213 people on a motorway: the run has 19 recorded drivers in "
         "`front_vehicle_low_speed`, of the 20 that a table needs.",
     )
