@@ -150,13 +150,14 @@ def vehicle_types(
     return [ego, *others]
 
 
-def departures(concrete: ConcreteScenario, ego_length: float) -> list[dict[str, str]]:
-    """Attributes of the vehicles of a case, the ego first."""
+def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False) -> list[dict[str, str]]:
+    """Attributes of the vehicles of a case, the ego first. one_lane: there is the right-hand lane alone."""
     found = []
+    road = concrete.road
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
-        lane = min(max(round(start.y / concrete.road.lane_width), 0), concrete.road.lanes - 1)
-        offset = start.y - concrete.road.lane_centre(lane)
+        lane = 0 if one_lane else min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
+        offset = start.y - road.lane_centre(lane)
         attributes = {
             "id": name,
             "type": name,
