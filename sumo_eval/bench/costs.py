@@ -190,7 +190,7 @@ def _bare_process() -> Iterator[ProcessPoolExecutor]:
 def _bare_pack(concretes: Sequence[ConcreteScenario], steps: Sequence[int]) -> None:
     """Step all cases in one bare simulation; each case's vehicles are taken off when it ends."""
     settings = concretes[0].simulation(SETTINGS)
-    texts = shared_network_xml(concretes[0].road, len(concretes)), shared_routes_xml(concretes, settings.vehicle)
+    texts = shared_network_xml(concretes), shared_routes_xml(concretes, settings.vehicle)
     ends: dict[int, list[int]] = {}
     for case, count in enumerate(steps):
         ends.setdefault(count, []).append(case)

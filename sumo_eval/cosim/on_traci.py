@@ -205,7 +205,7 @@ class OnTraci:
         if ego["placed"][0] == SUMO:
             self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
             if world.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
-                world.samples[0, 0, 6, 0] = 0.0
+                world.samples[0, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
             ego["placed"][0] = MODEL
         ego["stale"][0] = 1  # SUMO hears of the ego at every step

@@ -49,7 +49,8 @@ class Pack:
                 "libsumo holds one simulation in a process, and there is one already: close the other environment "
                 "first, or make this one with `sumo=False`."
             )
-        texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, self._settings.vehicle)
+        network = shared_network_xml(cases, own_lanes=True)  # a row's next case may not fit one lane
+        texts = network, shared_routes_xml(cases, self._settings.vehicle, own_lanes=True)
         traci = self._context.enter_context(running(*texts, self._settings, collisions="none"))
         self._stage = Stage(traci, world)
         self._stage.take_charge(world)

@@ -8,6 +8,7 @@ is driven alone too. Who asks is told how many, and why.
 
 from __future__ import annotations
 
+import gc
 import logging
 import math
 import sys
@@ -42,6 +43,7 @@ from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
+from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -150,7 +152,9 @@ def _opened(
     if isinstance(ads, TraciProgram):
         return served(concrete, settings, ads, step_timeout)
     if alone and concrete.road.network is None:
-        texts = shared_network_xml(concrete.road, 1), shared_routes_xml([concrete], settings.vehicle)
+        asks = is_policy(ads)  # and may look at SUMO's lanes
+        network = network_xml(concrete.road) if asks else shared_network_xml([concrete])
+        texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=asks)
         return running(*texts, settings, concrete.road, collisions="none")
     road = concrete.road
     its_own = ads.vtype_on(road) if isinstance(ads, NativeModel) else own_vehicle_type(_target(ads), road)
@@ -352,10 +356,10 @@ def _together(
 ) -> Sequence[Recording | Alone]:
     """The recording of each case, or why it has to be driven alone."""
     began = clock.perf_counter()
-    texts = shared_network_xml(cases[0].road, len(cases)), shared_routes_xml(cases, settings.vehicle)
+    texts = shared_network_xml(cases), shared_routes_xml(cases, settings.vehicle)
     try:
         world = World(cases, settings)
-        with running(*texts, settings, collisions="none") as traci, _traci_refused():
+        with running(*texts, settings, collisions="none") as traci, _traci_refused(), _little_garbage():
             drive(world, driver, Stage(traci, world))
     except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
         _LOG.error(
@@ -363,6 +367,17 @@ def _together(
         )
         return [Alone("together_failed", said(error))] * len(cases)
     return world.recordings(clock.perf_counter() - began)
+
+
+@contextmanager
+def _little_garbage() -> Iterator[None]:
+    """Python looks for cycles of garbage a hundredth as often: a pack's tuples and arrays make none."""
+    before = gc.get_threshold()
+    gc.set_threshold(100 * before[0], *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 class _Refused(ModuleType):

@@ -40,6 +40,7 @@ class Stage:
         self.traci, self.asked, self.as_read = traci, asked, as_read
         self.calls = vehicles(traci)
         self.names = vehicle_names(world.cases)
+        self._other_names = np.array(self.names, dtype=object)[:, 1:]
         count, road = len(world.cases), world.cases[0].road
         self._alone = count == 1
         self._bent, self._road, self._step = road.bent, road, world.settings.step
@@ -68,7 +69,7 @@ class Stage:
         """Some of the rows have ended."""
         self._live = np.flatnonzero(world.egos["live"])
         self._all = len(self._live) == len(world.rows)
-        self._others = [name for case in world.rows[self._live].tolist() for name in self.names[case][1:]]
+        self._others = self._other_names[world.rows[self._live]].ravel().tolist()
 
     def take_charge(self, world: World) -> None:
         """Make SUMO obey, and fail the cases whose vehicles it has not placed as they are meant."""

@@ -119,6 +119,7 @@ WHATS = (*LIMITED, "actor_off_its_script")
 _OFF_SCRIPT = len(LIMITED)
 _SCRIPT_TOLERANCE = 0.05  # m, what another vehicle may be off its script
 STRAIGHT = 90.0  # deg clockwise from north, SUMO's angle along the road
+_ROUNDING = 1e-9  # m
 _ALONG = 1e-9  # rad, a heading smaller than this is none
 _ALONG_A_BEND = 0.01  # rad, an ego on a bend that keeps its lane turns less than that against the road
 _DEGREES = 180.0 / math.pi
@@ -276,17 +277,17 @@ def _script_acceleration(other: Any, moves: Any, time: float) -> float:
 
 @kernel
 def _sample(samples: Any, vehicle: Any, time: float, acceleration: float, steering: float) -> None:
-    """Record a vehicle as it is now, unless it has been at this instant. samples: (channels, instants)."""
+    """Record a vehicle as it is now, unless it has been at this instant. samples: (instants, channels)."""
     count = vehicle.samples
-    if count > 0 and time - samples[0, count - 1] < 1e-9:
+    if count > 0 and time - samples[count - 1, 0] < 1e-9:
         return
-    samples[0, count] = time
-    samples[1, count] = vehicle.x
-    samples[2, count] = vehicle.y
-    samples[3, count] = vehicle.heading
-    samples[4, count] = vehicle.speed
-    samples[5, count] = acceleration
-    samples[6, count] = steering
+    samples[count, 0] = time
+    samples[count, 1] = vehicle.x
+    samples[count, 2] = vehicle.y
+    samples[count, 3] = vehicle.heading
+    samples[count, 4] = vehicle.speed
+    samples[count, 5] = acceleration
+    samples[count, 6] = steering
     vehicle.samples = count + 1
 
 
@@ -473,11 +474,13 @@ def _stand(other: Any, at: Any, x: float, y: float, heading: float, speed: float
 
 @kernel
 def _place(
-    other: Any, moves: Any, x: float, y: float, angle: float, speed: float, line: Any, now: float, as_read: int
-) -> None:
+    other: Any, moves: Any, x: float, y: float, angle: float, speed: float, line: Any, now: float, as_read: int,
+    lane_width: float,
+) -> None:  # fmt: skip
     """Where another vehicle is at the end of a step: where SUMO shows its front bumper, unless its script moved it.
 
-    as_read: SUMO's angle and speed count too, and its place in any case.
+    as_read: SUMO's angle and speed count too, and its place in any case. Who is on a lane's centre line and has not
+    moved is exactly there: on the one lane of `sumo.shared_files` SUMO shows the line and the rounding of an offset.
     """
     half = 0.5 * other.length
     if as_read:
@@ -493,7 +496,13 @@ def _place(
     if other.told:
         return
     other.heading, other.across, other.speed = 0.0, 0.0, _script_speed(other, now)
-    other.x, other.y = (x - half, y) if x > NOWHERE else (_script_x(other, now), _script_y(other, moves, now))
+    if x > NOWHERE:
+        other.x, other.y = x - half, y
+        centre = lane_width * round(y / lane_width)
+        if centre > 0.0 and now <= other.script_begin and other.start.y == centre and abs(y - centre) < _ROUNDING:
+            other.y = centre
+    else:
+        other.x, other.y = _script_x(other, now), _script_y(other, moves, now)
 
 
 @kernel
@@ -564,7 +573,7 @@ def see_rows(
     """
     ended = 0
     bent = len(line) > 0
-    step = scenario[0].step
+    step, width = scenario[0].step, scenario[0].road.lane_width
     for i in range(len(egos)):
         ego = egos[i]
         if ego.live == 0:
@@ -587,8 +596,9 @@ def see_rows(
             if other.present == 0:
                 continue
             _place(
-                other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line, now, as_read
-            )
+                other, moves[i][j], shown[i, j, 0], shown[i, j, 1], shown[i, j, 2], shown[i, j, 3], line, now, as_read,
+                width,
+            )  # fmt: skip
             was = other.before
             other.acceleration = (other.speed - was.speed) / step
             if bent:
@@ -677,7 +687,7 @@ class World:
         self.shown = np.zeros((n, m, 4))
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
-        self.samples = np.zeros((n, 1 + m, len(CHANNELS), self._room))
+        self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
         begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
@@ -728,8 +738,9 @@ class World:
         self._sampled += sampling
         if self._sampled + 2 > self._room:
             self._room *= 2
-            grown = np.zeros((*self.samples.shape[:3], self._room))
-            grown[..., : self.samples.shape[3]] = self.samples
+            rows, vehicles, before, channels = self.samples.shape
+            grown = np.zeros((rows, vehicles, self._room, channels))
+            grown[:, :, :before] = self.samples
             self.samples = grown
 
     def keep(self, rows: NDArray[np.intp]) -> None:
@@ -779,14 +790,14 @@ class World:
         return found
 
     def _trajectory(self, row: int, vehicle: int, count: int, body: VehicleSettings | Actor) -> Trajectory:
-        block = self.samples[row, vehicle, :, :count].copy()
+        block = self.samples[row, vehicle, :count].T.copy()
         return Trajectory.of_block(block, length=body.length, width=body.width)
 
     def _collision(self, row: int, actors: Sequence[Actor]) -> Collision:
         ego = self.egos[row]
         struck = int(ego["struck"])
         ego_body = self._touching(ego, float(ego["x"]))
-        time = float(self.samples[row, 0, 0, int(ego["samples"]) - 1])  # a touch at a step's first instant is that one
+        time = float(self.samples[row, 0, int(ego["samples"]) - 1, 0])  # a touch at a step's first instant is that one
         return describe(time, actors[struck].name, ego_body, self._touching(self.others[row, struck], float(ego["x"])))
 
     def _touching(self, vehicle: Any, x: float) -> Body:

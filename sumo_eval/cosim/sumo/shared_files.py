@@ -1,5 +1,6 @@
-"""SUMO files of cases that are driven together: every case on a road of its own, all roads in the same place, so that
-no digit of a position differs from the one that the case has alone. Vehicles of different roads do not see each other.
+"""SUMO files of cases that nobody but the harness asks SUMO about, mostly many together: every case on a road of its
+own, all roads in the same place, so that no digit of a position differs from the one that the case has alone. Vehicles
+of different roads do not see each other.
 
 SUMO's own driver models decide nothing in a case: the harness says what every vehicle does. Here they are not even
 asked (`actionStepLength`), which takes two thirds off a step; a vehicle keeps the speed that it was told. A case that
@@ -8,12 +9,15 @@ is alone has the names that the user knows.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import VehicleSettings
 
+_ON_IT = 1e-6  # m from the right-hand lane's centre line
 _NEVER = 1e6  # s until SUMO's driver models would decide something; beyond every time limit
 
 
@@ -29,37 +33,60 @@ def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
     return [[f"{case}.{number}" for number in range(1 + len(it.actors))] for case, it in enumerate(cases)]
 
 
-def shared_network_xml(road: Road, count: int) -> str:
-    """`count` copies of a road in one network."""
-    if count == 1:
-        return network_xml(road)
-    head, _, rest = network_xml(road).partition("  <edge ")
-    body, _, tail = rest.rpartition("</net>")
-    edge, _, junctions = ("  <edge " + body).partition("  <junction ")
-    junctions = "  <junction " + junctions
-    edges = [
-        edge.replace('"road', f'"{edge_name(case, count)}')
-        .replace('"begin"', f'"begin{case}"')
-        .replace('"end"', f'"end{case}"')
-        for case in range(count)
-    ]
-    ends = [
-        junctions.replace('id="begin"', f'id="begin{case}"')
-        .replace('id="end"', f'id="end{case}"')
-        .replace("road_", f"{edge_name(case, count)}_")
-        for case in range(count)
-    ]
-    return "".join([head, *edges, *ends, "</net>", tail])
+def fits_one_lane(concrete: ConcreteScenario) -> bool:
+    """Whether a case can have one lane here, as wide as its road, on the right-hand lane's centre line.
+
+    Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's step. SUMO shows a
+    vehicle at its lane's centre line plus an offset, which rounds. So that no digit is another one than on the road
+    itself, the others must start on the right-hand lane or on a centre line, and scripts let go on the right-hand
+    lane's. A road that bends keeps its lanes.
+    """
+    if concrete.road.bent:
+        return False
+    width = concrete.road.lane_width
+    for actor in concrete.actors:
+        start, rests = actor.y(0.0), [actor.y(move.begin + move.duration) for move in actor.lane_changes]
+        rests += [start] if actor.brake is not None else []
+        if not (abs(start) < 0.5 * width or start == width * round(start / width)) or any(
+            abs(y) > _ON_IT for y in rests
+        ):
+            return False
+    return True
 
 
-def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings) -> str:
-    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes."""
+def shared_network_xml(cases: Sequence[ConcreteScenario], *, own_lanes: bool = False) -> str:
+    """A road for each case in one network, all between the same two junctions. own_lanes: every road as it is."""
+    road, edges, lanes, tail = cases[0].road, [], [], ""
+    for case, concrete in enumerate(cases):
+        name = edge_name(case, len(cases))
+        head, edge, tail = _parts(road, not own_lanes and fits_one_lane(concrete))
+        edges.append(edge.replace('"road', f'"{name}'))
+        lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
+    start, _, end = tail.partition('incLanes="road')
+    return "".join([head, *edges, start, 'incLanes="', " ".join(lanes), end[end.index('"') :]])
+
+
+@functools.lru_cache(maxsize=64)
+def _parts(road: Road, one_lane: bool) -> tuple[str, str, str]:
+    """What stands before the edge of a road, the edge, and the junctions."""
+    wide = replace(road, lanes=1, lane_width=2.0 * max(road.left_edge, -road.right_edge))
+    head, opening, rest = network_xml(wide if one_lane else road).partition("  <edge ")
+    edge, closing, junctions = rest.partition("  <junction ")
+    return head, opening + edge, closing + junctions
+
+
+def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, *, own_lanes: bool = False) -> str:
+    """Vehicle types, routes and departures of all cases; `vehicle` has the body that their scenario prescribes.
+
+    own_lanes: on the roads as they are, as in `shared_network_xml`.
+    """
     types: dict[tuple[str, ...], str] = {}  # vehicles that differ in nothing share a type
     others: list[str] = []
     names, count = vehicle_names(cases), len(cases)
     for case, concrete in enumerate(cases):
         others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case, count)}))
-        described = zip(vehicle_types(concrete, vehicle), departures(concrete, vehicle.length), strict=True)
+        starts = departures(concrete, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete))
+        described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
             kind["actionStepLength"] = str(_NEVER)

@@ -170,15 +170,16 @@ def vehicle_types(
     return [ego, *others]
 
 
-def departures(concrete: ConcreteScenario, ego_length: float) -> list[dict[str, str]]:
-    """Attributes of the vehicles of a case, the ego first."""
+def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False) -> list[dict[str, str]]:
+    """Attributes of the vehicles of a case, the ego first. one_lane: there is the right-hand lane alone."""
     found = []
+    road = concrete.road
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
-        lane = min(max(round(start.y / concrete.road.lane_width), 0), concrete.road.lanes - 1)
-        if concrete.road.bent:  # only along the line itself is SUMO's place the one along the line
+        lane = min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
+        if one_lane or road.bent:  # on a bend only along the line itself is SUMO's place the one along the line
             lane = 0
-        offset = start.y - concrete.road.lane_centre(lane)
+        offset = start.y - road.lane_centre(lane)
         attributes = {
             "id": name,
             "type": name,
