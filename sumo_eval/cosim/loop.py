@@ -85,6 +85,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             count = move_rows(
                 world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, now, int(closely)
             )
+            count = world.play(now, count, closely)
             moved = 1
             _tell(world, stage, count)
             stage.step()
@@ -93,6 +94,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             if stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
+            world.wake(now)
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
                 world.scenario, now, int(sampling), as_read,

@@ -24,6 +24,8 @@ _WORDS = {
     "speed_mode": "sets SUMO's speed mode to {requested:.0f}; the harness sets it back to {applied:.0f}",
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
+    "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
+    "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
 }
 _OUT_OF_RANGE = ("acceleration", "steering_angle", "speed_mode", "touched_vehicle", "stepped_the_clock",

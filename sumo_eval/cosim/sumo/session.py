@@ -189,8 +189,8 @@ def _arguments(
 
 
 _CALLS = (
-    "getAngle", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveToXY", "setLaneChangeMode",
-    "setSpeed", "setSpeedMode",
+    "getAngle", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveTo", "moveToXY",
+    "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed", "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
 

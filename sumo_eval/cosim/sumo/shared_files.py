@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
+from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import VehicleSettings
 
@@ -27,6 +28,24 @@ def vehicle_names(cases: Sequence[ConcreteScenario]) -> list[list[str]]:
     if len(cases) == 1:
         return [[EGO, *(actor.name for actor in cases[0].actors)]]
     return [[f"{case}.{number}" for number in range(1 + len(it.actors))] for case, it in enumerate(cases)]
+
+
+def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
+    """Whether a second body stands for a vehicle in the lane that it reaches into. vehicle: 0 the ego, then the others.
+
+    Whoever moves it knows SUMO's drivers alone; only those need it, and they look for it in lanes beside its own.
+    """
+    if not concrete.reacts or concrete.road.lanes == 1:
+        return False
+    if vehicle == 0:
+        return True
+    actor = concrete.actors[vehicle - 1]
+    return actor.model is None and actor.body not in VULNERABLE
+
+
+def shadow_name(name: str) -> str:
+    """The name in SUMO of a vehicle's shadow."""
+    return f"{name}.shadow"
 
 
 def shared_network_xml(road: Road, count: int) -> str:
@@ -62,10 +81,13 @@ def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSetting
         described = zip(vehicle_types(concrete, vehicle), departures(concrete, vehicle.length), strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
-            kind["actionStepLength"] = str(_NEVER)
+            if index == 0 or concrete.actors[index - 1].model is None:
+                kind["actionStepLength"] = str(_NEVER)
             known = types.setdefault((*kind, *kind.values()), f"type{len(types)}" if count > 1 else name)
             own = {"id": names[case][index], "type": known, "route": f"along{case}"}
             others.append(_element("vehicle", {**attributes, **own}))
+            if concrete.reacts and has_shadow(concrete, index):
+                others.append(_element("vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}))
     kinds = [
         _element("vType", {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))})
         for text, name in types.items()
