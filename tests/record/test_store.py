@@ -297,7 +297,7 @@ def test_an_interrupted_write_leaves_whole_cases_and_a_log_that_is_read(tmp_path
     path = tmp_path / "facts.sqlite"
     program = (
         "import os, sys; sys.path.insert(0, 'tests'); from pathlib import Path\n"
-        "from batch.test_store import case, drive\n"
+        "from record.test_store import case, drive\n"
         "from sumo_eval.record.cases import Outcome; from sumo_eval.record.store import open_store\n"
         "from sumo_eval.trajectory import Recording\n"
         f"with open_store(Path({str(path)!r}), create=True) as store:\n"
