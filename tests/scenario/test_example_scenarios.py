@@ -1,4 +1,4 @@
-"""The scenario files of docs/examples/scenarios: each can be read, placed at its points and driven, in a pack as alone."""
+"""The scenario files of docs/examples/scenarios can be read, placed at their points and driven, in packs as alone."""
 
 from __future__ import annotations
 
