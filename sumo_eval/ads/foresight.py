@@ -10,9 +10,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from sumo_eval.cosim.contact import Body, first_touch
+from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Start
+from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.trajectory import FloatArray
 
 _LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
@@ -38,6 +43,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
     ego, actors = concrete.ego, concrete.actors
     on_the_road = (concrete.road.length - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
     until = min(settings.time_limit, on_the_road)
+    if concrete.lively:
+        return _foresee_lively(concrete, settings, until)
     found = []
     for actor in actors:
         meets = first_meeting(ego, settings.vehicle, actor, settings.step, until) is not None
@@ -47,6 +54,100 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         slowest = actor.start.speed if actor.brake is None else 0.0
         found.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(found)
+
+
+class _Track:
+    """Another vehicle as it moves while the ego keeps its speed, at any time between two looks."""
+
+    def __init__(self, actor: Actor, step: float, rows: FloatArray) -> None:
+        self.length, self.width, self.slides, self.start = actor.length, actor.width, True, actor.start
+        self._step, self._rows = step, rows
+
+    def state(self, time: float) -> tuple[float, ...]:
+        """x, y, heading, speed and speed to the left of the heading."""
+        at = min(max(time / self._step, 0.0), len(self._rows) - 1.0)
+        k = min(int(at), len(self._rows) - 2)
+        return tuple((self._rows[k] + (at - k) * (self._rows[k + 1] - self._rows[k])).tolist())
+
+    def x(self, time: float) -> float:
+        """Place along the road, m."""
+        return self.state(time)[0]
+
+    def y(self, time: float) -> float:
+        """Place across the road, m."""
+        return self.state(time)[1]
+
+    def body(self, time: float) -> Body:
+        """The body at a time."""
+        x, y, heading, speed, across = self.state(time)
+        return Body(x, y, heading, speed, self.length, self.width, across)
+
+    def half_width(self, time: float) -> float:
+        """Half the extent of the turned body across the road, m."""
+        heading = self.state(time)[2]
+        return 0.5 * (self.length * abs(math.sin(heading)) + self.width * abs(math.cos(heading)))
+
+
+def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, until: float) -> tuple[Foresight, ...]:
+    """What is known of others whose scripts depend on what happens: what they do while the ego keeps its speed.
+
+    Whoever reacts is taken to keep its speed, too.
+    """
+    vehicle, step = settings.vehicle, settings.step
+    found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
+    theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
+    ego, told = concrete.ego, []
+    hiding = 1.0 - settings.ideal_visible_share
+    for j, (actor, track) in enumerate(zip(concrete.actors, theirs, strict=True)):
+        rows = found.others[0, j]
+        in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + vehicle.width)
+        begins = float(found.begins[0, j])
+        caught_up = in_path and actor.start.x > ego.x and actor.start.speed * math.cos(actor.heading) < ego.speed
+        changes = 0.0 if caught_up or math.isinf(begins) else begins
+        nearer = [other for other in theirs if other is not track]
+        noticed = _first_sight(ego, track, nearer, changes, hiding, until)
+        along = rows[:, 3] * np.cos(rows[:, 2]) - rows[:, 4] * np.sin(rows[:, 2])
+        reacts = actor.model is not None and actor.start.x < ego.x  # it will not drive into whoever keeps its speed
+        meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until)
+        told.append(Foresight(noticed, meets, max(float(along.min()), 0.0), noticed > changes))
+    return tuple(told)
+
+
+def _first_sight(
+    ego: Start, track: _Track, nearer: Sequence[_Track], time: float, hiding: float, until: float
+) -> float:
+    while any(_covers(ego, other, track, time, hiding) for other in nearer):
+        if time > until:
+            return math.inf
+        time += _LOOK
+    return time
+
+
+def _covers(ego: Start, nearer: _Track, track: _Track, time: float, hiding: float) -> bool:
+    """Whether one covers another as the ego sees it, along the line from its front to the hidden one's middle."""
+    eye = ego.x + ego.speed * time
+    if not eye < nearer.x(time) < track.x(time):
+        return False
+    share = (nearer.x(time) - eye) / (track.x(time) - eye)
+    its, hidden = nearer.half_width(time), track.half_width(time) * share
+    middle = ego.y + share * (track.y(time) - ego.y)
+    shared = min(its + hidden - abs(nearer.y(time) - middle), 2.0 * its, 2.0 * hidden)
+    return shared > 2.0 * hidden * hiding
+
+
+def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, rows: FloatArray, step: float, until: float) -> bool:
+    """Whether an ego that keeps its speed and its lane touches another vehicle."""
+    times = np.arange(len(rows)) * step
+    reach = 0.5 * (vehicle.length + vehicle.width + track.length + track.width) + FASTEST * step * 0.1
+    near = np.abs(rows[:, 0] - ego.x - ego.speed * times) < reach
+    near &= np.abs(rows[:, 1] - ego.y) < reach
+    for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
+        time, later = k * step, (k + 1) * step
+        if time < until and first_touch(
+            _ego_body(ego, vehicle, time), _ego_body(ego, vehicle, later), track.body(time), track.body(later)
+        ) is not None:  # fmt: skip
+            return True
+    return False
 
 
 def first_change(actor: Actor, *, caught_up: bool) -> float:

@@ -88,6 +88,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
                 world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
                 world.steps + 1, int(closely),
             )  # fmt: skip
+            count = world.play(now, count, closely)
             moved = 1
             _tell(world, stage, count)
             stage.step()
@@ -96,6 +97,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             if stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
+            world.wake(now)
             ended = see_rows(
                 world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
                 world.scenario, world.line, world.steps + 1, int(sampling), as_read,

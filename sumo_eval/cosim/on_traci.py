@@ -73,8 +73,10 @@ class OnTraci:
         self._calls.setLaneChangeMode(EGO, 0)
         self._calls.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else concrete.ego.speed)
         for actor in concrete.actors:
-            self._calls.setSpeedMode(actor.name, EXACT_SPEED_MODE)
             self._calls.setLaneChangeMode(actor.name, 0)
+            if actor.model is not None:  # it drives by itself
+                continue
+            self._calls.setSpeedMode(actor.name, EXACT_SPEED_MODE)
             self._calls.setSpeed(actor.name, actor.start.speed)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"

@@ -127,6 +127,11 @@ class Pack:
         )
 
     def _check(self, concrete: ConcreteScenario) -> None:
+        if concrete.lively:
+            raise InputError(
+                f"Scenario `{concrete.scenario}` must have scripts that depend on time alone to be learned in: in it a "
+                "vehicle follows, waits for a condition, has a path or a heading, or comes in a stream."
+            )
         if _kind(concrete) != self._kind:
             raise must_be("The cases", "one pack", "of one road, one ego's body and as many other vehicles",
                           f"{concrete.scenario} ({concrete.label})")  # fmt: skip

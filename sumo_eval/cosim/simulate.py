@@ -44,6 +44,7 @@ from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
+from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import MODEL, SUMO, World
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -107,7 +108,8 @@ def simulate(
     asks = not Compiled.rides(target)
     try:
         with _opened(concrete, settings, ads, step_timeout, alone) as traci, seen_as_traci():
-            drive(world, driver, Stage(traci, world, asked=asks, as_read=not alone))
+            stage = Traffic if world.reacts else Stage
+            drive(world, driver, stage(traci, world, asked=asks, as_read=not alone))
     except (ControllerError, SimulationError) as error:  # before the first step
         break_off(world, error)
         world.end(0)
@@ -238,7 +240,10 @@ def simulate_together(
         concrete = cases[index]
         if why is not None or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
             return None
-        body = concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)
+        body = (
+            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors),
+            tuple([(actor.body, actor.model is None) for actor in concrete.actors]) if concrete.lively else (),
+        )  # fmt: skip
         return (*body, riders.kind(index))
 
     for key, group in groupby(range(len(cases)), key=kind):
@@ -360,7 +365,7 @@ def _together(
     try:
         world = World(cases, settings)
         with running(*texts, settings, collisions="none") as traci, _traci_refused(), _little_garbage():
-            drive(world, driver, Stage(traci, world))
+            drive(world, driver, (Traffic if world.reacts else Stage)(traci, world))
     except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
         _LOG.error(
             "%d cases that were driven together failed; each is driven alone.\n%s", len(cases), traceback_of(error)

@@ -55,6 +55,7 @@ class Stage:
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
         fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
         self._fronts = [(float(x), float(y)) for x, y, _ in (map_places(road.line, *front) for front in fronts)]
+        self._tolerance = _PLACE_TOLERANCE
         self.keep(world)
 
     def keep(self, world: World) -> None:
@@ -81,9 +82,12 @@ class Stage:
                 world.fail(case, "sim_error", str(error))
                 continue
             starts = [concrete.ego, *(actor.start for actor in concrete.actors)]
-            for name, start in zip(self.names[case], starts, strict=True):
-                calls.setSpeedMode(name, EXACT_SPEED_MODE)
+            models = [False, *(actor.model is not None for actor in concrete.actors)]
+            for name, start, is_model in zip(self.names[case], starts, models, strict=True):
                 calls.setLaneChangeMode(name, 0)
+                if is_model:  # it drives by itself
+                    continue
+                calls.setSpeedMode(name, EXACT_SPEED_MODE)
                 calls.setSpeed(name, start.speed)
                 self._told[name] = start.speed
 
@@ -201,7 +205,7 @@ class Stage:
         shown = np.array(list(map(calls.getPosition, names))).reshape(-1, 2)
         heading = egos["heading"][live]
         x, y = egos["x"][live] + half * np.cos(heading), egos["y"][live] + half * np.sin(heading)
-        off = ~((np.abs(shown[:, 0] - x) <= _PLACE_TOLERANCE) & (np.abs(shown[:, 1] - y) <= _PLACE_TOLERANCE))
+        off = ~((np.abs(shown[:, 0] - x) <= self._tolerance) & (np.abs(shown[:, 1] - y) <= _PLACE_TOLERANCE))
         off &= (egos["placed"][live] == MODEL) & (egos["reason"][live] == 0)  # which also finds a nan
         off &= np.abs(y - self._middle) < self._half + 0.5 * world.settings.vehicle.width - BESIDE
         for k in np.flatnonzero(off).tolist():
@@ -241,13 +245,15 @@ class Stage:
         shape = others.shape
         shown = world.shown[live]
         told, half = others["told"], 0.5 * others["width"]
-        off = ~(np.abs(shown[:, :, 0] - others["front_x"]) <= _PLACE_TOLERANCE)  # which also finds a nan
+        off = ~(np.abs(shown[:, :, 0] - others["front_x"]) <= self._tolerance)  # which also finds a nan
         off |= ~(np.abs(shown[:, :, 1] - others["front_y"]) <= _PLACE_TOLERANCE)
-        speed = np.array(list(map(self.calls.getSpeed, self._others))).reshape(shape)
-        angle = np.array(list(map(self.calls.getAngle, self._others))).reshape(shape)
+        speed, angle = others["speed"], np.full(shape, STRAIGHT)
+        if (told == 0).any():
+            speed = np.array(list(map(self.calls.getSpeed, self._others))).reshape(shape)
+            angle = np.array(list(map(self.calls.getAngle, self._others))).reshape(shape)
         moves_otherwise = ~(np.abs(speed - others["speed"]) <= _MOTION_TOLERANCE)
         moves_otherwise |= ~(np.abs(angle - STRAIGHT) <= _MOTION_TOLERANCE) | ~(shown[:, :, 0] > NOWHERE)
-        off = np.where(told == 2, off, moves_otherwise & (told == 0))
+        off = np.where(told == 2, off, moves_otherwise & (told == 0)) & (others["present"] == 1)
         off &= np.abs(others["y"] - self._middle) < self._half + half - BESIDE  # beside every lane SUMO shows others
         off &= (world.egos["reason"][live] == 0)[:, None]
         for k, j in np.argwhere(off).tolist():

@@ -35,6 +35,7 @@ from sumo_eval.scenario.motion import (
     lateral_acceleration,
     lateral_speed,
 )
+from sumo_eval.scenario.played import DEEPEST, WAITS, Players, begin_play_rows, play_rows, players, wake_rows
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of, line_at, map_places, to_frame, to_map
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
@@ -84,13 +85,14 @@ OTHER = np.dtype(
         *flags("present", "told", "samples"),
         ("start", fields("x", "y", "speed")),
         ("brake", fields("begin", "deceleration", "jerk", "end")),
-        *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves"),
+        *fields("script_begin", "script_end", "leaves"), *flags("slides", "brakes", "moves", "played"),
         ("map", _MAP),
     ]
 )  # fmt: skip
-"""Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2. told: the harness has
-moved it in this step. script_begin, script_end: s. leaves: when its script takes it beside the lanes for good, s: SUMO
-does not move a vehicle that is on no lane."""
+"""Another vehicle and its script. acceleration: the rate of its speed over the last step, m/s2, of a played one that of
+its move. told: the harness has moved it in this step. script_begin, script_end: s. leaves: when its script takes it
+beside the lanes for good, s: SUMO does not move a vehicle that is on no lane. played: 1 if `scenario.played` or SUMO
+moves it."""
 
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
@@ -297,7 +299,9 @@ def _sample_row(ego: Any, others: Any, moves: Any, samples: Any) -> None:
     _sample(samples[0], ego, ego.time, ego.acceleration, math.nan if ego.placed == SUMO else ego.steering)
     for j in range(len(others)):
         if others[j].present:
-            acceleration = _script_acceleration(others[j], moves[j], ego.time)
+            acceleration = others[j].acceleration
+            if others[j].played == 0:
+                acceleration = _script_acceleration(others[j], moves[j], ego.time)
             _sample(samples[1 + j], others[j], ego.time, acceleration, math.nan)
 
 
@@ -408,7 +412,7 @@ def move_rows(
             other.told = 0
             if bent:
                 _keep_map(other)
-            if other.present == 0 or not (bent or _is_scripted(other, moves[i][j], now, step)):
+            if other.present == 0 or other.played or not (bent or _is_scripted(other, moves[i][j], now, step)):
                 continue
             other.told = 1
             other.x, other.y = _script_x(other, now), _script_y(other, moves[i][j], now)
@@ -600,7 +604,8 @@ def see_rows(
                 width,
             )  # fmt: skip
             was = other.before
-            other.acceleration = (other.speed - was.speed) / step
+            if other.played == 0:
+                other.acceleration = (other.speed - was.speed) / step
             if bent:
                 there = _map_body(was.map, was.speed, was.across, other)
                 here = _map_body(other.map, other.speed, other.across, other)
@@ -629,11 +634,35 @@ def see_rows(
                 ahead = other.x - _script_x(other, ego.time)
                 left = other.y - _script_y(other, moves[i][j], ego.time)
                 off = math.sqrt(ahead * ahead + left * left)
-                if other.present and off > _SCRIPT_TOLERANCE:
+                if other.present and other.played == 0 and off > _SCRIPT_TOLERANCE:
                     count_clip(clips[i], _OFF_SCRIPT, now, 0.0, off)
         if ego.reason != 0:
             ended += 1
     return ended
+
+
+@rows
+def tell_played_rows(egos: Records, others: Records, plays: Records, tell: FloatArray, told: int, closely: int) -> int:
+    """Write what SUMO has to hear of the played vehicles to `tell`, behind `told` rows of it; how many it then has."""
+    for i in range(len(egos)):
+        if egos[i].live == 0 or egos[i].reason != 0:
+            continue
+        for j in range(len(others[i])):
+            other = others[i][j]
+            other.told = 1
+            if plays[i][j].model or other.present == 0:
+                continue
+            other.front_x = other.x + 0.5 * other.length * math.cos(other.heading)
+            other.front_y = other.y + 0.5 * other.length * math.sin(other.heading)
+            if closely:
+                other.told = 2
+                tell[told, 0] = i * (1 + len(others[i])) + 1 + j
+                tell[told, 1] = other.front_x
+                tell[told, 2] = other.front_y
+                tell[told, 3] = STRAIGHT - other.heading * _DEGREES
+                tell[told, 4] = other.speed
+                told += 1
+    return told
 
 
 # -- all of it ---------------------------------------------------------------------------------------------------------
@@ -688,8 +717,38 @@ class World:
         self.tell = np.zeros((n * (1 + m), 8))
         self._sampled, self._room = 1, 64
         self.samples = np.zeros((n, 1 + m, self._room, len(CHANNELS)))
+        self.reacts = any(case.reacts for case in cases)
+        self.players: Players | None = None
+        self._stack = np.zeros((DEEPEST, 3))
+        if any(case.lively for case in cases):
+            self.players = players([case.actors for case in cases])
+            self.others["played"], self.egos["scripted_until"] = 1, math.inf
+            for i, case in enumerate(cases):
+                self.others["heading"][i] = [actor.heading for actor in case.actors]
+            self.others["before"]["heading"] = self.others["heading"]
+            self._stay_before()
+            begin_play_rows(self.egos, self.others, *self.players, self._stack)
         begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
         self.going = n
+
+    def _stay_before(self) -> None:
+        """At the start every vehicle was where it is."""
+        for name in self.egos["before"].dtype.names or ():
+            self.egos["before"][name] = 0.0 if name == "across" else self.egos[name]
+
+    def play(self, now: float, told: int, closely: bool) -> int:
+        """Move the played vehicles to the time `now`, s; how many rows of `tell` there are then."""
+        if self.players is None:
+            return told
+        plays, acts, pieces, table, _ = self.players
+        play_rows(self.egos, self.others, plays, acts, pieces, table, now)
+        return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely)))
+
+    def wake(self, now: float) -> None:
+        """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
+        if self.players is not None:
+            before = self.steps * self.settings.step
+            wake_rows(self.egos, self.others, *self.players, now, before, self._stack)
 
     @property
     def time(self) -> float:
@@ -747,22 +806,33 @@ class World:
         """Hold only these rows, in this order."""
         for name in ("rows", "egos", "others", "moves", "clips", "seen", "shown", "samples"):
             setattr(self, name, getattr(self, name)[rows])
+        if self.players is not None:
+            self.players = self.players.of(rows)
 
     def end(self, row: int) -> int:
         """Take down what a case that has ended leaves behind; its number."""
         ego, case = self.egos[row], int(self.rows[row])
         self.egos["live"][row] = 0
         self.going -= 1
+        if self.players is not None:
+            waiting = self.players.acts["state"][row] == WAITS
+            used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
+            if count := int((waiting & used).sum()):
+                self.note(case, "trigger_never_fired", float(count), 0.0)
+                self.notes[case]["trigger_never_fired"].count = count
         concrete, vehicle = self.cases[case], self.settings.vehicle
         reason = REASONS[int(ego["reason"])]
         assert reason is not None
         actors = concrete.actors
+        hit = self._collision(row, actors) if reason == "contact" else None
+        if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
+            self.note(case, "struck_from_behind", hit.relative_speed, hit.relative_speed)
         counts = self.others["samples"][row].tolist()
         self.ended[case] = partial(
             Recording,
             self._trajectory(row, 0, int(ego["samples"]), vehicle),
             {actor.name: self._trajectory(row, 1 + j, counts[j], actor) for j, actor in enumerate(actors)},
-            self._collision(row, actors) if reason == "contact" else None,
+            hit,
             reason,
             self._clips(row, case),
         )
@@ -884,6 +954,6 @@ def _scripts(cases: Sequence[ConcreteScenario], settings: SimulationSettings) ->
                 (start.x, start.y, start.speed), braking, min((begin for begin, _ in spans), default=math.inf),
                 max((end for _, end in spans), default=-math.inf), leaves_the_lanes_at(actor, concrete.road),
                 actor.slides, brake is not None,
-                len(actor.lane_changes), nowhere,
+                len(actor.lane_changes), 0, nowhere,
             )  # fmt: skip
     return others, moves

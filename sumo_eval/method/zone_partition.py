@@ -30,6 +30,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, searched_criticality
+from sumo_eval.method.encounter import encounter
 from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
@@ -382,8 +383,12 @@ def _criticality(
 
     Where the other comes into the ego's way later, the gap is the one left when it does, of either sign.
     """
-    approach = logical.approach(logical.columns(points))
     n = len(points)
+    if logical.search is not None:
+        return encounter(logical, points, settings)
+    if logical.approach is None:  # no zone can be defined: everything is safe
+        return np.zeros(n), np.zeros(n), np.full(n, np.inf)
+    approach = logical.approach(logical.columns(points))
     if not approach.has_closed_form:
         inverse, impact = _searched(approach, n, settings)
         # Of two equally hard hits the one at the closer meeting counts, and not the one that the ego has nearly passed.
@@ -462,6 +467,8 @@ def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSet
     would jump from the hardest hit to perfectly safe, and no smooth surface follows a jump.
     """
     inverse, impact, _ = _criticality(logical, points, settings)
+    if logical.approach is None:
+        return squared_time_target(inverse, impact, settings)
     approach = logical.approach(logical.columns(points))
     if not math.isfinite(approach.passing_length):
         return squared_time_target(inverse, impact, settings)

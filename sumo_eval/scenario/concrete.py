@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import must_be
-from sumo_eval.scenario import motion
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario import motion, played
+from sumo_eval.scenario.bodies import CAR
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
@@ -243,11 +245,26 @@ class Brake:
 
 
 @dataclass(frozen=True, slots=True)
+class Model:
+    """A car-following model of SUMO's that drives a vehicle: it reacts to the ego and to all others.
+
+    name: SUMO's. numbers: its parameters by SUMO's name. desired: the speed that it wants to drive, m/s.
+    """
+
+    name: str
+    desired: float
+    numbers: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Actor:
     """Another vehicle: keeps its speed along the road until it brakes, and performs its lane changes as scripted.
 
     slides: it keeps its heading while it moves across, like the upright rectangles that UN R157's tables are made with;
-    otherwise it points where it goes.
+    otherwise it points where it goes. body: what it is (`scenario.bodies`).
+
+    One with `acts` or a heading at the start, rad to the left of the road, is played (`scenario.played`): what it does
+    may depend on what happens. One with a `model` is driven by SUMO. Of both the methods below know the start alone.
     """
 
     name: str
@@ -257,6 +274,29 @@ class Actor:
     width: float = 1.8
     brake: Brake | None = None
     slides: bool = False
+    body: str = CAR
+    heading: float = 0.0
+    acts: tuple[Act, ...] = ()
+    model: Model | None = None
+
+    @property
+    def script(self) -> tuple[Act, ...]:
+        """What it does as moves of a played vehicle."""
+        found = list(self.acts)
+        if self.brake is not None:
+            found.append(Act(played.SPEED, self.brake.begin, 0.0, 0.0, 0.0, self.brake.deceleration, self.brake.jerk))
+        for move in self.lane_changes:
+            if isinstance(move, LaneChange):
+                found.append(Act(played.SMOOTH, move.begin, move.duration, 0.0, move.offset))
+            else:
+                kind, rate = played.CONSTANT, move.acceleration
+                found.append(Act(kind, move.begin, move.duration, move.speed, move.offset, rate))
+        return tuple(found)
+
+    @property
+    def lively(self) -> bool:
+        """Whether what it does is no function of time alone."""
+        return self.model is not None or bool(self.acts) or self.heading != 0.0
 
     def __post_init__(self) -> None:
         if self.brake is None:
@@ -302,6 +342,14 @@ class EgoBody:
     width: float
 
 
+def straight_only(owner: str) -> str:
+    """A sentence on what a road that bends cannot have."""
+    return (
+        f"The road of {owner} must be straight where a vehicle follows, waits for a condition, has a path or heading, "
+        "or comes in a stream: only brakes, lane changes and moves sideways at given times are laid along a bend."
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class ConcreteScenario:
     """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start.
@@ -323,6 +371,18 @@ class ConcreteScenario:
         names = ["ego", *(actor.name for actor in self.actors)]
         if len(set(names)) < len(names):
             raise must_be("The names of the vehicles", f"scenario `{self.scenario}`", "distinct", ", ".join(names))
+        if self.road.bent and self.lively:
+            raise InputError(straight_only(f"scenario `{self.scenario}`"))
+
+    @property
+    def lively(self) -> bool:
+        """Whether somebody in it does what is no function of time alone."""
+        return any(actor.lively for actor in self.actors)
+
+    @property
+    def reacts(self) -> bool:
+        """Whether somebody in it is driven by a model of SUMO's."""
+        return any(actor.model is not None for actor in self.actors)
 
     @property
     def label(self) -> str:

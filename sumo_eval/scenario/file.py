@@ -19,8 +19,20 @@ from annotated_types import Ge, MinLen
 from numpy.typing import ArrayLike
 from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.errors import InputError, check_name, must_be, unknown
-from sumo_eval.scenario.concrete import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Road, Start
+from sumo_eval.errors import InputError, check_name, did_you_mean, must_be, unknown
+from sumo_eval.scenario import played
+from sumo_eval.scenario.bodies import BODIES, VULNERABLE
+from sumo_eval.scenario.concrete import (
+    Actor,
+    Brake,
+    ConstantLateral,
+    EgoBody,
+    LaneChange,
+    Model,
+    Road,
+    Start,
+    straight_only,
+)
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
 from sumo_eval.scenario.logical import (
@@ -36,7 +48,9 @@ from sumo_eval.scenario.logical import (
 )
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
+from sumo_eval.scenario.streams import Spread, drawn
 from sumo_eval.scenario.sumo_network import read_road
+from sumo_eval.scenario.trigger import Trigger, trigger
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.settings.config import mistakes
 from sumo_eval.settings.toml_file import read_toml
@@ -114,18 +128,65 @@ class ManoeuvreTable(Checked):
     """What another vehicle does, from `begin` on."""
 
     do: Annotated[
-        Literal["keep_speed", "brake", "change_lane", "move_sideways"],
-        About("keep_speed; brake to a standstill; change_lane smoothly in `duration`; move_sideways at `speed`"),
+        Literal[
+            "keep_speed",
+            "brake",
+            "change_lane",
+            "move_sideways",
+            "accelerate",
+            "speed_profile",
+            "sinus",
+            "path",
+            "follow",
+        ],
+        About(
+            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; move_sideways at `speed`; "
+            "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
+            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts"
+        ),
     ]
-    begin: Annotated[Formula, About("when it begins", "s")] = 0.0
-    deceleration: Annotated[Formula | None, About("of `brake`", "m/s2")] = None
-    jerk: Annotated[Formula | None, About("of `brake`: how fast it builds up; default: at once", "m/s3")] = None
-    duration: Annotated[Formula | None, About("of `change_lane`", "s")] = None
-    speed: Annotated[Formula | None, About("of `move_sideways`", "m/s")] = None
-    acceleration: Annotated[
-        Formula | None, About("of `move_sideways`: how fast its speed builds up; default: at once", "m/s2")
+    name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
+    begin: Annotated[Formula, About("when it begins; with `when`: how long after its condition holds", "s")] = 0.0
+    when: Annotated[
+        str | None, MinLen(1), About("it begins when this holds, e.g. `ttc(ego, child) < 2`; default: at `begin`")
     ] = None
-    offset: Annotated[Formula | None, About("of both: how far to the left, negative to the right", "m")] = None
+    deceleration: Annotated[Formula | None, About("of `brake`; of `follow`: comfortable", "m/s2")] = None
+    jerk: Annotated[
+        Formula | None, About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3")
+    ] = None
+    duration: Annotated[Formula | None, About("of `change_lane`", "s")] = None
+    speed: Annotated[
+        Formula | None,
+        About("of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it wants", "m/s"),
+    ] = None
+    acceleration: Annotated[
+        Formula | None,
+        About(
+            "of `move_sideways`: how fast its speed builds up, default at once; of `accelerate`, either sign of the "
+            "change; of `sinus`, the largest; of `follow`, the largest",
+            "m/s2",
+        ),
+    ] = None
+    offset: Annotated[Formula | None, About("of moves to a side: how far to the left, negative to the right", "m")] = (
+        None
+    )
+    cycles: Annotated[float | None, Positive, About("of `sinus`: swings, each to one side and back")] = None
+    times: Annotated[tuple[Formula, ...], About("of `speed_profile`: since its begin", "s")] = ()
+    places: Annotated[tuple[Formula, ...], About("of `speed_profile`, `path`: of its centre along the road", "m")] = ()
+    speeds: Annotated[tuple[Formula, ...], About("of `speed_profile`, at its times or places", "m/s")] = ()
+    points: Annotated[
+        tuple[tuple[Formula, Formula], ...],
+        About("of `path`: along and across the road, straight from one to the next", "m"),
+    ] = ()
+    lanes: Annotated[
+        tuple[int, ...],
+        About("of `path`, instead of points: in the middle of which lane it is at its places; 0: right"),
+    ] = ()
+    model: Annotated[
+        Literal["Krauss", "IDM", "EIDM"] | None, About("of `follow`: SUMO's car-following model, without noise")
+    ] = None
+    headway: Annotated[Formula | None, About("of `follow`: time headway that it keeps, default 1", "s")] = None
+    min_gap: Annotated[Formula | None, About("of `follow`: gap to a standing vehicle, default 2.5", "m")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +196,46 @@ class VehicleTable(Checked):
     name: Annotated[str, MinLen(1), About("name")]
     speed: Annotated[Formula, About("speed at the start", "m/s")]
     gap: Annotated[Formula | None, About("from the ego's front bumper to its rear at the start", "m")] = None
+    gap_behind: Annotated[
+        Formula | None, About("instead of gap: from its front bumper to the ego's rear at the start", "m")
+    ] = None
     x: Annotated[Formula | None, About("instead of gap: its centre along the road", "m")] = None
     y: Annotated[Formula, About("centre across the road, left of the right lane's centre line", "m")] = 0.0
-    length: Annotated[float, Positive, About("body", "m")] = 4.5
-    width: Annotated[float, Positive, About("body", "m")] = 1.8
+    heading: Annotated[
+        Formula | None, About("where it points and drives, to the left of the road; default 0", "deg")
+    ] = None
+    lateral_speed: Annotated[
+        Formula | None, About("instead of heading: across the road at the start, to the left; `speed` is along", "m/s")
+    ] = None
+    body: Annotated[
+        Literal["car", "van", "truck", "motorcycle", "bicycle", "pedestrian", "child"],
+        About("what it is: its size, its class in SUMO, how it is drawn"),
+    ] = "car"
+    length: Annotated[float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")] = None
+    width: Annotated[float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")] = None
     slides: Annotated[bool, About("keeps its heading while it moves across, instead of pointing where it goes")] = False
     manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class StreamTable(Checked):
+    """Traffic of a given density: vehicles one behind the other in a lane, each driven by a model of SUMO's."""
+
+    name: Annotated[str, MinLen(1), About("name; its vehicles are name_1, name_2, ... from the foremost back")]
+    lane: Annotated[int, Ge(0), About("lane; 0 is the right-hand one")]
+    begin: Annotated[Formula, About("its end at the back, ahead of the ego's centre; negative: behind", "m")]
+    end: Annotated[Formula, About("its end at the front, ahead of the ego's centre", "m")]
+    density: Annotated[Formula, About("vehicles on a kilometre of the lane", "1/km")]
+    speed: Annotated[Formula, About("mean speed, which each keeps where nobody is in its way", "m/s")]
+    speed_spread: Annotated[float, Ge(0.0), About("speeds differ by at most that, evenly", "m/s")] = 0.0
+    spacing_spread: Annotated[float, Ge(0.0), About("distances differ by at most that share of their mean")] = 0.3
+    seed: Annotated[int, Ge(0), About("what speeds and distances are drawn from")] = 0
+    model: Annotated[Literal["Krauss", "IDM", "EIDM"], About("SUMO's car-following model, without noise")] = "IDM"
+    headway: Annotated[Formula, About("time headway that each keeps", "s")] = 1.0
+    min_gap: Annotated[Formula, About("gap to a standing vehicle", "m")] = 2.5
+    acceleration: Annotated[Formula, About("largest acceleration", "m/s2")] = 2.6
+    deceleration: Annotated[Formula, About("comfortable deceleration", "m/s2")] = 4.5
+    body: Annotated[Literal["car", "van", "truck", "motorcycle"], About("what they are")] = "car"
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +318,12 @@ class ScenarioFile(Checked):
     name: Annotated[str, MinLen(1), About("name of the scenario")]
     parameter: Annotated[tuple[ParameterTable, ...], About("the axes of the space")]
     ego: Annotated[EgoTable, About("the vehicle under test")]
-    vehicle: Annotated[tuple[VehicleTable, ...], About("the others")]
-    zone: Annotated[ZoneTable, About("zone rule")]
+    zone: Annotated[
+        ZoneTable | Literal["none"],
+        About("zone rule; `none`: no zone can be defined, everything is safe, C and A are by outcome"),
+    ]
+    vehicle: Annotated[tuple[VehicleTable, ...], About("the others")] = ()
+    stream: Annotated[tuple[StreamTable, ...], About("traffic of a given density")] = ()
     about: Annotated[str, About("what happens, in one sentence")] = ""
     source: Annotated[str, About("where it comes from")] = "a scenario file"
     define: Annotated[dict[str, Formula], About("names for expressions, each may use those above it")] = field(
@@ -327,16 +426,48 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     for row in points.tolist():
         concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
         _check_place(logical, concrete.ego, concrete.actors, concrete.label)
-    logical.approach(logical.columns(points))
+    if logical.approach is not None:
+        logical.approach(logical.columns(points))
+
+
+_BESIDE = 50.0  # m beside the road at which somebody may still be who comes from there, or stands there
+
+
+def _reach(actor: Actor) -> float:
+    """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script knows time alone."""
+    return _BESIDE if actor.body in VULNERABLE or (actor.lively and actor.model is None) else 0.0
 
 
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:
-    end = logical.road.length + logical.road.run_out
-    for name, start, length in [("ego", ego, 0.0), *((item.name, item.start, item.length) for item in actors)]:
+    road, owner = logical.road, f"scenario `{logical.name}` at {label}"
+    end = road.length + road.run_out
+    ego_body = logical.ego_body or EgoBody(4.5, 1.8)
+    bodies = [("ego", ego, 0.0, 0.0), *((item.name, item.start, item.length, item.heading) for item in actors)]
+    beside = [0.0, *map(_reach, actors)]
+    for (name, start, length, _), reach in zip(bodies, beside, strict=True):
         if not (length / 2 <= start.x <= end - length / 2):
-            raise must_be(f"Vehicle `{name}`", f"scenario `{logical.name}` at {label}", "on the road", start.x)
-        if not logical.road.right_edge <= start.y <= logical.road.left_edge:
-            raise must_be(f"Vehicle `{name}`", f"scenario `{logical.name}` at {label}", "on a lane", start.y)
+            raise must_be(f"Vehicle `{name}`", owner, "on the road", start.x)
+        if not road.right_edge - reach <= start.y <= road.left_edge + reach:
+            raise must_be(f"Vehicle `{name}`", owner, "on a lane", start.y)
+    for item in actors:
+        reach = _reach(item)
+        for act in item.acts:
+            for x, y in act.table if act.kind == played.PATH else ():
+                if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
+                    raise must_be(f"The path of vehicle `{item.name}`", owner, "on the map", f"({x:g}, {y:g}) m")
+    if not any(item.lively for item in actors):
+        return
+    boxes = [("ego", *_box(ego, 0.0, ego_body.length, ego_body.width))]
+    boxes += [(item.name, *_box(item.start, item.heading, item.length, item.width)) for item in actors]
+    for (one, x, y, long, wide), (two, x2, y2, long2, wide2) in itertools.combinations(boxes, 2):
+        if abs(x - x2) < long + long2 and abs(y - y2) < wide + wide2:
+            raise must_be(f"Vehicle `{two}`", owner, f"clear of `{one}` at the start", f"x = {x2:g} m beside {x:g} m")
+
+
+def _box(start: Start, heading: float, length: float, width: float) -> tuple[float, float, float, float]:
+    """Centre and half extents along and across the road."""
+    c, s = abs(math.cos(heading)), abs(math.sin(heading))
+    return start.x, start.y, 0.5 * (length * c + width * s), 0.5 * (length * s + width * c)
 
 
 # --- building ---------------------------------------------------------------------------------------------------------
@@ -442,15 +573,28 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A manoeuvre with its quantities by key, `begin` among them."""
+    """A manoeuvre with its quantities by key, `begin` among them. table: pairs of quantities, of paths and profiles."""
 
     do: str
     numbers: tuple[tuple[str, Quantity], ...]
+    table: tuple[tuple[Quantity, Quantity], ...] = ()
+    by_place: bool = False
+    when: Trigger | None = None
+    name: str = ""
+    model: str = ""
+
+    @property
+    def lively(self) -> bool:
+        """Whether only a played vehicle, or SUMO, can do it."""
+        return self.when is not None or self.do in ("accelerate", "speed_profile", "sinus", "path", "follow")
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """Another vehicle with its quantities. place: the gap ahead of the ego if `by_gap`, else x."""
+    """Another vehicle with its quantities. place: the gap ahead of the ego if `by_gap`, behind it if `behind`, else x.
+
+    heading: deg, or the lateral speed if `by_lateral_speed`; None: along the road.
+    """
 
     name: str
     speed: Quantity
@@ -461,6 +605,27 @@ class Vehicle:
     width: float
     slides: bool
     moves: tuple[Move, ...]
+    behind: bool = False
+    heading: Quantity | None = None
+    by_lateral_speed: bool = False
+    body: str = "car"
+
+    @property
+    def lively(self) -> bool:
+        """Whether what it does is no function of time alone."""
+        return self.heading is not None or any(move.lively for move in self.moves)
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """Traffic of a given density with its quantities by key."""
+
+    name: str
+    lane: int
+    numbers: tuple[tuple[str, Quantity], ...]
+    spread: Spread
+    model: str
+    body: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -474,6 +639,8 @@ class Place:
     ego_lateral: Quantity
     ego_length: float
     vehicles: tuple[Vehicle, ...]
+    streams: tuple[Stream, ...] = ()
+    lane_width: float = 3.5
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
@@ -483,13 +650,38 @@ class Place:
             raise must_be(
                 "`lateral_speed`", self.ego_lateral.owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed
             )
-        return ego, tuple([self._actor(item, ego, known) for item in self.vehicles])
+        others = [self._actor(item, ego, known) for item in self.vehicles]
+        for stream in self.streams:
+            others += self._stream(stream, ego, known)
+        return ego, tuple(others)
+
+    def _stream(self, stream: Stream, ego: Start, known: Mapping[str, float]) -> list[Actor]:
+        numbers = {key: quantity.at(known) for key, quantity in stream.numbers}
+        body = BODIES[stream.body]
+        found = []
+        drawn_cars = drawn(stream.name, stream.spread, body.length, numbers)
+        for count, (ahead, speed) in enumerate(drawn_cars, 1):
+            start = Start(ego.x + ahead, self.lane_width * stream.lane, speed)
+            model = Model(stream.model, speed, _model_numbers(numbers))
+            name = f"{stream.name}_{count}"
+            found.append(Actor(name, start, (), body.length, body.width, body=stream.body, model=model))
+        return found
 
     def _actor(self, item: Vehicle, ego: Start, known: Mapping[str, float]) -> Actor:
         x = item.place.at(known)
         if item.by_gap:
             x = ego.x + x + (self.ego_length + item.length) / 2
-        start = Start(x, item.y.at(known), item.speed.at(known))
+        elif item.behind:
+            x = ego.x - x - (self.ego_length + item.length) / 2
+        speed, heading = item.speed.at(known), 0.0
+        if item.heading is not None and item.by_lateral_speed:
+            across = item.heading.at(known)
+            speed, heading = math.sqrt(speed * speed + across * across), math.atan2(across, speed)
+        elif item.heading is not None:
+            heading = math.radians(item.heading.at(known))
+        start = Start(x, item.y.at(known), speed)
+        if item.lively:
+            return _played(item, start, heading, known)
         moves: list[LaneChange | ConstantLateral] = []
         brake = None
         for move in item.moves:
@@ -500,7 +692,56 @@ class Place:
                 moves.append(LaneChange(**numbers))
             elif move.do == "move_sideways":
                 moves.append(ConstantLateral(**numbers))
-        return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides)
+        return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides, item.body)
+
+
+def _model_numbers(numbers: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """A model's parameters by SUMO's name, of those that a file gives."""
+    names = {"headway": "tau", "min_gap": "minGap", "acceleration": "accel", "deceleration": "decel"}
+    return tuple((names[key], numbers[key]) for key in names if key in numbers)
+
+
+def _played(item: Vehicle, start: Start, heading: float, known: Mapping[str, float]) -> Actor:
+    """A vehicle whose moves depend on what happens, at a point."""
+    acts: list[played.Act] = [] if item.moves else [played.Act(played.KEEP)]
+    model = None
+    for move in item.moves:
+        numbers = {key: quantity.at(known) for key, quantity in move.numbers}
+        if move.do == "follow":
+            model = Model(move.model, numbers.get("speed", start.speed), _model_numbers(numbers))
+            continue
+        act = _act(move.do, numbers, by_place=move.by_place)
+        table = tuple((one.at(known), two.at(known)) for one, two in move.table)
+        if move.do == "speed_profile" and any(b[0] <= a[0] for a, b in itertools.pairwise(((0.0, 0.0), *table))):
+            raise must_be(f"The {'places' if move.by_place else 'times'}", f"`speed_profile` of vehicle `{item.name}`",
+                          "above 0 and ascending", [knot[0] for knot in table])  # fmt: skip
+        program = () if move.when is None else move.when.at(known)
+        acts.append(act._replace(table=table, program=program, name=move.name))
+    return Actor(
+        item.name, start, (), item.length, item.width, None, item.slides, item.body, heading, tuple(acts), model
+    )
+
+
+def _act(do: str, numbers: Mapping[str, float], *, by_place: bool) -> played.Act:
+    begin = numbers["begin"]
+    if do == "brake":
+        brake = Brake(begin, numbers["deceleration"], numbers.get("jerk", math.inf))
+        return played.Act(played.SPEED, begin, 0.0, 0.0, 0.0, brake.deceleration, brake.jerk)
+    if do == "accelerate":
+        jerk = numbers.get("jerk", math.inf)
+        return played.Act(played.SPEED, begin, 0.0, numbers["speed"], 0.0, numbers["acceleration"], jerk)
+    if do == "change_lane":
+        return played.Act(played.SMOOTH, begin, numbers["duration"], 0.0, numbers["offset"])
+    if do == "move_sideways":
+        move = ConstantLateral(begin, numbers["speed"], numbers["offset"], numbers.get("acceleration", math.inf))
+        return played.Act(played.CONSTANT, begin, move.duration, move.speed, move.offset, move.acceleration)
+    if do == "sinus":
+        offset, strongest = numbers["offset"], numbers["acceleration"]
+        duration = numbers["cycles"] * 2.0 * math.pi / math.sqrt(2.0 * strongest / abs(offset)) if offset else 0.0
+        return played.Act(played.SINUS, begin, duration, 0.0, offset, strongest)
+    if do == "speed_profile":
+        return played.Act(played.BY_PLACE if by_place else played.BY_TIME, begin)
+    return played.Act(played.PATH if do == "path" else played.KEEP, begin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -515,6 +756,21 @@ class Coordinates:
         known = self.definitions.extend(values)
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         return tuple(np.broadcast_to(expression.value(known), shape) for expression in self.expressions)
+
+
+@dataclass(frozen=True, slots=True)
+class SearchRule:
+    """What zones are searched from where somebody is played: the number of the obstacle among the others, and the delay
+    between its first move and ideal braking; from the start on where it makes none.
+    """
+
+    obstacle: int
+    definitions: Definitions
+    delay_of: Expression
+
+    def delay(self, values: Mapping[str, float]) -> float:
+        """The delay at a point, s."""
+        return float(self.delay_of.at(self.definitions.at(values)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -550,11 +806,24 @@ _NEEDS = {
     "brake": (("deceleration",), ("jerk",)),
     "change_lane": (("duration", "offset"), ()),
     "move_sideways": (("speed", "offset"), ("acceleration",)),
+    "accelerate": (("speed", "acceleration"), ("jerk",)),
+    "speed_profile": (("speeds",), ("times", "places")),
+    "sinus": (("offset", "acceleration"), ("cycles",)),
+    "path": ((), ("points", "lanes", "places")),
+    "follow": (("model",), ("speed", "acceleration", "deceleration", "headway", "min_gap")),
 }
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 
-_ENDLESS = ("jerk", "acceleration")
-"""Numbers of manoeuvres that may be inf: what builds up with inf m/s3, or m/s2, is there at once."""
+_ABOVE_ZERO = {
+    ("change_lane", "duration"), ("accelerate", "acceleration"), ("accelerate", "jerk"), ("sinus", "acceleration"),
+    ("sinus", "cycles"), ("follow", "acceleration"), ("follow", "deceleration"), ("follow", "headway"),
+    ("follow", "min_gap"), ("follow", "speed"),
+}  # fmt: skip
+"""Numbers of manoeuvres that must be above 0; brakes and sideways moves check themselves."""
+_LISTS = ("times", "places", "speeds", "points", "lanes", "model")
+_KEYS = (
+    "deceleration", "jerk", "duration", "speed", "acceleration", "offset", "cycles", "headway", "min_gap", *_LISTS,
+)  # fmt: skip
 
 _KMH = 1.0 / 3.6  # m/s
 _CONVERSIONS = {"m/s": {"km/h": _KMH}, "m": {"km": 1000.0}, "1": {"%": 0.01}}
@@ -587,7 +856,15 @@ class _Builder:
             entries.append((name, self._number(formula, f"[define] {name}")))
             self.known.append(name)
         definitions = Definitions(tuple(entries), tuple(self.options.items()))
+        self.numbers_of = {item.name: number_of for number_of, item in enumerate(table.vehicle)}
+        self.moves_of = {
+            item.name: {move.name: index for index, move in enumerate(item.manoeuvre) if move.name}
+            for item in table.vehicle
+        }
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
+        streams = tuple(self._stream(item) for item in table.stream)
+        if not vehicles and not streams:
+            raise InputError(f"{self.where} must have at least one [[vehicle]] or [[stream]].")
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
         for item in vehicles:
             check_name("`name`", f"a vehicle of {self.where}", item.name)
@@ -596,34 +873,40 @@ class _Builder:
         spread = [item for item in parameters if item.distribution is not None]
         told = bool(spread) or density is not None
         body = self._body()
+        road = self._road()
         ego = table.ego
         ego_speed = self._quantity(ego.speed, "speed of the ego", at_least=0.0)
         ego_x, ego_y = self._quantity(ego.x, "x of the ego"), self._quantity(ego.y, "y of the ego")
         ego_lateral = self._quantity(ego.lateral_speed, "lateral_speed of the ego")
-        placed = [
-            ego_speed,
-            ego_x,
-            ego_y,
-            ego_lateral,
-            *itertools.chain.from_iterable(_quantities(item) for item in vehicles),
-        ]
+        placed = [ego_speed, ego_x, ego_y, ego_lateral]
+        placed += itertools.chain.from_iterable(_quantities(item) for item in vehicles)
+        placed += [quantity for item in streams for _, quantity in item.numbers]
+        triggers = [move.when for item in vehicles for move in item.moves if move.when is not None]
+        told_by = [*(quantity.expression for quantity in placed), *(it for when in triggers for it in when.expressions)]
+        lively = bool(streams) or any(item.lively for item in vehicles)
+        self._all_used(parameters, definitions, told_by)
+        if lively and road.bent:
+            raise InputError(straight_only(self.where))
         return LogicalScenario(
             name=table.name,
             about=table.about or table.name,
             source=table.source,
             parameters=parameters,
             constraints=constraints,
-            road=self._road(),
+            road=road,
             place=Place(
-                definitions=definitions.needed_by(*(quantity.expression for quantity in placed)),
+                definitions=definitions.needed_by(*told_by),
                 ego_speed=ego_speed,
                 ego_x=ego_x,
                 ego_y=ego_y,
                 ego_lateral=ego_lateral,
                 ego_length=4.5 if body is None else body.length,
                 vehicles=vehicles,
+                streams=streams,
+                lane_width=road.lane_width,
             ),
-            approach=self._zone(definitions, vehicles),
+            approach=None if lively or table.zone == "none" else self._zone(definitions, vehicles),
+            search=self._search(definitions, vehicles) if lively and table.zone != "none" else None,
             exposure=Exposure(parameters, density, definitions) if told else uniform_exposure,
             exposure_about=_exposure_about(spread, density),
             ego_body=body,
@@ -720,47 +1003,125 @@ class _Builder:
         name = (road.name or path.stem) + bend_name(read.line, named=False)
         return Road(name, end.x, read.lanes, read.lane_width, read.length - end.x, line=read.line)
 
+    def _all_used(self, parameters: Sequence[Parameter], definitions: Definitions, told_by: list[Expression]) -> None:
+        """A parameter that nothing depends on would only repeat cases. InputError naming it."""
+        table = self.table
+        texts = [] if table.zone == "none" else [table.zone.delay, table.zone.gap, table.zone.conflict_begin]
+        expressions = [*told_by, *(number(text, self.where) for text in texts if text is not None)]
+        expressions += [number(text, self.where) for item in table.sample for text in item.set.values()]
+        needed = definitions.needed_by(*expressions)
+        names = set().union(*(it.names for it in expressions), *(it.names for _, it in needed.entries))
+        for parameter in parameters:
+            if parameter.name not in names:
+                raise InputError(
+                    f"Parameter `{parameter.name}` of {self.where} must be used: nothing in the scene depends on it."
+                )
+
+    def _stream(self, item: StreamTable) -> Stream:
+        what = f"stream `{item.name}`"
+        check_name("`name`", f"a stream of {self.where}", item.name)
+        if item.lane >= self.table.road.lanes and self.table.road.network is None:
+            raise must_be("`lane`", f"{what} of {self.where}", f"below {self.table.road.lanes}", item.lane)
+        above = ("density", "speed", "headway", "min_gap", "acceleration", "deceleration")
+        numbers = [(key, self._quantity(getattr(item, key), f"{key} of {what}")) for key in ("begin", "end")]
+        for key in above:
+            numbers.append((key, replace(self._quantity(getattr(item, key), f"{key} of {what}"), above=0.0)))
+        spread = Spread(item.speed_spread, item.spacing_spread, item.seed)
+        return Stream(item.name, item.lane, tuple(numbers), spread, item.model, item.body)
+
     def _vehicle(self, item: VehicleTable) -> Vehicle:
         what = f"vehicle `{item.name}`"
-        if (item.gap is None) == (item.x is None):
-            raise InputError(f"{what.capitalize()} of {self.where} must have either gap or x.")
+        places = {"gap": item.gap, "gap_behind": item.gap_behind, "x": item.x}
+        chosen = [key for key, value in places.items() if value is not None]
+        if len(chosen) != 1:
+            raise InputError(f"{what.capitalize()} of {self.where} must have either gap, gap_behind or x.")
         moves = tuple(self._move(move, what) for move in item.manoeuvre)
-        if sum(move.do == "brake" for move in moves) > 1:
+        lively = item.heading is not None or item.lateral_speed is not None or any(move.lively for move in moves)
+        if sum(move.do == "brake" for move in moves) > 1 and not lively:
             raise InputError(f"{what.capitalize()} of {self.where} must brake at most once.")
-        if item.gap is not None:
-            place = self._quantity(item.gap, f"gap of {what}")
-        else:
-            assert item.x is not None
-            place = self._quantity(item.x, f"x of {what}")
+        if any(move.do == "follow" for move in moves) and (len(moves) > 1 or item.heading or item.lateral_speed):
+            raise InputError(f"{what.capitalize()} of {self.where} must do nothing else where it does `follow`.")
+        if item.heading is not None and item.lateral_speed is not None:
+            raise InputError(f"{what.capitalize()} of {self.where} must have either heading or lateral_speed.")
+        value = places[chosen[0]]
+        assert value is not None
+        place = self._quantity(value, f"{chosen[0]} of {what}")
+        sideways = item.lateral_speed if item.heading is None else item.heading
+        key = "lateral_speed" if item.heading is None else "heading"
+        standard = BODIES[item.body]
         return Vehicle(
             name=item.name,
             speed=self._quantity(item.speed, f"speed of {what}", at_least=0.0),
             place=place,
             by_gap=item.gap is not None,
             y=self._quantity(item.y, f"y of {what}"),
-            length=item.length,
-            width=item.width,
+            length=standard.length if item.length is None else item.length,
+            width=standard.width if item.width is None else item.width,
             slides=item.slides,
             moves=moves,
+            behind=item.gap_behind is not None,
+            heading=None if sideways is None else self._quantity(sideways, f"{key} of {what}"),
+            by_lateral_speed=item.lateral_speed is not None,
+            body=item.body,
         )
 
     def _move(self, item: ManoeuvreTable, what: str) -> Move:
         needed, allowed = _NEEDS[item.do]
-        numbers = [("begin", self._quantity(item.begin, f"begin of `{item.do}` of {what}", at_least=0.0))]
-        for key in ("deceleration", "jerk", "duration", "speed", "acceleration", "offset"):
+        name = f"`{item.do}` of {what}"
+        numbers = [("begin", self._quantity(item.begin, f"begin of {name}", at_least=0.0))]
+        for key in _KEYS:
             value = getattr(item, key)
-            if value is None and key in needed:
-                raise InputError(f"`{item.do}` of {what} in {self.where} must have `{key}`.")
-            if value is not None and key not in (*needed, *allowed):
-                raise InputError(f"`{item.do}` of {what} in {self.where} has no `{key}`.")
-            if value is not None:
-                quantity = self._quantity(value, f"{key} of `{item.do}` of {what}")
-                above = 0.0 if key == "duration" else -math.inf  # brakes and sideways moves check themselves
-                numbers.append((key, replace(quantity, above=above, endless=key in _ENDLESS)))
-        return Move(item.do, tuple(numbers))
+            absent = value is None or value == ()
+            if absent and key in needed:
+                raise InputError(f"{name} in {self.where} must have `{key}`.")
+            if not absent and key not in (*needed, *allowed):
+                raise InputError(f"{name} in {self.where} has no `{key}`.{did_you_mean(key, (*needed, *allowed))}")
+            if not absent and key not in _LISTS:
+                quantity = self._quantity(value, f"{key} of {name}")
+                above = 0.0 if (item.do, key) in _ABOVE_ZERO else -math.inf
+                endless = key == "jerk" or (key == "acceleration" and item.do == "move_sideways")
+                least = 0.0 if (item.do, key) == ("accelerate", "speed") else -math.inf
+                numbers.append((key, replace(quantity, above=above, endless=endless, at_least=least)))
+        if item.do == "sinus" and item.cycles is None:
+            numbers.append(("cycles", self._quantity(1.0, f"cycles of {name}")))
+        if item.do == "follow" and (item.when is not None or item.begin != 0.0):
+            raise InputError(f"{name} in {self.where} has no `{'begin' if item.when is None else 'when'}`: "
+                             "a vehicle follows from the start.")  # fmt: skip
+        when = None
+        if item.when is not None:
+            when = trigger(item.when, f"{name} in {self.where}", self.known, self.numbers_of, self.moves_of)
+        table, by_place = self._table(item, name)
+        return Move(item.do, tuple(numbers), table, by_place, when, item.name, item.model or "")
+
+    def _table(self, item: ManoeuvreTable, name: str) -> tuple[tuple[tuple[Quantity, Quantity], ...], bool]:
+        """Pairs of a path or a profile, and whether a profile's are places."""
+        if item.do == "speed_profile":
+            where = item.places or item.times
+            if bool(item.places) == bool(item.times) or len(where) != len(item.speeds):
+                raise InputError(f"{name} in {self.where} must have as many `times` (or `places`) as `speeds`, "
+                                 f"got {len(where)} and {len(item.speeds)}.")  # fmt: skip
+            pairs = [(self._quantity(one, f"times or places of {name}"),
+                      self._quantity(two, f"speeds of {name}", at_least=0.0))
+                     for one, two in zip(where, item.speeds, strict=True)]  # fmt: skip
+            return tuple(pairs), bool(item.places)
+        if item.do != "path":
+            return (), False
+        if bool(item.points) == bool(item.lanes) or len(item.lanes) != len(item.places):
+            raise InputError(f"{name} in {self.where} must have either `points`, or as many `lanes` as `places`.")
+        road = self.table.road
+        for lane in item.lanes:
+            if not 0 <= lane < road.lanes:
+                raise must_be("Each of `lanes`", f"{name} in {self.where}", f"within 0..{road.lanes - 1}", lane)
+        points = item.points or tuple(
+            (place, road.lane_width * lane) for place, lane in zip(item.places, item.lanes, strict=True)
+        )
+        return tuple(
+            (self._quantity(x, f"path of {name}"), self._quantity(y, f"path of {name}")) for x, y in points
+        ), False
 
     def _zone(self, definitions: Definitions, vehicles: Sequence[Vehicle]) -> ZoneRule:
         zone = self.table.zone
+        assert zone != "none"
         by_name = {item.name: item for item in vehicles}
         if zone.obstacle not in by_name:
             raise unknown(f"vehicle in `zone.obstacle` of {self.where}:", zone.obstacle, by_name)
@@ -782,8 +1143,22 @@ class _Builder:
             **parts,
         )
 
+    def _search(self, definitions: Definitions, vehicles: Sequence[Vehicle]) -> SearchRule:
+        zone = self.table.zone
+        assert zone != "none"
+        by_name = {item.name: index for index, item in enumerate(vehicles)}
+        if zone.obstacle not in by_name:
+            raise unknown(f"vehicle in `zone.obstacle` of {self.where}:", zone.obstacle, by_name)
+        for key, default in (("gap", None), ("conflict_begin", 0.0), ("passing_length", None)):
+            if getattr(zone, key) != default:
+                raise InputError(
+                    f"[zone] of {self.where} has no `{key}`: what a vehicle does that is played is searched as it is."
+                )
+        delay = self._number(zone.delay, "`zone.delay`")
+        return SearchRule(by_name[zone.obstacle], definitions.needed_by(delay), delay)
+
     def _coordinates(self, definitions: Definitions) -> ZoneCoordinates | None:
-        given = self.table.zone.coordinates
+        given = None if self.table.zone == "none" else self.table.zone.coordinates
         if not given:
             return None
         expressions = tuple(self._number(formula, f"zone.coordinates `{name}`") for name, formula in given.items())
@@ -833,7 +1208,9 @@ class _Builder:
 def _quantities(vehicle: Vehicle) -> list[Quantity]:
     """All quantities of a vehicle."""
     moves = [quantity for move in vehicle.moves for _, quantity in move.numbers]
-    return [vehicle.speed, vehicle.place, vehicle.y, *moves]
+    tables = [quantity for move in vehicle.moves for pair in move.table for quantity in pair]
+    heading = [] if vehicle.heading is None else [vehicle.heading]
+    return [vehicle.speed, vehicle.place, vehicle.y, *heading, *moves, *tables]
 
 
 def _distinct(names: Iterable[str], kind: str, where: str) -> list[str]:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,6 +79,17 @@ class Approach:
         return not (np.any(self.obstacle_deceleration) or np.any(self.conflict_begin))
 
 
+class Search(Protocol):
+    """What zones are searched from: the motion of one of the others while the ego brakes ideally along its path."""
+
+    @property
+    def obstacle(self) -> int:
+        """Its number among the others."""
+
+    def delay(self, values: Mapping[str, float]) -> float:
+        """From its first move, or the start where it makes none, until ideal braking, s."""
+
+
 @dataclass(frozen=True, slots=True)
 class ZoneCoordinates:
     """Coordinates in which criticality is smooth, where the parameters themselves are not: they may be fewer.
@@ -118,7 +130,8 @@ class LogicalScenario:
     """A scenario type over a parameter space.
 
     place: values of one point -> (ego's start, the other vehicles).
-    approach: values by name (arrays) -> `Approach`, what the zones are computed from.
+    approach: values by name (arrays) -> `Approach`, what the zones are computed from. search: instead, where scripts
+    depend on what happens. Neither: no zone can be defined, and everything is safe.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
@@ -132,7 +145,7 @@ class LogicalScenario:
     constraints: tuple[Constraint, ...]
     road: Road
     place: Callable[[Mapping[str, float]], tuple[Start, tuple[Actor, ...]]]
-    approach: Callable[[Values], Approach]
+    approach: Callable[[Values], Approach] | None
     exposure: Callable[[Values], FloatArray] = uniform_exposure
     exposure_about: str = "uniform: every concrete scenario counts the same"
     ego_body: EgoBody | None = None
@@ -141,6 +154,7 @@ class LogicalScenario:
     default_sample: str = "grid"
     zone_coordinates: ZoneCoordinates | None = None
     options: tuple[Option, ...] = ()
+    search: Search | None = None
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)
@@ -232,10 +246,13 @@ class LogicalScenario:
             if not np.asarray(constraint.holds(arrays)).all():  # type: ignore[arg-type]
                 at = ", ".join(f"{name}={value:g}" for name, value in point.items())
                 raise must_be("The point", owner, constraint.about, at)
+        return replace(self.placed(point), exposure=float(np.asarray(self.exposure(arrays))))  # type: ignore[arg-type]
+
+    def placed(self, point: Mapping[str, float]) -> ConcreteScenario:
+        """The scene at values by name, which nobody checks: constraints may forbid it. Its exposure is 1."""
         ego, actors = self.place(point)
-        exposure = float(np.asarray(self.exposure(arrays)))  # type: ignore[arg-type]
         return ConcreteScenario(
-            self.name, point, exposure, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
+            self.name, point, 1.0, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
         )
 
     def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-SMOOTH, CONSTANT = 0, 1  # kinds of lateral moves
+SMOOTH, CONSTANT, SINUS = 0, 1, 2  # kinds of lateral moves
 
 
 @kernel
@@ -45,12 +45,31 @@ def build_up(move: Any) -> float:
 
 
 @kernel
+def swing(move: Any, time: float) -> tuple[float, float, float]:
+    """Offset m, speed m/s and acceleration m/s2 of a swing to one side and back, then to the other, A (1 - cos wt) / 2.
+
+    A is `offset`, and A w^2 / 2 the largest acceleration, `acceleration`. It begins and ends at rest.
+    """
+    since = time - move.begin
+    if not 0.0 < since < move.duration:
+        return 0.0, 0.0, 0.0
+    rate = math.sqrt(2.0 * move.acceleration / abs(move.offset))
+    phase = rate * since
+    turns = math.floor(phase / (2.0 * math.pi))
+    half = 0.5 * (move.offset if turns == 2.0 * math.floor(0.5 * turns) else -move.offset)
+    c = math.cos(phase)
+    return half * (1.0 - c), half * rate * math.sin(phase), half * rate * rate * c
+
+
+@kernel
 def lateral(move: Any, time: float) -> float:
     """Offset already covered by a lateral move at a time, m."""
     if move.kind == CONSTANT:
         since, rise = max(time - move.begin, 0.0), build_up(move)
         covered = 0.5 * move.speed * since * since / rise if since < rise else (since - 0.5 * rise) * move.speed
         return math.copysign(min(covered, abs(move.offset)), move.offset)
+    if move.kind == SINUS:
+        return swing(move, time)[0]
     return float(move.offset * quintic(share_done(move, time)))
 
 
@@ -62,6 +81,8 @@ def lateral_speed(move: Any, time: float) -> float:
         if not 0.0 <= since < move.duration:
             return 0.0
         return math.copysign(move.speed * since / rise if since < rise else move.speed, move.offset)
+    if move.kind == SINUS:
+        return swing(move, time)[1]
     return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
 
 
@@ -71,6 +92,8 @@ def lateral_acceleration(move: Any, time: float) -> float:
     if move.kind == CONSTANT:
         builds_up = 0.0 <= time - move.begin < min(build_up(move), move.duration)
         return math.copysign(move.acceleration, move.offset) if builds_up else 0.0
+    if move.kind == SINUS:
+        return swing(move, time)[2]
     return float(move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time)))
 
 

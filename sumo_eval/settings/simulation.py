@@ -123,6 +123,16 @@ class SimulationSettings(Checked):
     lane_change_duration: Annotated[
         float, Positive, About("duration of a lane change that SUMO itself performs for the ego", "s")
     ] = 5.0
+    seen_over_line: Annotated[
+        float,
+        NotNegative,
+        Le(2.0),
+        About(
+            "vehicles that react see a body in their lane once it reaches so far over the line; at the latest when the "
+            "middle of its front is there",
+            "m",
+        ),
+    ] = 0.0
     end_when_decided: Annotated[
         bool,
         About(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.scenario.logical import Constraint, LogicalScenario
+from sumo_eval.scenario.logical import Constraint, LogicalScenario, Search
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,23 @@ class _Filled:
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
         held = {name: np.full(shape, value) if shape else value for name, value in self.fixed}
         return self.function({**values, **held})
+
+
+@dataclass(frozen=True, slots=True)
+class HeldSearch:
+    """What zones are searched from, with some parameters held."""
+
+    search: Search
+    fixed: tuple[tuple[str, float], ...]
+
+    @property
+    def obstacle(self) -> int:
+        """Number of the obstacle among the others."""
+        return self.search.obstacle
+
+    def delay(self, values: Mapping[str, float]) -> float:
+        """From its first move until ideal braking, s."""
+        return self.search.delay({**values, **dict(self.fixed)})
 
 
 def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalScenario:
@@ -45,7 +62,8 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         parameters=left,
         constraints=tuple(Constraint(item.about, _Filled(item.holds, held)) for item in logical.constraints),
         place=_Filled(logical.place, held),
-        approach=_Filled(logical.approach, held),
+        approach=None if logical.approach is None else _Filled(logical.approach, held),
+        search=None if logical.search is None else HeldSearch(logical.search, held),
         exposure=_Filled(logical.exposure, held),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),

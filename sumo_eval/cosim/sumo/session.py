@@ -192,7 +192,7 @@ def _arguments(
 
 _CALLS = (
     "getAngle", "getLanePosition", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveTo", "moveToXY",
-    "setLaneChangeMode", "setLateralLanePosition", "setSpeed", "setSpeedMode",
+    "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed", "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from sumo_eval.cosim.sumo.sumo_files import EGO, departures, network_xml, vehicle_types
+from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import VehicleSettings
 
@@ -39,9 +40,9 @@ def fits_one_lane(concrete: ConcreteScenario) -> bool:
     Nobody changes lanes of his own accord, and looking whether one might takes a third of SUMO's step. SUMO shows a
     vehicle at its lane's centre line plus an offset, which rounds. So that no digit is another one than on the road
     itself, the others must start on the right-hand lane or on a centre line, and scripts let go on the right-hand
-    lane's. A road that bends keeps its lanes.
+    lane's. A road that bends keeps its lanes, and one on which somebody reacts or waits for what happens.
     """
-    if concrete.road.bent:
+    if concrete.road.bent or concrete.lively:
         return False
     width = concrete.road.lane_width
     for actor in concrete.actors:
@@ -52,6 +53,24 @@ def fits_one_lane(concrete: ConcreteScenario) -> bool:
         ):
             return False
     return True
+
+
+def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
+    """Whether a second body stands for a vehicle in the lane that it reaches into. vehicle: 0 the ego, then the others.
+
+    Whoever moves it knows SUMO's drivers alone; only those need it, and they look for it in lanes beside its own.
+    """
+    if not concrete.reacts or concrete.road.lanes == 1:
+        return False
+    if vehicle == 0:
+        return True
+    actor = concrete.actors[vehicle - 1]
+    return actor.model is None and actor.body not in VULNERABLE
+
+
+def shadow_name(name: str) -> str:
+    """The name in SUMO of a vehicle's shadow."""
+    return f"{name}.shadow"
 
 
 def shared_network_xml(cases: Sequence[ConcreteScenario], *, own_lanes: bool = False) -> str:
@@ -89,10 +108,13 @@ def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSetting
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")
-            kind["actionStepLength"] = str(_NEVER)
+            if index == 0 or concrete.actors[index - 1].model is None:
+                kind["actionStepLength"] = str(_NEVER)
             known = types.setdefault((*kind, *kind.values()), f"type{len(types)}" if count > 1 else name)
             own = {"id": names[case][index], "type": known, "route": f"along{case}"}
             others.append(_element("vehicle", {**attributes, **own}))
+            if concrete.reacts and has_shadow(concrete, index):
+                others.append(_element("vehicle", {**attributes, **own, "id": shadow_name(names[case][index])}))
     kinds = [
         _element("vType", {"id": name, **dict(zip(text[: len(text) // 2], text[len(text) // 2 :], strict=True))})
         for text, name in types.items()

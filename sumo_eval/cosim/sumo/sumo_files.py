@@ -11,7 +11,8 @@ from collections.abc import Mapping
 import numpy as np
 from lxml import etree
 
-from sumo_eval.scenario.concrete import ConcreteScenario, Road
+from sumo_eval.scenario.bodies import BODIES, CAR
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import drawn_points, map_places
 from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -164,10 +165,35 @@ def vehicle_types(
             "sigma": "0",
             "speedDev": "0",
             "color": "0.8,0.2,0.1",
+            **_as_it_is(actor),
         }
         for actor in concrete.actors
     ]
     return [ego, *others]
+
+
+def _as_it_is(actor: Actor) -> dict[str, str]:
+    """Attributes of a vType that differ from those of a car that the harness moves."""
+    if actor.body == CAR and actor.model is None:
+        return {}
+    body = BODIES[actor.body]
+    found = {"vClass": body.sumo_class, "guiShape": body.shape}
+    if actor.model is not None:
+        numbers = dict(actor.model.numbers)
+        found |= {
+            "carFollowModel": actor.model.name,
+            "desiredMaxSpeed": _desired(actor.model.desired),
+            "accel": "2.6",
+            "decel": "4.5",
+            "emergencyDecel": "9",
+            "minGap": "2.5",
+            "tau": "1",
+            "lcOvertakeRight": "1",  # else nobody passes a slower vehicle that drives further to the left
+            **{name: _number(value) for name, value in numbers.items()},
+        }
+        if actor.model.name == "EIDM":  # whose noise is drawn from a stream that all vehicles share
+            found |= {"sigmaleader": "0", "sigmagap": "0", "sigmaerror": "0"}
+    return found
 
 
 def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False) -> list[dict[str, str]]:
@@ -200,6 +226,11 @@ def _remarks(concrete: ConcreteScenario, origin: str) -> str:
     lines = [f"{concrete.scenario}: {concrete.label}."]
     lines += [origin] if origin else []
     for actor in concrete.actors:
+        if actor.acts or actor.heading:
+            lines.append(
+                f"Not in this file: what `{actor.name}` does. The harness moves it step by step, and here it keeps its "
+                "speed."
+            )
         for move in actor.lane_changes:
             side = "left" if move.offset > 0 else "right"
             lines.append(

@@ -1,0 +1,84 @@
+"""Criticality of an encounter with somebody who moves in two dimensions, under ideal braking: Eqs. 2 and 5-6 searched.
+
+The ego keeps its path and brakes ideally to a standstill from the obstacle's first move plus the scenario's delay on;
+the obstacle does what its script then does. While both overlap across the road and the obstacle is ahead, its inverse
+TTC counts; where the bodies touch it is infinite. Whoever reacts is taken to keep its speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sumo_eval.scenario import ConcreteScenario, LogicalScenario
+from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.settings import VehicleSettings, ZoneSettings
+from sumo_eval.trajectory import FloatArray
+
+STEP = 0.02  # s between two looks
+_AT_ONCE = 500  # points searched together
+_LONGEST = 60.0  # s that are looked at, at most
+
+
+def encounter(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Max ITTC, 1/s, impact speed, m/s, and the smallest gap while the obstacle is in the way, m, at points (n, k).
+
+    Max ITTC is inf where ideal braking hits, 0 where the obstacle is never closed upon in the ego's way; the gap is inf
+    where it is never in the way. Sampled every 0.02 s, so an ITTC below its peak by the motion of half a step.
+    """
+    n = len(points)
+    inverse, impact, nearest = np.zeros(n), np.zeros(n), np.full(n, np.inf)
+    for begin in range(0, n, _AT_ONCE):
+        part = slice(begin, min(begin + _AT_ONCE, n))
+        inverse[part], impact[part], nearest[part] = _of(logical, points[part], settings)
+    return inverse, impact, nearest
+
+
+def _of(
+    logical: LogicalScenario, points: FloatArray, settings: ZoneSettings
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    search = logical.search
+    assert search is not None
+    vehicle = VehicleSettings()
+    own = logical.ego_body
+    size = (vehicle.length, vehicle.width) if own is None else (own.length, own.width)
+    values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
+    placed = [logical.placed(point) for point in values]
+    delays = [search.delay(point) for point in values]
+    fastest = max(concrete.ego.speed for concrete in placed)
+    slowest_begin = logical.time_limit or _LONGEST
+    until = min(slowest_begin, _LONGEST, max(delays) + fastest / settings.deceleration + _waits(logical, placed))
+    found = tracks(placed, [size] * len(placed), STEP, until, (settings.deceleration, search.obstacle, delays))
+    ego, other = found.egos, found.others[:, search.obstacle]
+    body = np.array([(it.actors[search.obstacle].length, it.actors[search.obstacle].width) for it in placed])
+    heading = other[:, :, 2]
+    c, s = np.cos(heading), np.sin(heading)
+    long = 0.5 * (body[:, 0, None] * np.abs(c) + body[:, 1, None] * np.abs(s))
+    wide = 0.5 * (body[:, 0, None] * np.abs(s) + body[:, 1, None] * np.abs(c))
+    along = other[:, :, 3] * c - other[:, :, 4] * s
+    across = other[:, :, 3] * s + other[:, :, 4] * c
+    ahead = other[:, :, 0] - ego[:, :, 0]
+    in_way = np.abs(other[:, :, 1] - ego[:, :, 1]) < wide + 0.5 * size[1]
+    gap = ahead - long - 0.5 * size[0]
+    closing = ego[:, :, 3] - along
+    touching = in_way & (np.abs(ahead) <= long + 0.5 * size[0])
+    hit = touching.any(axis=1)
+    first = np.argmax(touching, axis=1)
+    rows = np.arange(len(points))
+    relative = np.hypot(closing[rows, first], across[rows, first])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        counts = in_way & (gap > 0.0) & (closing > 0.0)
+        inverse = np.where(counts, closing / gap, 0.0).max(axis=1)
+    nearest = np.where(in_way & (gap > 0.0), gap, np.inf).min(axis=1)
+    return np.where(hit, np.inf, inverse), np.where(hit, relative, 0.0), nearest
+
+
+def _waits(logical: LogicalScenario, placed: Sequence[ConcreteScenario]) -> float:
+    """How long the obstacle may take to begin, s: until the ego has come to the end of the road at its speed."""
+    slowest = min(max(concrete.ego.speed, 1.0) for concrete in placed)
+    longest = max((logical.road.length - concrete.ego.x) / slowest for concrete in placed)
+    return min(longest, _LONGEST) if math.isfinite(longest) else _LONGEST

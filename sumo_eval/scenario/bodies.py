@@ -1,0 +1,34 @@
+"""Bodies of other road users: standard sizes, and the class under which SUMO knows them.
+
+Sizes are SUMO's own defaults for the class where it has one (Vehicle_Type_Parameter_Defaults), of the car the
+project's; a child's are those of Euro NCAP's child target (EPTc), rounded. A scenario may give its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+CAR = "car"
+
+
+class Standard(NamedTuple):
+    """length, width: m. sumo_class: SUMO's vClass. shape: how sumo-gui draws it."""
+
+    length: float
+    width: float
+    sumo_class: str
+    shape: str
+
+
+BODIES = {
+    CAR: Standard(4.5, 1.8, "passenger", "passenger/sedan"),
+    "van": Standard(6.5, 2.16, "delivery", "delivery"),
+    "truck": Standard(12.0, 2.5, "truck", "truck"),
+    "motorcycle": Standard(2.2, 0.9, "motorcycle", "motorcycle"),
+    "bicycle": Standard(1.6, 0.65, "bicycle", "bicycle"),
+    "pedestrian": Standard(0.215, 0.478, "pedestrian", "pedestrian"),
+    "child": Standard(0.2, 0.4, "pedestrian", "pedestrian"),
+}
+"""Bodies by the name that a scenario file gives them."""
+VULNERABLE = ("bicycle", "pedestrian", "child")
+"""Bodies that a road need not carry: they may stand and move beside its lanes."""

@@ -1,0 +1,143 @@
+"""Vehicles that react: SUMO drives them and sees the ego, alone and in packs to the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+TWENTY = SimulationSettings(time_limit=12.0)
+ROAD = Road("r", 900.0, 2, 3.5, 300.0)
+
+
+def rear(model: str = "IDM", gap: float = 25.0, y: float = 0.0, name: str = "rear", speed: float = 25.0) -> Actor:
+    return Actor(name, Start(100.0 - 4.5 - gap, y, speed), model=Model(model, speed))
+
+
+def scene(*actors: Actor, speed: float = 25.0, y: float = 0.0) -> ConcreteScenario:
+    return ConcreteScenario("t", {"v": speed}, 1.0, ROAD, Start(100.0, y, speed), actors)
+
+
+def brakes(observation: Any) -> float:
+    return -8.0 if observation.time >= 2.0 else 0.0
+
+
+def same(one: Recording, two: Recording) -> bool:
+    assert one.error is None
+    assert two.error is None
+    pairs = [(one.ego, two.ego), *((one.actors[name], two.actors[name]) for name in one.actors)]
+    return all(np.array_equal(getattr(a, c), getattr(b, c), equal_nan=True) for a, b in pairs for c in CHANNELS)
+
+
+@pytest.mark.parametrize("model", ["Krauss", "IDM", "EIDM"])
+def test_a_vehicle_behind_brakes_for_the_ego_and_begins_one_step_later(model: str) -> None:
+    settings = SimulationSettings(time_limit=12.0, record_interval=0.05)
+    found = simulate(scene(rear(model, gap=40.0)), brakes, settings)
+    follower = found.actors["rear"]
+    assert found.collision is None
+    assert follower.speed[-1] < 6.0
+    calm = simulate(scene(rear(model, gap=40.0)), "no_reaction", settings).actors["rear"]
+    count = min(len(calm), len(follower))
+    differs = np.flatnonzero(calm.speed[:count] != follower.speed[:count])[0]
+    first = found.ego.time[np.argmax(found.ego.speed < 25.0)]
+    # EIDM acts on an acceleration that it has already decided on, and so some steps later
+    assert first + 0.04 <= follower.time[differs] <= first + (0.51 if model == "EIDM" else 0.06)
+
+
+def test_one_that_is_too_near_runs_into_the_ego_from_behind() -> None:
+    found = simulate(scene(rear("IDM", gap=1.0, speed=33.0)), lambda observation: -9.0, TWENTY)
+    assert found.collision is not None
+    assert (found.collision.other, found.collision.side) == ("rear", "rear")
+    assert "struck_from_behind" in {clip.what for clip in found.clips}
+
+
+def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order() -> None:
+    cases = [
+        scene(rear(gap=10.0 + 3 * k), rear("EIDM", 5.0, 3.5, "beside", 20.0 + k), speed=20.0 + k) for k in range(6)
+    ]
+    for who in ("idm", "lane_changer", "no_reaction"):
+        alone = [simulate(case, who, TWENTY) for case in cases]
+        packed = list(simulate_many(cases, who, TWENTY))
+        turned = list(simulate_many(cases[::-1], who, TWENTY))[::-1]
+        assert all(map(same, alone, packed))
+        assert all(map(same, alone, turned))
+
+
+def swerve(observation: Any) -> tuple[float, float]:
+    return 0.0, (0.25 if 1.0 < observation.time < 1.6 else 0.0)
+
+
+@pytest.mark.parametrize("over", [0.0, 0.6])
+def test_others_see_the_ego_once_it_reaches_over_their_line_as_the_setting_says(over: float) -> None:
+    settings = replace(SimulationSettings(time_limit=8.0, record_interval=0.05), seen_over_line=over)
+    left = rear("IDM", gap=40.0, y=3.5, name="left", speed=26.0)
+    found = simulate(scene(left, speed=20.0), swerve, settings)
+    track = found.actors["left"]
+    reach = found.ego.y + 0.9 * np.cos(found.ego.heading) + 2.25 * np.sin(found.ego.heading)
+    crossing = found.ego.time[np.argmax(reach > 1.75 + over)]
+    braking = track.time[np.argmax(track.acceleration < -0.5)]
+    assert crossing - 0.11 <= braking <= crossing + 0.2
+
+
+def test_a_scripted_vehicle_is_followed_as_well() -> None:
+    content = {
+        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "ego": {"speed": "v", "y": 3.5}, "end": {"x": 600.0, "time": 12.0}, "zone": "none",
+        "vehicle": [
+            {"name": "lead", "x": 200.0, "speed": "v",
+             "manoeuvre": [{"do": "brake", "begin": 1.0, "deceleration": 5.0}]},
+            {"name": "next", "x": 170.0, "speed": "v", "manoeuvre": [{"do": "follow", "model": "IDM"}]},
+        ],
+    }  # fmt: skip
+    found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
+    ahead, behind = found.actors["lead"], found.actors["next"]
+    assert ahead.x[-1] == pytest.approx(200.0 + 20.0 + 40.0)
+    gap = ahead.x - behind.x - 4.5
+    assert (gap > 1.0).all()
+    assert behind.speed[-1] < 0.5
+
+
+def test_a_trigger_that_never_fires_is_on_record() -> None:
+    content = {
+        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
+        "vehicle": [
+            {"name": "child", "body": "child", "x": 200.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
+             "manoeuvre": [
+                 {"do": "accelerate", "when": "ttc(ego, child) < 0.01", "speed": 2.0, "acceleration": 2.0},
+             ]},
+        ],
+    }  # fmt: skip
+    found = simulate(scenario_from(content, "t", Path()).concrete(v=20.0), "no_reaction")
+    clips = {clip.what: clip.count for clip in found.clips}
+    assert clips["trigger_never_fired"] == 1
+    assert np.ptp(found.actors["child"].y) == 0.0
+
+
+def test_law_packed_scripts_with_conditions_have_the_bits_of_single_ones() -> None:
+    content = {
+        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "ego": {"speed": "v"}, "end": {"x": 400.0, "time": 12.0}, "zone": "none",
+        "vehicle": [
+            {"name": "walker", "body": "pedestrian", "x": 180.0, "y": -5.0, "speed": 0.0, "heading": 90.0,
+             "manoeuvre": [
+                 {"do": "accelerate", "name": "go", "when": "ttc(ego, walker) < 3", "speed": 1.5, "acceleration": 2.0},
+             ]},
+            {"name": "lead", "gap": 90.0, "y": 3.5, "speed": "v", "manoeuvre": [
+                {"do": "sinus", "when": "ended(walker, go)", "offset": -0.5, "acceleration": 1.0}]},
+        ],
+    }  # fmt: skip
+    logical = scenario_from(content, "t", Path())
+    cases: Sequence[ConcreteScenario] = [logical.concrete(v=float(v)) for v in (10, 14, 20, 25, 30)]
+    for who in ("idm", "lane_changer", "ideal_braking"):
+        assert all(map(same, [simulate(case, who) for case in cases], simulate_many(cases, who)))

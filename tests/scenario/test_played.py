@@ -1,0 +1,217 @@
+"""Moves that begin when a condition holds, speeds, swings and paths, against their closed forms."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.zone_partition import exact_inverse_ttc, partition
+from sumo_eval.scenario.file import check_points, scenario_from
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.undisturbed import tracks
+
+BASE: dict[str, Any] = {
+    "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+    "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 20.0}, "zone": "none",
+}  # fmt: skip
+
+
+def scene(*moves: dict[str, Any], zone: Any = "none", **vehicle: Any) -> LogicalScenario:
+    """A lead 100 m ahead at 20 m/s that does something."""
+    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": list(moves), **vehicle}
+    return scenario_from({**BASE, "vehicle": [lead], "zone": zone}, "t", Path())
+
+
+def way(logical: LogicalScenario, step: float = 0.05, until: float = 10.0, v: float = 20.0) -> tuple[np.ndarray, ...]:
+    """Times and the lead's x, y, heading and speed, while the ego keeps its speed."""
+    found = tracks([logical.concrete(v=v)], [(4.5, 1.8)], step, until)
+    rows = found.others[0, 0]
+    return np.arange(len(rows)) * step, rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3]
+
+
+def test_accelerating_with_a_rate_reaches_the_speed_and_keeps_it() -> None:
+    # from 20 to 26 m/s at 3 m/s2: 2 s and 46 m, then 26 m/s
+    t, x, _, _, v = way(scene({"do": "accelerate", "begin": 1.0, "speed": 26.0, "acceleration": 3.0}))
+    assert v[t == 3.0] == pytest.approx(26.0)
+    assert x[t == 3.0] == pytest.approx(150.0 + 20.0 + 46.0)
+    assert x[-1] == pytest.approx(150.0 + 20.0 + 46.0 + 26.0 * 7.0)
+
+
+def test_accelerating_with_a_jerk_builds_up() -> None:
+    # jerk 3 m/s3 to 3 m/s2: 1 s for 1.5 m/s, then (10 - 1.5) / 3 s: 3.8333 s in all
+    t, _, _, _, v = way(scene({"do": "accelerate", "speed": 10.0, "acceleration": 3.0, "jerk": 3.0}))
+    assert v[t == 1.0] == pytest.approx(18.5)
+    assert v[np.isclose(t, 3.85)] == pytest.approx(10.0)
+    assert v[np.isclose(t, 3.80)] == pytest.approx(10.1)
+
+
+def test_a_profile_by_time_and_one_by_place_pass_through_their_knots() -> None:
+    t, x, _, _, v = way(scene({"do": "speed_profile", "times": [2.0, 4.0], "speeds": [10.0, 30.0]}))
+    assert (v[t == 2.0], v[t == 4.0]) == (pytest.approx(10.0), pytest.approx(30.0))
+    assert x[t == 4.0] == pytest.approx(150.0 + 30.0 + 40.0)
+    # 150 -> 190 m from 20 to 10 m/s lasts 2 * 40 / 30 s
+    t, x, _, _, v = way(scene({"do": "speed_profile", "places": [190.0], "speeds": [10.0]}), step=0.01)
+    assert np.interp(190.0, x, v) == pytest.approx(10.0, abs=0.02)
+    assert np.interp(190.0, x, t) == pytest.approx(80.0 / 30.0, abs=1e-3)
+
+
+def test_a_swing_has_its_amplitude_and_its_lateral_acceleration() -> None:
+    # A = 1 m, a = 2 m/s2: w = sqrt(2 a / A) = 2 rad/s, so a swing lasts pi s; to the left, then to the right
+    t, _, y, _, _ = way(scene({"do": "sinus", "offset": 1.0, "acceleration": 2.0, "cycles": 2.0}), step=0.01)
+    np.testing.assert_allclose(y[t < math.pi], 0.5 * (1.0 - np.cos(2.0 * t[t < math.pi])), atol=1e-12)
+    assert y.min() == pytest.approx(-1.0, abs=1e-3)
+    assert np.abs(np.diff(y, 2)).max() / 1e-4 == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_path_leads_through_its_points_at_the_vehicles_speed() -> None:
+    t, x, y, heading, _ = way(scene({"do": "path", "points": [[190.0, 0.0], [220.0, 3.5], [400.0, 3.5]]}), step=0.01)
+    at = np.isclose(t, (40.0 + math.hypot(30.0, 3.5)) / 20.0, atol=0.006)
+    assert x[at][0] == pytest.approx(220.0, abs=0.15)
+    assert heading[np.isclose(t, 2.5)] == pytest.approx(math.atan2(3.5, 30.0))
+    assert y[-1] == 3.5
+
+
+def test_a_start_with_a_heading_and_one_with_a_lateral_speed() -> None:
+    _, x, y, _, _ = way(scene(heading=90.0, speed=1.5))
+    assert (x[-1], y[-1]) == (pytest.approx(150.0), pytest.approx(15.0))
+    _, x, y, heading, v = way(scene(lateral_speed=0.5))
+    assert (x[-1], y[-1]) == (pytest.approx(350.0), pytest.approx(5.0))
+    assert (heading[0], v[0]) == (math.atan2(0.5, 20.0), math.hypot(20.0, 0.5))
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.01])
+def test_law_a_condition_on_the_time_begins_at_that_time_whatever_the_step(step: float) -> None:
+    logical = scene({"do": "brake", "when": "time > 2.237", "deceleration": 5.0})
+    _, x, _, _, _ = way(logical, step)
+    assert x[-1] == pytest.approx(150.0 + 20.0 * 2.237 + 20.0**2 / 10.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.02])
+def test_law_the_instant_of_a_linear_condition_is_exact(step: float) -> None:
+    # the ego closes at 10 m/s on a gap of 100 - 4.5 m: 40 m are left after 5.55 s
+    logical = scene({"do": "brake", "when": "gap(ego, lead) < 40", "deceleration": 5.0})
+    found = tracks([logical.concrete(v=30.0)], [(4.5, 1.8)], step, 8.0)
+    assert found.begins[0, 0] == pytest.approx(5.55, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("when", "begins"),
+    [
+        ("time > 1 and gap(ego, lead) < 40", 5.55),
+        ("time > 7 or gap(ego, lead) < 40", 5.55),
+        ("1 < time < 8", 1.0),
+        ("thw(ego, lead) <= 1", (95.5 - 30.0) / 10.0),
+        ("x(lead) - 150 > v", 1.5),
+        ("max(speed(ego), 5) < 3", math.inf),
+        ("distance(ego, lead) < 50", 5.0),
+        ("-y(lead) + lateral_speed(ego) < -1", math.inf),
+    ],
+)
+def test_conditions_of_every_kind(when: str, begins: float) -> None:
+    found = tracks(
+        [scene({"do": "brake", "when": when, "deceleration": 1e-9}).concrete(v=30.0)], [(4.5, 1.8)], 0.05, 9.0
+    )
+    assert found.begins[0, 0] == pytest.approx(begins, abs=1e-6)
+
+
+def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
+    # 20 -> 10 m/s at 5 m/s2 ends at 2 s; half a second later it speeds up again
+    first = {"do": "accelerate", "name": "slow", "speed": 10.0, "acceleration": 5.0}
+    then = {"do": "accelerate", "when": "ended(lead, slow)", "begin": 0.5, "speed": 15.0, "acceleration": 5.0}
+    t, _, _, _, v = way(scene(first, then))
+    assert v[np.isclose(t, 2.5)] == pytest.approx(10.0)
+    assert v[np.isclose(t, 3.0)] == pytest.approx(12.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"when": "gap(ego, leed) < 3"}, "Did you mean `lead`?"),
+        ({"when": "tcc(ego, lead) < 3"}, "Did you mean `ttc`?"),
+        ({"when": "gap(ego, lead)"}, "must be a condition such as"),
+        ({"when": "gap(ego) < 2"}, "gap(a, b)"),
+        ({"when": "gap(ego, ego) < 2"}, "of two vehicles"),
+        ({"when": "gap(ego, lead) < w"}, "Unknown name"),
+        ({"when": "ended(lead, x)"}, "Unknown manoeuvre"),
+        ({"when": "ended(ego, x)"}, "the ego has none"),
+        ({"when": "lead.x < 2"}, "which the language does not have"),
+        ({"when": "time == 2"}, "compared with <, <=, > or >="),
+        ({"when": "(("}, "cannot be read"),
+        ({"speed": 3.0}, "has no `speed`"),
+        ({"do": "accelerate", "deceleration": None}, "must have `speed`"),
+        ({"do": "sinus", "deceleration": None}, "must have `acceleration`"),
+        ({"do": "speed_profile", "deceleration": None, "times": [1.0], "speeds": [1.0, 2.0]}, "as many `times`"),
+        ({"do": "speed_profile", "deceleration": None, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}, "ascending"),
+        ({"do": "path", "deceleration": None, "points": [[10.0, 90.0]]}, "must be on the map"),
+        ({"do": "path", "deceleration": None, "lanes": [7], "places": [10.0]}, "within 0..1"),
+        ({"do": "follow", "deceleration": None}, "must have `model`"),
+        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "time > 1"}, "follows from the start"),
+    ],
+)  # fmt: skip
+def test_every_mistake_is_a_sentence_that_names_the_nearest_word(change: dict[str, Any], sentence: str) -> None:
+    move = {"do": "brake", "deceleration": 5.0, **change}
+    with pytest.raises(InputError) as caught:
+        check_points(scene({key: value for key, value in move.items() if value is not None}), np.array([[20.0]]))
+    assert sentence in str(caught.value)
+
+
+def test_a_vehicle_that_starts_inside_another_is_refused() -> None:
+    with pytest.raises(InputError, match="clear of `ego` at the start"):
+        check_points(scene({"do": "accelerate", "speed": 3.0, "acceleration": 1.0}, x=52.0), np.array([[20.0]]))
+
+
+def test_a_parameter_that_nothing_depends_on_is_refused() -> None:
+    unused = [*BASE["parameter"], {"name": "w", "unit": "m", "low": 0.0, "high": 1.0, "step": 0.5}]
+    with pytest.raises(InputError, match="Parameter `w` of t must be used"):
+        scenario_from(
+            {**BASE, "parameter": unused, "vehicle": [{"name": "lead", "x": 150.0, "speed": 1.0}]}, "t", Path()
+        )
+
+
+def test_a_stream_is_the_same_every_time_and_denser_than_its_lane_is_refused() -> None:
+    stream = {"name": "s", "lane": 1, "begin": -100.0, "end": 200.0, "density": 30.0, "speed": "v", "speed_spread": 2.0}
+    content = {**BASE, "stream": [stream]}
+    one, two = (scenario_from(content, "t", Path()).concrete(v=20.0) for _ in range(2))
+    assert repr(one) == repr(two)
+    assert len(one.actors) in range(7, 13)  # 300 m at 30 a km, give or take what is drawn
+    assert {actor.name for actor in one.actors} >= {"s_1", "s_7"}
+    with pytest.raises(InputError, match="`density` of stream `s` must be at most 100 a km"):
+        scenario_from({**content, "stream": [{**stream, "density": 150.0}]}, "t", Path()).concrete(v=20.0)
+
+
+def test_zones_of_a_played_vehicle_are_those_of_the_closed_form_where_there_is_one() -> None:
+    lead = {"name": "lead", "gap": 40.0, "speed": 10.0}
+    plain = scenario_from({**BASE, "vehicle": [lead], "zone": {"obstacle": "lead"}}, "t", Path())
+    moving = {**lead, "heading": 0.0}
+    played = scenario_from({**BASE, "vehicle": [moving], "zone": {"obstacle": "lead"}}, "t", Path())
+    points = np.linspace(10.0, 30.0, 41)[:, None]
+    a, b = (exact_inverse_ttc(it, points, partition(it).settings) for it in (plain, played))
+    np.testing.assert_allclose(b[np.isfinite(a)], a[np.isfinite(a)], rtol=0.02, atol=1e-9)
+    assert np.isinf(a).tolist() == np.isinf(b).tolist()
+
+
+def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
+    zones = partition(scene({"do": "brake", "deceleration": 9.0}))
+    assert zones.zones == 0
+    assert not zones.exactly_hazardous(np.array([[10.0], [30.0]])).any()
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        {"do": "follow", "model": "IDM"},
+        {"do": "accelerate", "speed": 26.0, "acceleration": 3.0},
+        {"do": "brake", "deceleration": 4.0, "when": "gap(ego, lead) < 50"},
+    ],
+)
+def test_what_is_no_function_of_time_alone_is_refused_on_a_road_that_bends(move: dict[str, Any]) -> None:
+    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [move]}
+    road = {"line": [{"length": 1400.0, "radius": 250.0}]}
+    with pytest.raises(InputError, match="The road of t must be straight where a vehicle follows"):
+        scenario_from({**BASE, "vehicle": [lead], "road": road}, "t", Path())
+    scenario_from({**BASE, "vehicle": [{**lead, "manoeuvre": []}], "road": road}, "t", Path())
