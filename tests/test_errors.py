@@ -3,6 +3,7 @@
 import importlib.metadata
 import shlex
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -78,7 +79,8 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it_from_where_t
         None: "'sumo_eval[fmu]'",
     }
     for origin, words in origins.items():
-        monkeypatch.setattr(importlib.metadata.PathDistribution, "read_text", lambda self, name, text=origin: text)
+        there = SimpleNamespace(read_text=lambda name, text=origin: text)
+        monkeypatch.setattr(importlib.metadata, "distribution", lambda name, there=there: there)
         assert str(needs_extra("An FMU", "fmu")) == (
             f"An FMU needs the extra `fmu`, which this installs: {shlex.quote(sys.executable)} -m pip install {words}"
         )

@@ -20,7 +20,7 @@ from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, 
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.cosim.doors.observation import Senses, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
-from sumo_eval.cosim.impossible import FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
+from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
 from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
@@ -244,7 +244,7 @@ class OnTraci:
         last = Body(last_x, last_y, last_heading, last_speed, self._limits.length, self._limits.width)
         if road.bent:
             last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
-        if not (abs(front_x) < LOST and abs(front_y) < LOST and abs(speed) < LOST and 0.0 <= angle <= 360.0):
+        if not (abs(front_x) < LOST and abs(front_y) < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0):
             if front_x <= -LOST and leaves_the_lanes(last, road, self._step):
                 raise LeftTheRoadError
             raise impossible(

@@ -54,6 +54,9 @@ _COLUMNS = (
 )
 
 
+_UNREADABLE = (sqlite3.Error, UnicodeDecodeError)
+"""What reading a damaged file raises: SQLite's own words about it may hold its bytes."""
+
 _MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 
 
@@ -110,13 +113,13 @@ class Store:
                 # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
                 self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
                 self._connection.execute("PRAGMA synchronous = NORMAL")
-        except sqlite3.Error as error:
+        except _UNREADABLE as error:
             raise InputError(f"{self.path} is no facts file of a run, or cannot be used: {error}.") from error
         if version == 0:
             raise InputError(f"{self.path} is empty or was cut off: it is no facts file of a run.")
         if version != FORMAT_VERSION:
             older = (
-                " Older versions hold less of a case, or another hash of it." if 0 < version < FORMAT_VERSION else ""
+                " Older versions carry no hash of their content, or another." if 0 < version < FORMAT_VERSION else ""
             )
             raise InputError(
                 f"{self.path} has format version {version}; this sumo_eval reads version {FORMAT_VERSION}.{older} "
@@ -204,7 +207,7 @@ class Store:
         try:
             for row in self._connection.execute(query, values):  # noqa: UP028 - `yield from` would close the cursor
                 yield row
-        except sqlite3.Error as error:
+        except _UNREADABLE as error:
             raise InputError(f"{self.path} cannot be read: {error}. {_MEND}") from error
 
     def add(self, *outcomes: Outcome) -> None:

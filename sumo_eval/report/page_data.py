@@ -463,7 +463,7 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
 
 def drawn_line(road: Road) -> list[list[float]]:
     """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; [] for none."""
-    return [[float(f"{value:.9g}") for value in row] for row in knots_of(road.line).tolist()]
+    return [[float(f"{value:z.9g}") for value in row] for row in knots_of(road.line).tolist()]
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import pytest
 from record.runs import sumo_eval_cli, write_evaluation
 
 from sumo_eval.report.terminal import plain_table
+from sumo_eval.report.words import score_note
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, MethodSettings, ScenarioSettings
@@ -70,7 +71,7 @@ def test_c_lies_within_its_interval_whatever_is_missing() -> None:
 
 def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_interval() -> None:
     result = combined(HIT, SAFE, replace(LOST, weight=1.5), replace(LOST_SAFE, weight=1.0))
-    counted, interval = result.notes
+    counted, interval = map(score_note, result.notes)
     assert counted.startswith("2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)")
     assert interval.startswith("With the missing cases counted as worst and as best: C within 0.067..0.900, D within")
     settings = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
