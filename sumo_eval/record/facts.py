@@ -159,6 +159,7 @@ def record_facts(
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)
+    loops.ready_for(map(_middle, spaces))
     with run_folder.only_writer(folder, resume=resume):
         run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})

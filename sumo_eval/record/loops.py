@@ -6,6 +6,7 @@ python -m sumo_eval.record.loops        compiles what is not compiled yet, in tw
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -41,6 +42,16 @@ def load(part: int = 0, parts: int = 1) -> None:
         stop_rows(world.egos, world.others, world.moves, world.samples, 0, 0)
 
 
+def load_played() -> None:
+    """Call the loops of vehicles whose scripts depend on what happens once, on a case that needs no simulator."""
+    road = Road("road", 100.0, 2, 3.5, 0.0)
+    turned = Actor("lead", Start(50.0, 0.0, 5.0), heading=0.01)
+    world = World([ConcreteScenario("none", {}, 1.0, road, Start(10.0, 0.0, 10.0), (turned,))], SimulationSettings())
+    assert world.players is not None
+    world.play(0.05, 0, closely=True)
+    world.wake(0.05)
+
+
 def are_ready() -> bool:
     """Whether every loop is compiled on this machine, or need not be."""
     return INTERPRETED or (cache_folder() / "ready").is_file()
@@ -55,6 +66,16 @@ def ready() -> None:
     done = cache_folder() / "ready"
     if done.parent.is_dir():  # else there is nowhere to keep it, and every process compiles for itself
         done.touch()
+
+
+def ready_for(cases: Iterable[ConcreteScenario]) -> None:
+    """Compile what only such cases need, on a machine that has not: loops of scripts that depend on what happens."""
+    mark = cache_folder() / "played"
+    if INTERPRETED or mark.is_file() or not any(case.lively for case in cases):
+        return
+    warm(["from sumo_eval.record.loops import load_played; load_played()"])
+    if mark.parent.is_dir():
+        mark.touch()
 
 
 if __name__ == "__main__":
