@@ -201,16 +201,28 @@ def _map_body(at: Any, speed: float, across: float, body: Any) -> Body:
 
 
 @kernel
-def _put_front(tell: Any, told: int, number: int, body: Any, line: Any, along: float) -> None:
-    """Write what SUMO hears of a vehicle on a bend into a row of `tell`. along: dx/dt, m/s."""
-    at, half = body.map, 0.5 * body.length
-    body.front_x, body.front_y = at.x + half * math.cos(at.heading), at.y + half * math.sin(at.heading)
-    s, d, _, _ = to_frame(line, body.front_x, body.front_y, at.heading, body.x + half)
+def _put_front(body: Any, at: Any) -> None:
+    """The centre of a vehicle's front bumper. at: what holds its place on the map."""
+    body.front_x = at.x + 0.5 * body.length * math.cos(at.heading)
+    body.front_y = at.y + 0.5 * body.length * math.sin(at.heading)
+
+
+@kernel
+def _tell(tell: Any, told: int, number: int, body: Any, at: Any) -> None:
+    """Write what SUMO hears of a vehicle into a row of `tell`. at: what holds its place on the map."""
     tell[told, 0] = number
     tell[told, 1] = body.front_x
     tell[told, 2] = body.front_y
     tell[told, 3] = STRAIGHT - at.heading * _DEGREES
     tell[told, 4] = body.speed
+
+
+@kernel
+def _tell_on_bend(tell: Any, told: int, number: int, body: Any, line: Any, along: float) -> None:
+    """Write what SUMO hears of a vehicle on a bend into a row of `tell`. along: dx/dt, m/s."""
+    _put_front(body, body.map)
+    _tell(tell, told, number, body, body.map)
+    s, d, _, _ = to_frame(line, body.front_x, body.front_y, body.map.heading, body.x + 0.5 * body.length)
     tell[told, 5] = s
     tell[told, 6] = d
     tell[told, 7] = along
@@ -389,20 +401,15 @@ def move_rows(
             if closely:
                 _, _, _, curvature = line_at(line, ego.x)
                 along = ego.speed * math.cos(ego.heading) / (1.0 - curvature * ego.y)
-                _put_front(tell, told, i * (1 + len(others[i])), ego, line, along)
+                _tell_on_bend(tell, told, i * (1 + len(others[i])), ego, line, along)
                 told += 1
         elif ego.placed != SUMO:
             if ego.speed != before.speed or ego.heading != 0.0 or before.heading != 0.0:
                 ego.stale = 1
             if closely and ego.stale:
                 ego.stale = 0
-                ego.front_x = ego.x + 0.5 * ego.length * math.cos(ego.heading)
-                ego.front_y = ego.y + 0.5 * ego.length * math.sin(ego.heading)
-                tell[told, 0] = i * (1 + len(others[i]))
-                tell[told, 1] = ego.front_x
-                tell[told, 2] = ego.front_y
-                tell[told, 3] = STRAIGHT - ego.heading * _DEGREES
-                tell[told, 4] = ego.speed
+                _put_front(ego, ego)
+                _tell(tell, told, i * (1 + len(others[i])), ego, ego)
                 told += 1
         for j in range(len(others[i])):
             other = others[i][j]
@@ -435,18 +442,13 @@ def move_rows(
                     and not _is_scripted(other, moves[i][j], now + step, step)
                 ):
                     other.told = 2
-                    _put_front(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
+                    _tell_on_bend(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
                     told += 1
                 continue
-            other.front_x = other.x + 0.5 * other.length * math.cos(other.heading)
-            other.front_y = other.y + 0.5 * other.length * math.sin(other.heading)
+            _put_front(other, other)
             if closely or not _is_scripted(other, moves[i][j], now + step, step):
                 other.told = 2
-                tell[told, 0] = i * (1 + len(others[i])) + 1 + j
-                tell[told, 1] = other.front_x
-                tell[told, 2] = other.front_y
-                tell[told, 3] = STRAIGHT - other.heading * _DEGREES
-                tell[told, 4] = other.speed
+                _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, other)
                 told += 1
     return told
 
@@ -652,15 +654,10 @@ def tell_played_rows(egos: Records, others: Records, plays: Records, tell: Float
             other.told = 1
             if plays[i][j].model or other.present == 0:
                 continue
-            other.front_x = other.x + 0.5 * other.length * math.cos(other.heading)
-            other.front_y = other.y + 0.5 * other.length * math.sin(other.heading)
+            _put_front(other, other)
             if closely:
                 other.told = 2
-                tell[told, 0] = i * (1 + len(others[i])) + 1 + j
-                tell[told, 1] = other.front_x
-                tell[told, 2] = other.front_y
-                tell[told, 3] = STRAIGHT - other.heading * _DEGREES
-                tell[told, 4] = other.speed
+                _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, other)
                 told += 1
     return told
 
