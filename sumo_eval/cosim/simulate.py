@@ -364,7 +364,7 @@ def _together(
     texts = shared_network_xml(cases), shared_routes_xml(cases, settings.vehicle)
     try:
         world = World(cases, settings)
-        with running(*texts, settings, collisions="none") as traci, _traci_refused(), _little_garbage():
+        with running(*texts, settings, collisions="none") as traci, seen_as_traci(_Refused("traci")), _little_garbage():
             drive(world, driver, (Traffic if world.reacts else Stage)(traci, world))
     except Exception as error:  # noqa: BLE001 - logged in full and told, and each case is driven alone
         _LOG.error(
@@ -386,19 +386,7 @@ def _little_garbage() -> Iterator[None]:
 
 
 class _Refused(ModuleType):
+    """What `import traci` gives where SUMO holds many cases: a module that answers nothing."""
+
     def __getattr__(self, name: str) -> Any:
         raise RefusedCallError(f"The ADS asked for traci.{name}; it is driven together with others")
-
-
-@contextmanager
-def _traci_refused() -> Iterator[None]:
-    """`import traci` gives a module within this block that answers nothing: SUMO holds many cases."""
-    before = sys.modules.get("traci")
-    sys.modules["traci"] = _Refused("traci")
-    try:
-        yield
-    finally:
-        if before is None:
-            del sys.modules["traci"]
-        else:
-            sys.modules["traci"] = before

@@ -192,10 +192,10 @@ TRACI, GUARD = _build()
 
 
 @contextmanager
-def seen_as_traci() -> Iterator[None]:
-    """`import traci` gives the running simulation within this block; afterwards what was there before."""
+def seen_as_traci(module: ModuleType = TRACI) -> Iterator[None]:
+    """`import traci` gives a module within this block, by default the running simulation; afterwards what was there."""
     before = sys.modules.get("traci")
-    sys.modules["traci"] = TRACI
+    sys.modules["traci"] = module
     try:
         yield
     finally:
