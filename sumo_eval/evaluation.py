@@ -20,7 +20,7 @@ from sumo_eval.record.engines import Stopping, never
 from sumo_eval.record.facts import Evaluable, check_complete, record_facts, resolve
 from sumo_eval.record.human_reference import point_processes
 from sumo_eval.record.points import choose_points, zones_of
-from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.store import Fact, open_store
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario import catalogue

@@ -161,12 +161,14 @@ def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
 # -- before the first case ---------------------------------------------------------------------------------------------
 
 
-def warm(scripts: Sequence[str], environment: dict[str, str] | None = None) -> None:
+def warm(scripts: Sequence[str], environment: dict[str, str] | None = None) -> int:
     """Compile in child processes, one for each script, all at the same time, and wait; what they compile is on disk.
+
+    How many of them did not come to their end and have left something to compile.
 
     scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
     """
     given = {**os.environ, **(environment or {})}
     children = [subprocess.Popen([sys.executable, "-c", script], env=given) for script in scripts]
-    for child in children:
-        child.wait()
+    ended = [child.wait() for child in children]
+    return sum(status != 0 for status in ended)

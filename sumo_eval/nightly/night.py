@@ -24,7 +24,7 @@ from sumo_eval.evaluation import evaluate, score
 from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.lock import HeldError, held
-from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare

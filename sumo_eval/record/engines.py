@@ -53,7 +53,8 @@ def run_in_children(
     cases: Iterable[Case], setup: Setup, stopping: Stopping = never, workers: int = 1
 ) -> Generator[list[Outcome], None, None]:
     """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
-    loops.ready()  # a case's time is for driving
+    listed = cases if isinstance(cases, Sequence) else ()  # who hands them over one by one has seen to it
+    loops.ready(case.concrete for case in listed)  # a case's time is for driving
     packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
     work: Work[Pack] = Work(
         answer,

@@ -22,13 +22,12 @@ from sumo_eval.record.engines import Stopping, never, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, zones_of
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.recording import (
     REFERENCES,
     Planner,
-    Progress,
     Space,
     planner,
-    quiet,
     record,
     refuse_to_lose_cases,
 )
@@ -155,11 +154,11 @@ def record_facts(
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     severity_of(evaluation.method.collision, source)
-    loops.ready()  # on a machine's first run
+    loops.ready(progress=progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)
-    loops.ready_for(map(_middle, spaces))
+    loops.ready(map(_middle, spaces), progress)
     with run_folder.only_writer(folder, resume=resume):
         run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})

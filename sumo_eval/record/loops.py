@@ -6,7 +6,7 @@ python -m sumo_eval.record.loops        compiles what is not compiled yet, in tw
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -15,10 +15,12 @@ from sumo_eval.cosim.loop import arrays
 from sumo_eval.cosim.world import World, move_rows, see_rows, stop_rows
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings
 
 _AT_A_TIME = 2  # processes: each holds half of the loops
+_ALL, _PLAYED = "all rules", "moves with conditions"  # files that say what has been compiled
 
 
 def load(part: int = 0, parts: int = 1) -> None:
@@ -54,28 +56,30 @@ def load_played() -> None:
 
 def are_ready() -> bool:
     """Whether every loop is compiled on this machine, or need not be."""
-    return INTERPRETED or (cache_folder() / "ready").is_file()
+    return _is_made(_ALL)
 
 
-def ready() -> None:
-    """Compile what this machine has not compiled yet; every later run finds it on disk."""
-    if are_ready():
+def ready(cases: Iterable[ConcreteScenario] = (), progress: Progress = quiet) -> None:
+    """Compile what this machine has not compiled yet, with what only such cases need; later runs find it on disk."""
+    _make(_ALL, [f"load({part}, {_AT_A_TIME})" for part in range(_AT_A_TIME)], progress)
+    if any(case.lively for case in cases):
+        _make(_PLAYED, ["load_played()"], progress)
+
+
+def _is_made(what: str) -> bool:
+    return INTERPRETED or (cache_folder() / what).is_file()
+
+
+def _make(what: str, calls: Sequence[str], progress: Progress = quiet) -> None:
+    """Compile in a process for each of the calls, unless it is done, and mark it as done if all of them were."""
+    if _is_made(what):
         return
-    scripts = [f"from sumo_eval.record.loops import load; load({part}, {_AT_A_TIME})" for part in range(_AT_A_TIME)]
-    warm(scripts)
-    done = cache_folder() / "ready"
-    if done.parent.is_dir():  # else there is nowhere to keep it, and every process compiles for itself
-        done.touch()
-
-
-def ready_for(cases: Iterable[ConcreteScenario]) -> None:
-    """Compile what only such cases need, on a machine that has not: loops of scripts that depend on what happens."""
-    mark = cache_folder() / "played"
-    if INTERPRETED or mark.is_file() or not any(case.lively for case in cases):
-        return
-    warm(["from sumo_eval.record.loops import load_played; load_played()"])
-    if mark.parent.is_dir():
-        mark.touch()
+    stage = f"compiling, once on this machine ({what})"
+    progress(stage, 0, len(calls))
+    failed = warm([f"from sumo_eval.record import loops; loops.{call}" for call in calls])
+    progress(stage, len(calls), len(calls), failed)
+    if not failed and cache_folder().is_dir():  # else nothing is kept, and every process compiles for itself
+        (cache_folder() / what).touch()
 
 
 if __name__ == "__main__":

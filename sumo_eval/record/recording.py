@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
@@ -15,6 +15,7 @@ from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.record.cases import Case, Outcome, Role, Setup
 from sumo_eval.record.engines import Stopping, identify, never, run_packs
 from sumo_eval.record.identity import files_identity, harness_identity, people_identity, with_fingerprint
+from sumo_eval.record.progress import Progress
 from sumo_eval.record.store import Store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -29,17 +30,6 @@ RECORDED = "recorded"
 
 REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
 """What collisions are measured against, by role: Ug is the ideal vehicle's, U0 that of one who does nothing."""
-
-
-class Progress(Protocol):
-    """Told what is being done, how much of it is done, how much there is, and how many of the done ones failed."""
-
-    def __call__(self, stage: str, done: int, total: int, failed: int = 0) -> None:
-        """Show it."""
-
-
-def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
-    """Shows nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

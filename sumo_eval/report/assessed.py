@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.report.confidence_section import write_confidence
 from sumo_eval.report.html import NOTHING_BESIDE, write_report
 from sumo_eval.report.sections import Beside

@@ -13,7 +13,8 @@ from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
 from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
-from sumo_eval.record.recording import RECORDED, Progress
+from sumo_eval.record.progress import Progress
+from sumo_eval.record.recording import RECORDED
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import (

@@ -9,7 +9,7 @@ import numpy as np
 
 from sumo_eval.method.score_terms import mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.record.recording import Progress, quiet
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
 from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
