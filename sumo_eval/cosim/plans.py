@@ -257,4 +257,4 @@ def _read(command: Command) -> tuple[Any, Any, Any]:
     try:
         return command.acceleration, command.steering, command.speed
     except Exception as error:
-        raise ControllerError(f"The ADS's Command cannot be read: {said(error)}") from error
+        raise ControllerError(f"The ADS's Command cannot be read ({said(error)})") from error

@@ -263,7 +263,8 @@ def test_a_command_of_any_real_number_drives_as_the_float(value):
 def test_a_command_that_cannot_be_read_is_the_adss_error(command):
     found = simulate(case(), once(lambda traci: command), HALF_SECOND)
     assert found.end_reason == "ads_error"
-    assert found.error.startswith("The ADS's Command cannot be read: ")
+    assert found.error.startswith("The ADS's Command cannot be read (")
+    assert found.error.endswith(") at 0.30 s.")
 
 
 @pytest.mark.parametrize(
