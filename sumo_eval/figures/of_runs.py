@@ -10,7 +10,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
-from sumo_eval.figures.chosen import ads_of, case_of, scenario_of, scene_of
+from sumo_eval.figures.chosen import Scene, ads_of, case_of, scenario_of, scene_of
 from sumo_eval.figures.style import (
     FAINT,
     HAZARDOUS,
@@ -187,9 +187,13 @@ def trajectories(
         ax.set_xlabel(label("x", "m"))
         ax.set_ylabel(label("y", "m"))
         ax.margins(y=0.25)
-        figure.legend(loc="outside lower center", ncols=4)
-        figure.suptitle(f"{row.scenario.replace('_', ' ')}: {scene.words}", fontsize=7.0)
+        _name_the_scene(figure, scene)
     return figure
+
+
+def _name_the_scene(figure: Figure, scene: Scene) -> None:
+    figure.legend(loc="outside lower center", ncols=4)
+    figure.suptitle(f"{scene.scenario.replace('_', ' ')}: {scene.words}", fontsize=7.0)
 
 
 def _name_the_grey(ax: Axes, people: bool, others: bool) -> None:
@@ -221,8 +225,7 @@ def time_history(
                 ax.tick_params(labelbottom=False)
         _name_the_grey(axes[0], bool(scene.people), others=False)
         axes[-1].set_xlabel(label("time", "s"))
-        figure.legend(loc="outside lower center", ncols=4)
-        figure.suptitle(f"{row.scenario.replace('_', ' ')}: {scene.words}", fontsize=7.0)
+        _name_the_scene(figure, scene)
     return figure
 
 

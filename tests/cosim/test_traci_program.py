@@ -85,7 +85,7 @@ def test_a_client_that_moves_another_vehicle_is_noticed(tmp_path):
 def test_without_sumo_the_sentence_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "sumo", None)
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(InputError, match=r"needs the extra `gui`, which this installs: "):
+    with pytest.raises(InputError, match=r"needs the extra `gui`, which this installs: .* -m pip install .*\[gui\]"):
         simulate(case(), "traci:python client.py")
 
 
