@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 import multiprocessing.forkserver
+import multiprocessing.process
 import multiprocessing.resource_tracker
 import os
 import signal
@@ -24,6 +25,7 @@ from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.record.hygiene import end_strangers
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
 _START_TIME = 120.0  # s for a child to begin; it takes milliseconds, and seconds while the simulator is being loaded
@@ -115,6 +117,16 @@ def is_gone(process: Any, within: float) -> bool:
 def wake_forkserver() -> None:
     """Let the process that makes the children go on, should users' code have stopped it."""
     _signal_forkserver(signal.SIGCONT)
+
+
+def end_orphans() -> None:
+    """End what a supervisor that was killed has left: it has become a child of the process that makes the children.
+
+    Whoever else is a child of that one was asked for by this process.
+    """
+    pid: int | None = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
+    if pid is not None and _KIND == "forkserver":
+        end_strangers(pid, {process.pid for process in multiprocessing.process._children})  # type: ignore[attr-defined]
 
 
 def _end_forkserver() -> None:

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time as clock
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -129,6 +129,23 @@ def kill_below(pid: int) -> None:
         for other in family(pid):
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(other, signal.SIGKILL)
+        clock.sleep(0.01)
+
+
+def adopt_orphans() -> None:
+    """Let what loses its parent below this process, and has no nearer subreaper, become a child of this process."""
+    _prctl(_SET_SUBREAPER, 1)
+
+
+def end_strangers(pid: int, known: Collection[int]) -> None:
+    """End every child of a process that is not known, with all that is below it."""
+    for _ in range(_KILLS):
+        strangers = [child for child in _children(pid) if child not in known]
+        if not strangers:
+            return
+        for stranger in [*strangers, *(other for child in strangers for other in family(child))]:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(stranger, signal.SIGKILL)
         clock.sleep(0.01)
 
 

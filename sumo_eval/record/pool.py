@@ -30,7 +30,7 @@ from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.children import child_context, is_gone, started
+from sumo_eval.record.children import child_context, end_orphans, is_gone, started
 from sumo_eval.record.frames import NONCE_BYTES, FrameError, FrameReader, Message, Ticket, frame
 from sumo_eval.record.hygiene import (
     MEGABYTE,
@@ -361,6 +361,14 @@ class _Child:
                     self._output.close()
                 self._log.add(data)
 
+    def _has_reported(self) -> bool:
+        """Whether the supervisor came to its end as it should, and not because it was killed."""
+        poll = select.poll()
+        poll.register(self._report.fileno(), select.POLLIN)
+        if not self._reported and poll.poll(0):
+            self._ended, self._reported = read_report(self._report.fileno()), True
+        return self._ended is not None
+
     def take_log(self) -> str:
         """What was printed since the last time."""
         self._read_output()
@@ -382,6 +390,8 @@ class _Child:
             kill_below(self._process.pid)
             self._process.kill()
             is_gone(self._process, _LEAVE_TIME)
+        if not self._has_reported():
+            end_orphans()
         self._read_output()
         for pipe in (self._orders, self._results, self._output, self._report):
             pipe.close()

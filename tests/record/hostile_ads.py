@@ -56,6 +56,7 @@ LEFTOVERS = {
     "leaves_a_daemon": ANY,
     "dies_with_a_daemon": {"crashed"},
     "leaves_a_flood": ANY,
+    "leaves_a_daemon_without_a_supervisor": LOST,
     "fills_shared_memory": {"crashed"},
     "lets_another_fill_memory": {"crashed"},
 }
@@ -399,6 +400,12 @@ def leaves_a_daemon(traci, ego, now):
 def dies_with_a_daemon(traci, ego, now):
     _daemon("sleep", DAEMON)
     os._exit(5)
+
+
+def leaves_a_daemon_without_a_supervisor(traci, ego, now):
+    _daemon("sleep", DAEMON)
+    os.kill(os.getppid(), signal.SIGKILL)
+    return Command(0.0)
 
 
 def leaves_a_flood(traci, ego, now):
