@@ -27,6 +27,7 @@ EndReason = Literal[
     "ads_timeout",
     "sim_error",
     "recorded",
+    "quit",
 ]
 Side = Literal["front", "rear", "left", "right"]
 

@@ -147,6 +147,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "css": asset("report.css"),
         "plotly": packed(get_plotlyjs()),
         "field_js": asset("field.js"),
+        "scene_js": asset("scene3d.js"),
         "replay_js": asset("replay.js"),
         "replay_css": asset("replay.css"),
         "report_js": asset("report.js"),

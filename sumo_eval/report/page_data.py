@@ -36,7 +36,8 @@ from sumo_eval.report.words import (
     unevaluated,
 )
 from sumo_eval.results import CaseResult, Evaluation
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.bodies import CAR
+from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
@@ -176,6 +177,7 @@ def _scenario(
             "laneWidth": logical.road.lane_width,
             "line": drawn_line(logical.road),
         },
+        "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if cases else {},
         "view": {
             "x": view.x,
             "y": view.y,
@@ -464,6 +466,11 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
 def drawn_line(road: Road) -> list[list[float]]:
     """Where the stretches of a road's line begin, rows of s, x, y, heading, curvature, its rate; [] for none."""
     return [[float(f"{value:z.9g}") for value in row] for row in knots_of(road.line).tolist()]
+
+
+def drawn_bodies(concrete: ConcreteScenario) -> dict[str, str]:
+    """What the others are, by name, where they are no cars."""
+    return {actor.name: actor.body for actor in concrete.actors if actor.body != CAR}
 
 
 def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

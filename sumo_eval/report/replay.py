@@ -10,7 +10,7 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.html import asset, template
 from sumo_eval.report.packing import packed_json
-from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_line, encode_trajectories
+from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_bodies, drawn_line, encode_trajectories
 from sumo_eval.report.words import point
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory
@@ -38,6 +38,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
             "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
             "line": drawn_line(road),
         },
+        "bodies": drawn_bodies(logical.concrete(**fact.values)),
         "views": views,
         "ghosts": ghosts,
         "trajectories": encode_trajectories(trajectories),
@@ -45,8 +46,8 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
     page = template("replay.html.j2").render(
         title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case, end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), css=asset("report.css"), replay_css=asset("replay.css"),
-        field_js=asset("field.js"), replay_js=asset("replay.js"), page_js=asset("replay_page.js"),
-        data=packed_json(data),
+        field_js=asset("field.js"), scene_js=asset("scene3d.js"), replay_js=asset("replay.js"),
+        page_js=asset("replay_page.js"), data=packed_json(data),
     )  # fmt: skip
     try:
         path.write_text(page, encoding="utf-8")

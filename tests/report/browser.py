@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import select
@@ -18,16 +19,18 @@ FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-extensions", "--remote-debugging-pipe",
+    "--enable-unsafe-swiftshader",
 )  # fmt: skip
 
 
 class Page:
     """One page. `problems`: console errors, exceptions and policy violations; `requests`: every address asked for."""
 
-    def __init__(self, profile: Path, width: int = 1400, height: int = 900) -> None:
+    def __init__(self, profile: Path, width: int = 1400, height: int = 900, *flags: str) -> None:
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
-        command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", f"--window-size={width},{height}", "about:blank"]
+        own = [f"--user-data-dir={profile}", f"--window-size={width},{height}"]
+        command = [CHROMIUM, *FLAGS, *own, *flags, "about:blank"]
         # Chromium listens on descriptor 3 and answers on 4.
         wired = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
         self._process = subprocess.Popen(
@@ -80,6 +83,10 @@ class Page:
             raise RuntimeError(answer["exceptionDetails"]["exception"].get("description", "the script threw"))
         return answer["result"].get("value")
 
+    def picture(self) -> bytes:
+        """What is to be seen, as a PNG file."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
     def open(self, address: str, ready: str, seconds: float = 60.0) -> None:
         """Go to an address and wait until the expression `ready` is true."""
         self.requests.clear()
@@ -113,6 +120,8 @@ class Page:
             details = params["exceptionDetails"]
             self.problems.append(details.get("exception", {}).get("description", details["text"]))
         elif method == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+            if "GL Driver Message (OpenGL, Performance" in params["entry"]["text"]:
+                return  # software drawing says that it is slow
             self.problems.append(params["entry"]["text"])
         elif method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
             self.problems.append(str([item.get("value", item.get("description")) for item in params["args"]]))

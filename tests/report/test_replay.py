@@ -80,13 +80,21 @@ def collision(evaluation: Evaluation) -> Fact:
 
 
 def test_a_replay_is_small_and_asks_for_nothing(evaluation: Evaluation, tmp_path: Path) -> None:
-    """The player is about 35 kB; one case of the hand-made evaluation adds less than the 14 kB a case may take."""
+    """The player is about 60 kB; one case of the hand-made evaluation adds less than the 14 kB a case may take."""
     fact = collision(evaluation)
     path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
     page = path.read_text(encoding="utf-8")
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
     assert "http" not in page.replace("http-equiv", "")
+
+
+PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (canvas) => {
+    const sheet = document.createElement('canvas').getContext('2d');
+    sheet.drawImage(canvas, 0, 0);
+    return new Set(sheet.getImageData(0, 0, 300, 100).data).size > 3;
+}))"""
+"""Of every canvas of a page, whether something is drawn on it."""
 
 
 @needs_chromium
@@ -111,12 +119,60 @@ def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Pa
         held = page.run("document.querySelector('.replay-slider').value")
         page.run("new Promise((resolve) => setTimeout(resolve, 150))")
         assert page.run("document.querySelector('.replay-slider').value") == held
-        painted = page.run("""[...document.querySelectorAll('canvas')].map((canvas) => new Set(
-            canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size > 3)""")
-        assert len(painted) == 8
-        assert all(painted)
+        assert page.run(PAINTED) == [True] * 8
+        assert page.run("[...document.querySelectorAll('.replay-chase')].every((it) => it.getContext('webgl2'))")
         assert page.problems == []
         assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [path.as_uri()]
+
+
+def share_of(page: Page, colour: tuple[int, int, int], within: int = 40) -> float:
+    """Share of the first view's pixels that are about of a colour."""
+    return float(
+        page.run(f"""(() => {{
+        const canvas = document.querySelector('.replay-chase'), sheet = document.createElement('canvas');
+        Object.assign(sheet, {{ width: 200, height: 100 }});
+        const pen = sheet.getContext('2d');
+        pen.drawImage(canvas, 0, 0, 200, 100);
+        const data = pen.getImageData(0, 0, 200, 100).data, wanted = {list(colour)};
+        let found = 0;
+        for (let k = 0; k < data.length; k += 4) found += wanted.every((v, c) => Math.abs(v - data[k + c]) < {within});
+        return found / 20000;
+    }})()""")
+    )
+
+
+@needs_chromium
+def test_every_camera_shows_road_and_ego_and_contact_has_its_frames(evaluation: Evaluation, tmp_path: Path) -> None:
+    """Asphalt is grey in every camera; the ego's blue, its bonnet from the seat; red frames at contact, none before."""
+    fact = collision(evaluation)
+    logical = catalogue.load(fact.scenario)
+    path = write_replay(evaluation.folder, logical, fact, tmp_path / "r.html", beside=builders.HOSTILE)
+    with Page(tmp_path / "profile") as page:
+        page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
+        for camera in ("behind", "above", "seat", "free"):
+            page.run(f"""(() => {{ const it = document.querySelector('.replay-camera');
+                it.value = {camera!r}; it.dispatchEvent(new Event('change')); }})()""")
+            assert share_of(page, (105, 110, 118)) > 0.02, camera
+            assert share_of(page, (0, 90, 145), 50) > 0.001, camera
+            assert share_of(page, (199, 41, 41), 50) > 0.0005, camera
+        page.run("""(() => { const slider = document.querySelector('.replay-slider');
+            slider.value = 0; slider.dispatchEvent(new Event('input')); })()""")
+        assert share_of(page, (199, 41, 41), 25) == 0.0
+        page.run("document.querySelector('.replay-ghosted input').click()")
+        assert page.run("[...document.querySelectorAll('.replay-chase')].map((it) => it.hidden)") == [False, True]
+        assert page.problems == []
+
+
+@needs_chromium
+def test_where_webgl_is_missing_the_plain_drawing_stays(evaluation: Evaluation, tmp_path: Path) -> None:
+    fact = collision(evaluation)
+    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    with Page(tmp_path / "profile", 800, 600, "--disable-3d-apis") as page:
+        page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
+        assert page.run("document.querySelector('.replay-camera').hidden")
+        assert page.run("document.querySelector('.replay-chase').getContext('webgl2')") is None
+        assert all(page.run(PAINTED))
+        assert not [it for it in page.problems if "WebGL" not in it]
 
 
 def test_a_case_without_a_recording_and_a_companion_that_was_not_there_get_a_sentence(

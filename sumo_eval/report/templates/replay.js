@@ -181,7 +181,7 @@ const sumoReplay = (() => {
     context.closePath();
   }
 
-  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-6;
+  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-3; // recorded times are whole ms
 
   // --- from above ----------------------------------------------------------------------------------------------------
 
@@ -369,6 +369,50 @@ const sumoReplay = (() => {
     }
   }
 
+  // --- in three dimensions -------------------------------------------------------------------------------------------
+
+  const CAMERAS = ["behind", "above", "seat", "free"];
+
+  /** From where to where along the road the recordings of a scene go, m, with what can be seen from there. */
+  function extentOf(scene) {
+    const all = scene.views.flatMap((view) => [view.ego, ...view.actors.map(([, actor]) => actor)]);
+    return [Math.min(...all.map((t) => Math.min(...t.x))) - 300, Math.max(...all.map((t) => Math.max(...t.x))) + 600];
+  }
+
+  /** A body of a scene at a time, as `sumoScene` draws it. */
+  function bodyAt(scene, t, name, time, colour, more = {}) {
+    const it = mapped(scene.road, t), held = Math.min(time, duration(t));
+    return {
+      x: at(it, "x", held), y: at(it, "y", held), heading: at(it, "heading", held), length: t.length, width: t.width,
+      kind: (scene.bodies || {})[name] || "car", colour, brakes: at(t, "acceleration", held) < BRAKING, ...more,
+    };
+  }
+
+  /** Draw the view of a scene on a canvas of `sumoScene`; through it, as ghosts, another view where one is given. */
+  function drawSpace(space, scene, view, colour, time, mode, ghost = null) {
+    space.onRoad(scene.road, onMap, scene.extent);
+    const there = (t, held) => held <= duration(t) + 1e-9;
+    const held = Math.min(time, duration(view.ego)), hit = touching(view, held);
+    const me = bodyAt(scene, view.ego, "ego", held, colour, { me: true });
+    const others = view.actors.filter(([, actor]) => there(actor, held)).map(([name, actor]) => [name, bodyAt(scene, actor, name, held, COLOURS.actor)]);
+    const vehicles = [me, ...others.map(([, body]) => body)];
+    if (ghost) {
+      const then = Math.min(time, duration(ghost.ego));
+      vehicles.push(bodyAt(scene, ghost.ego, "ego", then, ghost.colour, { alpha: 0.5 }));
+      for (const [name, actor] of ghost.actors) {
+        const own = view.actors.find(([other]) => other === name), body = bodyAt(scene, actor, name, then, COLOURS.actor, { alpha: 0.35 });
+        if (there(actor, then) && (!own || Math.hypot(at(own[1], "x", held) - at(actor, "x", then), at(own[1], "y", held) - at(actor, "y", then)) > 0.05)) vehicles.push(body);
+      }
+    }
+    const struck = hit ? others.filter(([name]) => name === view.contact.other).map(([, body]) => body) : [];
+    const moving = (t, body) => {
+      const speed = at(t, "speed", held);
+      return { ...body, vx: speed * Math.cos(body.heading), vy: speed * Math.sin(body.heading) };
+    };
+    const contact = hit ? [moving(view.ego, me), ...struck.map((body) => moving(view.actors.find(([name]) => name === view.contact.other)[1], body))] : null;
+    return space.draw({ vehicles, contact, camera: { mode, about: me } });
+  }
+
   // --- charts over time ----------------------------------------------------------------------------------------------
 
   const CHARTS = [
@@ -483,7 +527,14 @@ const sumoReplay = (() => {
     slider.setAttribute("aria-label", "Time of the replay, s");
     speed.setAttribute("aria-label", "Speed of the replay");
     speed.append(...SPEEDS.map((factor) => new Option(`${factor}×`, factor, factor === 1, factor === 1)));
-    controls.append(button, slider, clock, speed, hit);
+    const camera = element("select", "replay-camera");
+    camera.setAttribute("aria-label", "Camera");
+    camera.append(...CAMERAS.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode)));
+    const ghosted = element("label", "replay-ghosted", "one into the other ");
+    const together = element("input");
+    together.type = "checkbox";
+    ghosted.append(together);
+    controls.append(button, slider, clock, speed, camera, ghosted, hit);
     const charts = element("div", "replay-charts");
     const canvases = CHARTS.map((chart) => {
       const canvas = element("canvas", "replay-chart");
@@ -494,6 +545,23 @@ const sumoReplay = (() => {
     });
     root.replaceChildren(views, controls, charts);
     let scene = null, panes = [], frame = null, now = 0, whole = 1;
+    const chases = []; // a canvas for each view, once and for all: a browser gives a page few contexts
+
+    /** The canvas of the view in place k, and what draws in it in three dimensions; null: the plain drawing does. */
+    function chaseOf(k) {
+      if (!chases[k]) {
+        let chase = element("canvas", "replay-chase");
+        const space = typeof sumoScene === "undefined" ? null : sumoScene.create(chase, { keep: true });
+        if (!space) chase = element("canvas", "replay-chase");
+        chase.setAttribute("role", "img");
+        chases[k] = { chase, space };
+        if (space) {
+          space.steerable(() => camera.value === "free", draw);
+          chase.addEventListener("scene-restored", draw);
+        }
+      }
+      return chases[k];
+    }
 
     function show(next) {
       stop();
@@ -503,15 +571,17 @@ const sumoReplay = (() => {
         const pane = element("figure", "replay-view");
         const title = element("figcaption", "", view.name);
         title.style.color = COLOURS.views[which];
-        const [chase, top] = ["replay-chase", "replay-top"].map((name) => element("canvas", name));
-        chase.setAttribute("role", "img");
-        chase.setAttribute("aria-label", `Chase view of ${view.name}`);
+        const { chase, space } = chaseOf(which), top = element("canvas", "replay-top");
+        chase.setAttribute("aria-label", `${view.name} on the road in perspective`);
         top.setAttribute("role", "img");
         top.setAttribute("aria-label", `${view.name} and the other vehicles on the road from above, to scale`);
         const words = element("p", "replay-reading");
         pane.append(title, chase, top, words);
-        return { pane, chase, top, words, view, colour: COLOURS.views[which] };
+        return { pane, chase, space, top, words, view, colour: COLOURS.views[which] };
       });
+      scene.extent = extentOf(scene);
+      camera.hidden = !panes[0].space;
+      ghosted.hidden = !panes[0].space || panes.length < 2;
       views.replaceChildren(...panes.map(({ pane }) => pane));
       whole = Math.max(...scene.views.map((view) => duration(view.ego))) || 1;
       slider.max = whole;
@@ -528,12 +598,15 @@ const sumoReplay = (() => {
     function draw() {
       if (!scene) return;
       const time = now;
-      for (const { chase, top, words, view, colour } of panes) {
+      const one = !ghosted.hidden && together.checked;
+      panes.forEach(({ chase, space, top, words, view, colour }, which) => {
         const held = Math.min(time, duration(view.ego));
-        drawChase(chase, scene, view, colour, held);
+        chase.hidden = one && which > 0;
+        if (!space) drawChase(chase, scene, view, colour, held);
+        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null);
         drawTop(top, scene, view, colour, held);
         words.textContent = reading(view, time);
-      }
+      });
       CHARTS.forEach((chart, k) => drawChart(canvases[k], chart, scene, time, whole));
       clock.textContent = `${time.toFixed(1)} s`;
     }
@@ -551,6 +624,11 @@ const sumoReplay = (() => {
       const tick = (clock) => {
         time += before === null ? 0 : (clock - before) / 1000 * Number(speed.value);
         before = clock;
+        if (time < whole && panes.some(({ space }) => space && space.busy())) { // drawing on would only queue up
+          frame = requestAnimationFrame(tick);
+          return undefined;
+        }
+        for (const { space } of panes) if (space) space.pace(clock / 1000);
         seek(Math.min(time, whole));
         if (time >= whole) return stop();
         frame = requestAnimationFrame(tick);
@@ -563,11 +641,13 @@ const sumoReplay = (() => {
     button.addEventListener("click", play);
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
+    camera.addEventListener("change", draw);
+    together.addEventListener("change", draw);
     window.addEventListener("resize", draw);
     return { show, stop, draw };
   }
 
-  return { player, ahead, at, onMap };
+  return { player, ahead, at, onMap, CAMERAS };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoReplay;

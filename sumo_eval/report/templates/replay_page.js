@@ -16,6 +16,6 @@
     actors: Object.entries(vehicles).filter(([vehicle]) => vehicle !== "ego").map(([vehicle, k]) => [vehicle, all[k]]),
   }));
   const player = sumoReplay.player(document.getElementById("replay"));
-  player.show({ road: data.road, views, ghosts: data.ghosts.map((k) => all[k]) });
+  player.show({ road: data.road, bodies: data.bodies, views, ghosts: data.ghosts.map((k) => all[k]) });
   document.documentElement.dataset.replay = "ready";
 })();

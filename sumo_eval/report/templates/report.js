@@ -650,7 +650,7 @@
     fill(select, [[-1, "nothing"], ...found.map(({ name }, k) => [k, name])], -1);
     const own = { name: view.item.ads, ego: view.ads, actors: view.actors, contact: contactOf(view.item) };
     const draw = () => player.show({
-      road: view.scenario.road, ghosts: view.drivers, views: [own, ...found.slice(Number(select.value), Number(select.value) + 1)].slice(0, Number(select.value) < 0 ? 1 : 2),
+      road: view.scenario.road, bodies: view.scenario.bodies, ghosts: view.drivers, views: [own, ...found.slice(Number(select.value), Number(select.value) + 1)].slice(0, Number(select.value) < 0 ? 1 : 2),
     });
     select.onchange = draw;
     draw();

@@ -1,0 +1,70 @@
+"""At the wheel: `drive` opens the browser for one drive or a whole study, and drives tapes again."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+
+
+@click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
+@click.argument("what", metavar="SCENARIO|TAPE.jsonl")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range).")
+@click.option("--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100.")
+@click.option("--out", type=click.Path(path_type=Path), default=Path("drives"), show_default=True, help="Folder.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="Of 127.0.0.1; 0: any.")
+@click.option("--no-browser", is_flag=True, help="Print the address and open nothing.")
+def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, no_browser: bool) -> None:
+    """Drive SCENARIO yourself, in 3-D, in the browser (extra `drive`).
+
+    A TAPE, the record of a drive, is driven again and compared with what came of it, byte by byte: exit status 1 where
+    they differ.
+    """
+    from sumo_eval.scenario.catalogue import find
+
+    if what.endswith(".jsonl"):
+        sys.exit(_again(Path(what)))
+    from sumo_eval.wheel.trip import concrete_of, opened, settings_at, trips
+
+    def told(address: str) -> None:
+        click.echo(f"Drive here, on this machine only: {address}")
+        if not no_browser:
+            click.launch(address)
+
+    logical = find(what, Path.cwd())
+    concrete, settings = concrete_of(logical, _numbers(values)), settings_at(rate)
+    where = (Path.cwd() / what).resolve() if what.endswith((".toml", ".xosc")) else what
+    asyncio.run(
+        opened(
+            f"Drive {logical.name}",
+            port,
+            lambda window: trips(window, logical, concrete, settings, out, str(where)),
+            told,
+        )
+    )
+
+
+def _numbers(texts: tuple[str, ...]) -> dict[str, float]:
+    from sumo_eval.errors import InputError
+
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"--set must have the form NAME=VALUE with a number, got {text!r}.") from None
+    return found
+
+
+def _again(path: Path) -> int:
+    """Drive a tape again and say whether the bytes are the same."""
+    from sumo_eval.wheel.again import again
+
+    found = again(path)
+    click.echo(found.sentence)
+    return DONE if found.same is not False else GATE_FAILED

@@ -1,0 +1,170 @@
+"""The tape of a drive: the command of every step, as it was given. Whoever drives it again gets the same bytes.
+
+A tape is a text file, a JSON value a line: a head, a row for each step, notes in between, and what came of it. A line
+is written when its step is driven, so a machine that goes down loses a step and no drive.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, TextIO
+
+from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.errors import ControllerError, InputError, must_be, said
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import SimulationSettings, VehicleSettings
+from sumo_eval.trajectory import CHANNELS, Recording
+
+FORMAT = 1
+ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
+"""Of a step: the command, m/s2 and rad; the state that the driver had seen; what hands and feet did; lateness, s."""
+
+
+class LeftTheWheelError(ControllerError):
+    """Whoever drives has ended the drive: by their own wish, or because nobody is there any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tape:
+    """head: what was driven and with what. rows: of `ROW`, a step each. notes: pauses and what else happened, by step.
+    came_of_it: end reason, digest and qualities; None where the machine went down before the end.
+    """
+
+    head: Mapping[str, Any]
+    rows: tuple[tuple[Any, ...], ...]
+    notes: tuple[Mapping[str, Any], ...]
+    came_of_it: Mapping[str, Any] | None
+
+    @property
+    def commands(self) -> list[tuple[float, float]]:
+        """(acceleration, steering) of every step."""
+        return [(row[0], row[1]) for row in self.rows]
+
+
+class Writer:
+    """A tape that is being written."""
+
+    def __init__(self, path: Path, head: Mapping[str, Any]) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file: TextIO = path.open("x", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"The drive cannot be kept in {path}: {said(error)}.") from error
+        self.path = path
+        self._line({"format": FORMAT, **head})
+
+    def row(self, row: tuple[Any, ...]) -> None:
+        """A step."""
+        self._line(row)
+
+    def note(self, step: int, what: str, **more: Any) -> None:
+        """Something that happened before a step."""
+        self._line({"note": what, "step": step, **more})
+
+    def end(self, came_of_it: Mapping[str, Any]) -> None:
+        """The drive is over."""
+        self._line({"end": dict(came_of_it)})
+        self._file.close()
+
+    def _line(self, value: Any) -> None:
+        self._file.write(json.dumps(value, separators=(",", ":"), allow_nan=False) + "\n")
+        self._file.flush()
+
+
+def read_tape(path: Path) -> Tape:
+    """A tape. Raises InputError naming file and line; a last line that was cut off in its middle is no fault."""
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"The tape {path} cannot be read: {said(error)}.") from error
+    values = []
+    for number, line in enumerate(lines, 1):
+        try:
+            values.append(json.loads(line))
+        except ValueError as error:
+            if number == len(lines):  # the empty one behind the last line break, or one that was cut off
+                break
+            raise InputError(f"Line {number} of {path} cannot be read: {said(error)}.") from error
+    if not values or not isinstance(values[0], dict) or values[0].get("format") != FORMAT:
+        raise InputError(f"{path} is no tape of a drive of format {FORMAT}.")
+    rows, notes, end = [], [], None
+    for number, value in enumerate(values[1:], 2):
+        if isinstance(value, list) and len(value) == len(ROW) and all(_finite(it) for it in value[:2]):
+            rows.append(tuple(value))
+        elif isinstance(value, dict) and "note" in value:
+            notes.append(value)
+        elif isinstance(value, dict) and isinstance(value.get("end"), dict):
+            end = value["end"]
+        else:
+            raise must_be(f"Line {number}", str(path), "a step, a note or the end of a drive", value)
+    return Tape(values[0], tuple(rows), tuple(notes), end)
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def settings_of(head: Mapping[str, Any]) -> SimulationSettings:
+    """The settings that a drive was simulated with, from the head of its tape."""
+    try:
+        given = dict(head["simulation"])
+        return SimulationSettings(**{**given, "vehicle": VehicleSettings(**given["vehicle"])})
+    except (KeyError, TypeError, InputError) as error:
+        raise InputError(f"The tape's head names no simulation that can be driven: {said(error)}.") from error
+
+
+def head_of(concrete: ConcreteScenario, settings: SimulationSettings) -> dict[str, Any]:
+    """What the head of a tape says of the simulation: enough to drive it again."""
+    plain = ("step", "record_interval", "time_limit", "standstill_speed", "standstill_time", "lane_change_duration")
+    return {
+        "scenario": concrete.scenario,
+        "values": dict(concrete.values),
+        "simulation": {
+            **{name: getattr(settings, name) for name in plain}, "vehicle": asdict(settings.vehicle),
+        },
+    }  # fmt: skip
+
+
+class Player:
+    """A tape at the wheel. left: it came to its end before the drive did."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._commands = iter(tape.commands)
+        self.left = False
+
+    def act(self, seen: object) -> Command:
+        """The next command; behind the last the drive is left, as it was."""
+        row = next(self._commands, None)
+        if row is None:
+            self.left = True
+            raise LeftTheWheelError("The tape is over")
+        return Command(*row)
+
+
+def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
+    """What comes of a tape's commands in its concrete scenario."""
+    player = Player(tape)
+    recording = simulate(concrete, player, settings_of(tape.head))
+    return with_quit(recording, left=player.left)
+
+
+def with_quit(recording: Recording, *, left: bool) -> Recording:
+    """The recording of a drive that was left has the end reason `quit`, which no ADS under test can give itself."""
+    return replace(recording, end_reason="quit", error=None, error_place="") if left else recording
+
+
+def digest(recording: Recording) -> str:
+    """SHA-256 of every vehicle's every sample, of the contact and of how the drive ended."""
+    found = hashlib.sha256()
+    for name, it in sorted({"ego": recording.ego, **recording.actors}.items()):
+        found.update(f"{name} {it.length!r} {it.width!r} {len(it)}".encode())
+        for channel in CHANNELS:
+            found.update(getattr(it, channel).tobytes())
+    found.update(f"{recording.collision!r} {recording.end_reason}".encode())
+    return found.hexdigest()

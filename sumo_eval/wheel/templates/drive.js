@@ -1,0 +1,521 @@
+// The page of a person at the wheel: draws what the server's loop is at, sends what hands and feet do, asks questions.
+// What is driven is decided by the server alone; this page never computes a step.
+"use strict";
+
+const sumoDrive = (() => {
+  const BITS = { left: 1, right: 2, drive: 4, brake: 8, hard: 16, evade: 32 };
+  const KEYS = {
+    ArrowLeft: "left", KeyA: "left", ArrowRight: "right", KeyD: "right", ArrowUp: "drive", KeyW: "drive", ArrowDown: "brake", KeyS: "brake",
+    Space: "hard", ShiftLeft: "evade", ShiftRight: "evade",
+  };
+  const DEAD = 0.06; // of a stick that is let go
+  const DROPPED = 50; // ms between two pictures from which one has been dropped
+  const TELL = 1000; // ms between two messages on how the page does
+  const AGAIN = 1000; // ms until a lost connection is tried again
+  const COLOURS = { me: "#0072b2", other: "#b26a00" };
+  const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
+
+  const stage = document.getElementById("stage");
+  let socket = null, over = false, drive = null, device = "keys", calibration = null, shown = null;
+
+  const element = (tag, className, text) => {
+    const made = document.createElement(tag);
+    if (className) made.className = className;
+    if (text !== undefined) made.textContent = text;
+    return made;
+  };
+  const say = (message) => { if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+
+  function kept(name, value) { // what the browser may remember; where it may not, nothing is lost but comfort
+    try {
+      if (value !== undefined) localStorage.setItem(name, JSON.stringify(value));
+      return JSON.parse(localStorage.getItem(name));
+    } catch { return null; }
+  }
+
+  // --- pages of text and questions -----------------------------------------------------------------------------------
+
+  function question(it) {
+    const set = element("fieldset");
+    set.append(element("legend", "", it.text));
+    if (it.kind === "scale") {
+      const row = element("div", "scale");
+      for (let value = it.low; value <= it.high; value++) {
+        const label = element("label"), input = element("input");
+        Object.assign(input, { type: "radio", name: it.key, value });
+        label.append(input, element("span", "", String(value)));
+        row.append(label);
+      }
+      const ends = element("div", "ends");
+      ends.append(element("span", "", it.least || ""), element("span", "", it.most || ""));
+      set.append(row, ends);
+      return { set, value: () => { const found = row.querySelector("input:checked"); return found ? Number(found.value) : null; } };
+    }
+    if (it.kind === "yes") {
+      const label = element("label"), input = element("input");
+      Object.assign(input, { type: "checkbox", name: it.key });
+      label.append(input, ` ${it.label}`);
+      set.append(label);
+      return { set, value: () => (input.checked ? true : null) };
+    }
+    const input = element(it.kind === "code" ? "input" : "textarea");
+    if (it.kind === "code") Object.assign(input, { type: "text", autocomplete: "off", spellcheck: false });
+    Object.assign(input, { name: it.key, maxLength: it.kind === "code" ? 20 : 1000 });
+    input.setAttribute("aria-label", it.text);
+    set.append(input);
+    return { set, value: () => input.value.trim() || (it.optional ? "" : null) };
+  }
+
+  async function sheet(view) {
+    const root = element("div", view.replay ? "sheet broad" : "sheet");
+    root.append(element("h1", "", view.title));
+    for (const text of view.lines || []) root.append(element("p", "", text));
+    const place = element("div");
+    if (view.replay) root.append(place);
+    const asked = (view.questions || []).map((it) => ({ ...question(it), key: it.key }));
+    root.append(...asked.map(({ set }) => set));
+    const wish = element("p", "wish"), row = element("div", "row");
+    wish.setAttribute("role", "alert");
+    for (const [name, label] of view.buttons || []) {
+      const button = element("button", row.children.length ? "" : "main", label);
+      button.type = "button";
+      button.addEventListener("click", () => {
+        const answers = { button: name };
+        for (const { key, value, set } of asked) {
+          const given = value();
+          if (given === null && name !== "skip") {
+            wish.textContent = "Please answer every question.";
+            set.scrollIntoView({ block: "center" });
+            return;
+          }
+          if (given !== null) answers[key] = given;
+        }
+        for (const each of row.children) each.disabled = true;
+        say({ answers });
+      });
+      row.append(button);
+    }
+    root.append(wish, row);
+    stage.replaceChildren(root);
+    if (view.replay) {
+      const all = await sumoEval.decodeTrajectories(view.replay.trajectories, view.replay.channels);
+      const views = view.replay.views.map(({ name, vehicles, contact }) => ({
+        name, contact, ego: all[vehicles.ego],
+        actors: Object.entries(vehicles).filter(([vehicle]) => vehicle !== "ego").map(([vehicle, k]) => [vehicle, all[k]]),
+      }));
+      sumoReplay.player(place).show({ road: view.replay.road, bodies: view.replay.bodies, views, ghosts: [], seen: "behind" });
+    }
+  }
+
+  // --- hands and feet ------------------------------------------------------------------------------------------------
+
+  const held = { keys: 0, mouse: { steer: 0, throttle: 0, brake: 0 } };
+
+  const pad = () => Array.from(navigator.getGamepads ? navigator.getGamepads() : []).find((it) => it && it.connected) || null;
+  const within = (value, low, high) => Math.min(high, Math.max(low, value));
+  const alive = (value) => (Math.abs(value) < DEAD ? 0 : Math.sign(value) * (Math.abs(value) - DEAD) / (1 - DEAD));
+
+  /** Of an axis or a button of a device: its share from rest to full, 0..1. */
+  function share(it, { axis, button, rest, full }) {
+    const value = axis === undefined ? it.buttons[button].value : it.axes[axis];
+    return full === rest ? 0 : within((value - rest) / (full - rest), 0, 1);
+  }
+
+  /** [kind, keys, steer, throttle, brake] as `messages.read` takes it. */
+  function sample() {
+    const it = device === "keys" || device === "mouse" ? null : pad();
+    if (device === "mouse") return ["stick", 0, held.mouse.steer, held.mouse.throttle, held.mouse.brake];
+    if (device === "wheel" && it && calibration) {
+      const { left, right, centre, axis, degrees } = calibration.steer, value = it.axes[axis];
+      const turn = (value - centre) / (value - centre > 0 === left - centre > 0 ? left - centre : centre - right);
+      const angle = within(turn, -1, 1) * degrees / 2 * Math.PI / 180;
+      return ["wheel", 0, angle, share(it, calibration.throttle), share(it, calibration.brake)];
+    }
+    if (device === "pad" && it) {
+      return ["stick", 0, within(-alive(it.axes[0]), -1, 1), within(it.buttons[7].value, 0, 1), within(it.buttons[6].value, 0, 1)];
+    }
+    return ["keys", held.keys, 0, 0, 0];
+  }
+
+  function onKey(event, down) {
+    if (!drive || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (drive.veil.hidden === false && down) return;
+    if (down && (event.code === "Escape" || event.code === "KeyP")) {
+      event.preventDefault();
+      drive.pause("key");
+      return;
+    }
+    const name = KEYS[event.code];
+    if (!name) return;
+    event.preventDefault();
+    const before = held.keys;
+    held.keys = down ? held.keys | BITS[name] : held.keys & ~BITS[name];
+    if (held.keys !== before) drive.send(event.timeStamp);
+  }
+
+  function letGo() {
+    held.keys = 0;
+    held.mouse = { steer: 0, throttle: 0, brake: 0 };
+  }
+
+  document.addEventListener("keydown", (event) => onKey(event, true));
+  document.addEventListener("keyup", (event) => onKey(event, false));
+  for (const name of ["blur", "pagehide"]) window.addEventListener(name, () => { letGo(); if (drive) drive.pause("hidden"); });
+  document.addEventListener("visibilitychange", () => { if (document.hidden) { letGo(); if (drive) drive.pause("hidden"); } });
+
+  // --- driving -------------------------------------------------------------------------------------------------------
+
+  class Drive {
+    constructor(view) {
+      this.view = view;
+      this.state = null;
+      this.arrived = 0;
+      this.held = true; // until the countdown is over
+      this.number = 0;
+      this.waiting = []; // [number, time stamp] of inputs that no state holds yet
+      this.answered = null; // the time stamp of one that the next picture shows
+      this.latency = [];
+      this.untold = { frames: 0, dropped: 0, latency: [] };
+      this.drawn = null;
+      this.mode = kept("camera") || "behind";
+      this.root = element("div", "drive");
+      this.canvas = element("canvas");
+      this.canvas.setAttribute("role", "img");
+      this.canvas.setAttribute("aria-label", "The road ahead");
+      this.hud = element("div", "hud");
+      this.readings = ["speed", "wanted", "gap", "TTC", "time"].map((name) => {
+        const box = element("div"), value = element("b");
+        box.append(value, element("small", "", name));
+        this.hud.append(box);
+        return value;
+      });
+      this.thin = element("div", "thin");
+      this.hud.append(this.thin);
+      this.count = element("div", "count");
+      this.veil = element("div", "veil");
+      const tools = element("div", "tools"), camera = element("select"), stop = element("button", "", "Pause");
+      camera.setAttribute("aria-label", "Camera");
+      camera.append(...sumoReplay.CAMERAS.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
+      camera.addEventListener("change", () => { this.mode = camera.value; kept("camera", this.mode); camera.blur(); });
+      stop.addEventListener("click", () => { this.pause("key"); stop.blur(); });
+      tools.append(camera, stop);
+      this.root.append(this.canvas, this.hud, this.count, tools, this.veil);
+      this.space = sumoScene.create(this.canvas);
+      this.plain = this.space ? null : this.canvas.getContext("2d");
+      if (this.space) this.space.steerable(() => this.mode === "free", () => {});
+      this.mouse();
+      stage.replaceChildren(this.root);
+      this.cover("start");
+      this.frame = requestAnimationFrame((now) => this.tick(now));
+      this.teller = setInterval(() => this.tell(), TELL);
+    }
+
+    close() {
+      cancelAnimationFrame(this.frame);
+      clearInterval(this.teller);
+      this.tell();
+    }
+
+    mouse() {
+      const turn = (event) => {
+        if (device !== "mouse") return;
+        const half = this.canvas.clientWidth / 2;
+        held.mouse.steer = within(-(event.clientX - half) / (0.8 * half), -1, 1);
+        held.mouse.throttle = event.buttons & 1 ? 1 : 0;
+        held.mouse.brake = event.buttons & 2 ? 1 : 0;
+        this.send(event.timeStamp);
+      };
+      for (const name of ["pointermove", "pointerdown", "pointerup"]) this.canvas.addEventListener(name, turn);
+      this.canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    }
+
+    /** What lies over the road while nothing moves: how to drive, and a way on. */
+    cover(why) {
+      const box = element("div"), { title, lines } = this.view;
+      box.append(element("h2", "", why === "start" ? title : "The drive is held"));
+      if (why === "start") for (const text of lines || []) box.append(element("p", "", text));
+      else box.append(element("p", "", why === "hidden" ? "The window was out of sight. Nothing has moved since." : "Nothing moves until you go on."));
+      const label = element("label", "", "Drive with "), choice = element("select");
+      choice.append(...[["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"]].map(([value, text]) => new Option(text, value, false, value === device)));
+      label.append(choice);
+      const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Go on");
+      const told = () => {
+        device = choice.value;
+        how.replaceChildren(...howTo(device));
+        row.querySelector(".calibrate").hidden = device !== "wheel";
+        go.disabled = device === "wheel" && !(calibration && pad() && pad().id === calibration.id);
+      };
+      const calibrate = element("button", "calibrate", "Calibrate");
+      const leave = element("button", "", "End this drive");
+      calibrate.addEventListener("click", () => this.calibrate(() => this.cover(why)));
+      go.addEventListener("click", () => this.start());
+      leave.addEventListener("click", () => { leave.disabled = go.disabled = true; say({ quit: true }); });
+      row.append(go, calibrate, leave);
+      choice.addEventListener("change", told);
+      box.append(label, how, row);
+      this.veil.replaceChildren(box);
+      this.veil.hidden = false;
+      calibration = calibration || kept("calibration");
+      told();
+      go.focus();
+    }
+
+    /** Rest, left, right, throttle, brake: at each step whatever has moved most since rest is what was meant. */
+    async calibrate(done) {
+      const box = element("div"), text = element("p"), next = element("button", "main", "Next");
+      const degrees = element("input");
+      Object.assign(degrees, { type: "number", value: (calibration && calibration.steer.degrees) || 900, min: 90, max: 1800 });
+      const label = element("label", "", "The wheel turns, from stop to stop, by degrees: ");
+      label.append(degrees);
+      box.append(element("h2", "", "Calibrate the steering wheel"), text, label, element("div", "row"));
+      box.lastChild.append(next);
+      this.veil.replaceChildren(box);
+      const step = (words) => {
+        text.textContent = words;
+        next.focus();
+        return new Promise((resolve) => { next.onclick = () => { const it = pad(); if (it) resolve({ id: it.id, axes: [...it.axes], buttons: it.buttons.map((one) => one.value) }); else text.textContent = `${words} (No device is seen; press one of its buttons.)`; }; });
+      };
+      const rest = await step("Press a button of the device, let go of everything, wheel straight.");
+      const left = await step("Turn the wheel all the way to the left and hold it there.");
+      const right = await step("Turn it all the way to the right and hold it there.");
+      const gas = await step("Let go of the wheel. Press the throttle all the way down and hold it.");
+      const stop = await step("Let go. Press the brake all the way down and hold it.");
+      const apart = left.axes.map((value, k) => Math.abs(value - right.axes[k])), axis = apart.indexOf(Math.max(...apart));
+      const moved = (now) => {
+        const changes = [...now.axes.map((value, k) => (k === axis ? 0 : Math.abs(value - rest.axes[k]))), ...now.buttons.map((value, k) => Math.abs(value - rest.buttons[k]))];
+        const k = changes.indexOf(Math.max(...changes)), count = now.axes.length;
+        return k < count ? { axis: k, rest: rest.axes[k], full: now.axes[k] } : { button: k - count, rest: rest.buttons[k - count], full: now.buttons[k - count] };
+      };
+      calibration = {
+        id: rest.id, steer: { axis, left: left.axes[axis], right: right.axes[axis], centre: rest.axes[axis], degrees: within(Number(degrees.value) || 900, 90, 1800) },
+        throttle: moved(gas), brake: moved(stop),
+      };
+      kept("calibration", calibration);
+      done();
+    }
+
+    start() {
+      this.veil.hidden = true;
+      say({ ready: true });
+      const begun = performance.now(), whole = 1000 * this.view.countdown;
+      const show = () => {
+        const left = Math.ceil((whole - (performance.now() - begun)) / 1000);
+        this.count.textContent = left > 0 && this.veil.hidden ? String(left) : "";
+        if (left > 0 && this.veil.hidden) setTimeout(show, 100);
+        else if (this.veil.hidden) this.held = false;
+      };
+      show();
+    }
+
+    pause(why) {
+      if (!this.veil.hidden) return;
+      this.held = true;
+      this.count.textContent = "";
+      say({ pause: why });
+      this.cover(why);
+    }
+
+    /** Send what hands and feet do now. stamp: of the event that changed it, ms. */
+    send(stamp = null) {
+      this.number += 1;
+      if (stamp !== null && !this.held) this.waiting.push([this.number, stamp]);
+      say({ input: [this.number, this.state ? this.state[0] : -1, ...sample()] });
+    }
+
+    take(state) {
+      this.state = state;
+      this.arrived = performance.now();
+      if (!this.held || device !== "keys") this.send();
+      while (this.waiting.length && this.waiting[0][0] <= state[2]) {
+        const [, stamp] = this.waiting.shift();
+        if (this.answered === null) this.answered = stamp;
+      }
+    }
+
+    /** Everybody where they are now: the last state, carried on by at most two steps, so that pictures between two states
+     *  do not stand still. */
+    bodies(now) {
+      const { scene, step } = this.view, ahead = this.held ? 0 : within((now - this.arrived) / 1000, 0, 2 * step);
+      const put = ([x, y, heading, speed, acceleration], it, more) => {
+        const [east, north, turned] = sumoReplay.onMap(scene.road, x + speed * Math.cos(heading) * ahead, y + speed * Math.sin(heading) * ahead, heading);
+        return { x: east, y: north, heading: turned, length: it.length, width: it.width, kind: it.kind, brakes: acceleration < -0.5, ...more };
+      };
+      const me = put(this.state[3], scene.ego, { colour: COLOURS.me, me: true });
+      return [me, ...this.state[4].map(([number, ...rest]) => put(rest, scene.others[number - 1], { colour: COLOURS.other }))];
+    }
+
+    tick(now) {
+      this.frame = requestAnimationFrame((later) => this.tick(later));
+      if (!this.state) return;
+      if (device === "pad" || device === "wheel") this.poll();
+      if (this.space && this.space.busy()) return;
+      const bodies = this.bodies(performance.now());
+      if (this.space) {
+        this.space.onRoad(this.view.scene.road, sumoReplay.onMap, this.view.scene.extent);
+        this.space.draw({ vehicles: bodies, camera: { mode: this.mode, about: bodies[0] } });
+        if (!this.held) this.space.pace(now / 1000);
+      } else this.above(bodies);
+      if (this.answered !== null) this.time(this.answered);
+      this.answered = null;
+      if (!this.held) {
+        if (this.drawn !== null) {
+          this.untold.frames += 1;
+          if (now - this.drawn > DROPPED) this.untold.dropped += 1;
+        }
+        this.drawn = now;
+      } else this.drawn = null;
+      this.read();
+    }
+
+    /** Devices that send no events: what moved since the last picture is timed from now. */
+    poll() {
+      const said = JSON.stringify(sample());
+      if (said !== this.polled) this.send(performance.now());
+      this.polled = said;
+    }
+
+    /** The picture is there once the graphics processor is done with it. */
+    time(stamp) {
+      const look = () => {
+        if (this.space && this.space.busy()) { setTimeout(look, 1); return; }
+        const took = performance.now() - stamp;
+        this.latency.push(took);
+        if (this.latency.length > 200) this.latency.shift();
+        if (this.untold.latency.length < 200) this.untold.latency.push(Math.round(10 * took) / 10);
+      };
+      look();
+    }
+
+    /** Without WebGL: the road from above. */
+    above(bodies) {
+      const { canvas, plain } = this, { road } = this.view.scene, [me] = bodies;
+      if (canvas.width !== canvas.clientWidth) canvas.width = canvas.clientWidth;
+      if (canvas.height !== canvas.clientHeight) canvas.height = canvas.clientHeight;
+      const scale = 7, [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
+      const px = ([x, y]) => [canvas.width / 2 - scale * ((y - me.y) * c - (x - me.x) * s), 0.75 * canvas.height - scale * ((x - me.x) * c + (y - me.y) * s)];
+      plain.fillStyle = "#c9d3c2";
+      plain.fillRect(0, 0, canvas.width, canvas.height);
+      const from = this.state[3][0] - 60, along = (d) => Array.from({ length: 120 }, (_, k) => px(sumoReplay.onMap(road, from + 2 * k, d)));
+      const line = (points, close) => {
+        plain.beginPath();
+        points.forEach(([x, y], k) => (k ? plain.lineTo(x, y) : plain.moveTo(x, y)));
+        if (close) plain.closePath();
+      };
+      line([...along(road.left), ...along(road.right).reverse()], true);
+      plain.fillStyle = "#9aa1a8";
+      plain.fill();
+      plain.strokeStyle = "#fff";
+      plain.lineWidth = 2;
+      for (let lane = 0; lane <= road.lanes; lane++) {
+        plain.setLineDash(lane && lane < road.lanes ? [3 * scale, 6 * scale] : []);
+        plain.lineDashOffset = -from * scale;
+        line(along(road.right + lane * road.laneWidth), false);
+        plain.stroke();
+      }
+      plain.setLineDash([]);
+      for (const it of bodies) {
+        const [cc, ss] = [Math.cos(it.heading), Math.sin(it.heading)];
+        line([[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) => px([it.x + (a * it.length * cc - b * it.width * ss) / 2, it.y + (a * it.length * ss + b * it.width * cc) / 2])), true);
+        plain.fillStyle = it.colour;
+        plain.fill();
+      }
+    }
+
+    read() {
+      const [, time, , [x, y, heading, speed], others] = this.state, { scene, wanted } = this.view;
+      let gap = Infinity, closing = 0;
+      for (const [number, ox, oy, turned, their] of others) {
+        const it = scene.others[number - 1], free = ox - x - (scene.ego.length + it.length) / 2;
+        if (ox > x && Math.abs(oy - y) < (scene.ego.width + it.width) / 2 && free < gap) [gap, closing] = [free, speed * Math.cos(heading) - their * Math.cos(turned)];
+      }
+      const ttc = closing > 0.1 ? gap / closing : Infinity, ordered = [...this.latency].sort((a, b) => a - b);
+      const part = (share) => (ordered.length ? `${ordered[Math.min(ordered.length - 1, Math.floor(share * ordered.length))].toFixed(0)}` : "–");
+      [`${(3.6 * speed).toFixed(0)} km/h`, `${(3.6 * wanted).toFixed(0)} km/h`, gap < 300 ? `${gap.toFixed(0)} m` : "–", ttc < 30 ? `${ttc.toFixed(1)} s` : "–", `${time.toFixed(1)} s`]
+        .forEach((words, k) => { if (this.readings[k].textContent !== words) this.readings[k].textContent = words; });
+      const rate = this.space ? `${(1 / this.space.interval()).toFixed(0)} pictures/s · ` : "";
+      const words = `${rate}input to picture ${part(0.5)} ms, 95 % within ${part(0.95)} ms`;
+      if (this.thin.textContent !== words) this.thin.textContent = words;
+    }
+
+    tell() {
+      const { untold } = this;
+      if (!untold.frames && !untold.latency.length) return;
+      this.untold = { frames: 0, dropped: 0, latency: [] };
+      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : 1, renderer: this.space ? (this.space.slow ? "software WebGL" : "WebGL") : "plain drawing" } });
+    }
+  }
+
+  function howTo(kind) {
+    if (kind === "keys") {
+      const table = element("table");
+      for (const [keys, what] of [["← →  or  A D", "steer; let go, and the wheel goes back"], ["↑  or  W", "accelerate"], ["↓  or  S", "brake"], ["Space", "brake as hard as the car can"], ["Shift", "with ← →: steer harder, to evade"], ["P  or  Esc", "hold the drive"]]) {
+        const row = element("tr"), left = element("td");
+        left.append(element("kbd", "", keys));
+        row.append(left, element("td", "", what));
+        table.append(row);
+      }
+      return [table];
+    }
+    return [document.createTextNode({
+      pad: "Left stick steers, right trigger accelerates, left trigger brakes. Press a button of the gamepad once, so that the browser shows it.",
+      wheel: "The steering wheel turns as far as yours does. It must be calibrated once on this machine.",
+      mouse: "Left and right of the middle steers, the left button accelerates, the right one brakes.",
+    }[kind])];
+  }
+
+  // --- the connection ------------------------------------------------------------------------------------------------
+
+  function token() {
+    const given = location.hash.slice(1);
+    try {
+      if (given) sessionStorage.setItem("token", given);
+      history.replaceState(null, "", location.pathname);
+      return given || sessionStorage.getItem("token") || "";
+    } catch { return given; }
+  }
+
+  function leave() {
+    if (drive) drive.close();
+    drive = null;
+  }
+
+  function show(view) {
+    leave();
+    shown = view.show;
+    if (view.show === "drive") drive = new Drive(view);
+    else if (view.show === "sheet") sheet(view);
+    else if (view.show === "wait") sheet({ title: "One moment", lines: ["The next drive is being prepared."] });
+    else if (view.show === "over") { over = true; sheet(view); }
+    document.documentElement.dataset.shown = view.show;
+  }
+
+  function connect(secret) {
+    socket = new WebSocket(`ws://${location.host}/wheel`);
+    socket.addEventListener("open", () => say({ token: secret }));
+    socket.addEventListener("message", (event) => {
+      const message = JSON.parse(event.data);
+      if (message.state) { if (drive) drive.take(message.state); } else show(message);
+    });
+    socket.addEventListener("close", (event) => {
+      leave();
+      if (over) return;
+      document.documentElement.dataset.shown = "lost";
+      if (REASONS[event.code]) {
+        sheet({ title: "This window cannot drive", lines: [event.reason || "The server has shut it out."] });
+        document.documentElement.dataset.shown = REASONS[event.code];
+        return;
+      }
+      sheet({ title: "The connection is lost", lines: ["Nothing that was recorded is lost. This page tries again by itself; is the program still running in the terminal?"] });
+      setTimeout(() => connect(secret), AGAIN);
+    });
+  }
+
+  connect(token());
+  return {
+    get state() { return drive && drive.state; },
+    get latency() { return drive ? [...drive.latency] : []; },
+    get interval() { return drive && drive.space ? drive.space.interval() : null; },
+    get resolution() { return drive && drive.space ? drive.space.resolution() : null; },
+    get shown() { return shown; },
+  };
+})();

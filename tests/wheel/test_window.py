@@ -1,0 +1,230 @@
+"""The server: who may talk to it, what it does with those who may not, and a drive through it, with nothing lost."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+websockets = pytest.importorskip("websockets")
+from websockets.asyncio.client import connect  # noqa: E402
+from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
+
+from sumo_eval.cosim import simulate  # noqa: E402
+from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
+from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
+from sumo_eval.scenario import catalogue  # noqa: E402
+from sumo_eval.wheel.again import again  # noqa: E402
+from sumo_eval.wheel.hands import Given, Hands  # noqa: E402
+from sumo_eval.wheel.page import drive_view, page  # noqa: E402
+from sumo_eval.wheel.tape import LeftTheWheelError, digest, read_tape, with_quit  # noqa: E402
+from sumo_eval.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
+from sumo_eval.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
+
+LOGICAL = catalogue.load("front_vehicle_cut_out")
+CONCRETE = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 5.0, "gap": 40.0})
+SETTINGS = settings_at(20)
+
+
+async def asked(window: Window, text: str) -> str:
+    reader, writer = await asyncio.open_connection("127.0.0.1", window.port)
+    writer.write(text.replace("\n", "\r\n").encode() + b"\r\n\r\n")
+    answer = (await asyncio.wait_for(reader.read(400_000), 5.0)).decode()
+    writer.close()
+    return answer
+
+
+def opened(window: Window, **more: Any) -> Any:
+    origin = f"http://127.0.0.1:{window.port}"
+    return connect(f"ws://127.0.0.1:{window.port}/wheel", **{"origin": origin, "proxy": None, **more})
+
+
+async def known(window: Window) -> Any:
+    peer = await opened(window)
+    await peer.send(json.dumps({"token": window.token}))
+    return peer
+
+
+async def closing(peer: Any, *texts: str | bytes) -> int:
+    """With what code the server shuts somebody out who says this."""
+    try:
+        for text in texts:
+            await peer.send(text)
+        while True:
+            await asyncio.wait_for(peer.recv(), 10.0)
+    except ConnectionClosed:
+        return int(peer.close_code)
+
+
+def test_only_its_own_page_at_its_own_address_may_talk() -> None:
+    async def body() -> None:
+        async with Window(page("Drive")) as window:
+            good = f"GET / HTTP/1.1\nHost: 127.0.0.1:{window.port}"
+            answer = await asked(window, good)
+            assert answer.startswith("HTTP/1.1 200")
+            assert "frame-ancestors 'none'" in answer
+            assert "no-store" in answer
+            assert "{nonce}" not in answer
+            assert window.token not in answer
+            for host in ("evil.example", "127.0.0.1", f"evil.example:{window.port}", ""):
+                assert "HTTP/1.1 421" in await asked(window, f"GET / HTTP/1.1\nHost: {host}")
+            for path in ("/../../etc/passwd", "/favicon.ico", "/wheel/..", "//", "/?a=b"):
+                assert "HTTP/1.1 404" in await asked(window, f"GET {path} HTTP/1.1\nHost: 127.0.0.1:{window.port}")
+            for origin in ("http://evil.example", "null", None):
+                with pytest.raises(InvalidStatus, match="403"):
+                    await opened(window, origin=origin)
+
+    asyncio.run(body())
+
+
+def test_the_token_opens_and_nothing_else() -> None:
+    async def body() -> None:
+        async with Window(page("Drive")) as window:
+            for text in ('{"token": "ä"}', json.dumps({"token": window.token[:-1]}), '{"ready": true}'):
+                assert await closing(await opened(window), text) == UNKNOWN
+            assert await closing(await opened(window), "no json") == WRONG
+            assert await closing(await opened(window), "x" * 9000) == 1009
+            first = await known(window)
+            await window.show({"show": "sheet", "title": "here"})
+            assert json.loads(await first.recv())["title"] == "here"
+            assert await closing(await known(window)) == TAKEN
+            await first.close()
+            again_ = await known(window)  # whoever comes back sees what was to be seen
+            assert json.loads(await again_.recv())["title"] == "here"
+
+    asyncio.run(body())
+
+
+def answer_of(state: list[Any]) -> Given:
+    """A driver at the stick: keeps off the obstacle to the left, then straight; no function but + - * / in it."""
+    _, time, _, (x, y, heading, speed, _, _), others = state
+    wanted = 3.5 if any(0.0 < other[1] - x < 60.0 and other[0] == 2 for other in others) or time > 3.0 else 0.0
+    steer = 0.12 * (wanted - y) - 1.6 * heading
+    return Given("stick", 0, min(max(steer, -1.0), 1.0), 0.2 if speed < 20.0 else 0.0, 0.0)
+
+
+class AtTheDoor:
+    """That driver as an ADS at the harness's own door."""
+
+    def __init__(self) -> None:
+        self._hands, self._tick = Hands(SETTINGS.vehicle, SETTINGS.step), 0
+
+    def act(self, seen: Observation) -> Command:
+        me, others = seen.ego, sorted(seen.vehicles, key=lambda it: it.number)
+        state = [
+            self._tick, round(seen.time, 6), 0, [me.x, me.y, me.heading, me.speed, me.acceleration, 0.0],
+            [[it.number, it.x, it.y, it.heading, it.speed, it.acceleration] for it in others],
+        ]  # fmt: skip
+        self._tick += 1
+        return self._hands.command(answer_of(state), me.speed)
+
+
+async def driven(window: Window, path: Path, stop_at: int | None = None, **more: Any) -> tuple[Any, Any]:
+    view = drive_view(CONCRETE, SETTINGS, "drive", ())
+    drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+    peer = await known(window)
+    number = 0
+    async for text in peer:
+        message = json.loads(text)
+        if message.get("show") == "drive":
+            await peer.send('{"ready": true}')
+        if "state" not in message:
+            continue
+        state = message["state"]
+        if stop_at is not None and state[0] >= stop_at:
+            for part in more.get("says", ('{"quit": true}',)):
+                await peer.send(part)
+            break
+        number += 1
+        given = answer_of(state)
+        await peer.send(json.dumps({"input": [number, state[0], *given]}))
+        if drive.done():
+            break
+    return await asyncio.wait_for(drive, 60.0)
+
+
+def finish(window: Window, path: Path, **more: Any) -> Any:
+    """Drive until the end: the loop in which states are read ends with the drive."""
+
+    async def body() -> Any:
+        async with window:
+            task = asyncio.create_task(driven(window, path, **more))
+            while not task.done():
+                await asyncio.sleep(0.02)
+                if path.exists() and '{"end"' in path.read_text()[-4000:]:
+                    break
+            await window.__aexit__() if not task.done() else None
+            return await asyncio.wait_for(task, 30.0)
+
+    return asyncio.run(body())
+
+
+def test_a_drive_through_the_window_is_the_same_driver_at_the_door_to_the_bit(tmp_path: Path) -> None:
+    """Each step waits for the answer to its own state: no tick between them, and nothing differs. The tape driven again
+    comes to the same bytes as well; with one command less it does not.
+    """
+    path = tmp_path / "drive.jsonl"
+    recording, quality = finish(Window(page("Drive"), countdown=0.0, paced=False), path)
+    door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
+    assert recording.end_reason == door.end_reason == "road_end"
+    assert max(recording.ego.y) > 3.0
+    assert digest(recording) == digest(door)
+    assert again(path).same is True
+    tape = read_tape(path)
+    assert all(row[2] == step for step, row in enumerate(tape.rows))
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:30], *lines[31:]]) + "\n")
+    assert again(path).same is False
+    assert (quality.end, quality.event) == ("road_end", 0.0)
+
+
+def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_a_sentence(tmp_path: Path) -> None:
+    for name, says in (("quit", ('{"quit": true}',)), ("wrong", ('{"input": [NaN]}',))):
+        path = tmp_path / f"{name}.jsonl"
+        recording, _ = finish(Window(page("Drive"), countdown=0.0, paced=False), path, stop_at=12, says=says)
+        assert (recording.end_reason, recording.error) == ("quit", None)
+        assert len(read_tape(path).rows) == 12
+        assert again(path).same is True
+        said = read_tape(path).came_of_it["error"]  # type: ignore[index]
+        assert said == ("quit" if name == "quit" else "An input must be a list of 7.")
+
+
+class Gone:
+    def act(self, seen: object) -> Command:
+        raise LeftTheWheelError("x")
+
+
+def test_no_ads_can_end_its_case_by_quitting() -> None:
+    found = simulate(CONCRETE, Gone(), SETTINGS)
+    assert found.end_reason == "ads_error"
+    assert with_quit(found, left=True).end_reason == "quit"
+
+
+def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path: Path) -> None:
+    path = tmp_path / "drive.jsonl"
+    finish(Window(page("Drive"), countdown=0.0, paced=False), path, stop_at=8)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:6]) + "\n[0.1,0.0,5")
+    found = again(path)
+    assert found.same is None
+    assert found.recording.end_reason == "quit"
+    assert "broke off" in found.sentence
+    from sumo_eval.errors import InputError
+
+    for text in ("", "{}", '{"format":1}\n[1]\n', '{"format":1}\nnonsense\n{}\n', '{"format":1}\n'):
+        path.write_text(text)
+        with pytest.raises(InputError, match=r"drive\.jsonl|tape"):
+            again(path)
+
+
+def test_who_sends_too_much_is_shut_out() -> None:
+    async def body() -> None:
+        async with Window(page("Drive")) as window:
+            peer = await known(window)
+            assert await closing(peer, *['{"ready": true}'] * 3000) == FLOODED
+            assert "messages a second" in window.faults[0]
+
+    asyncio.run(body())
