@@ -29,6 +29,7 @@ from sumo_eval.report.words import (
     cases_of,
     collision_shares,
     collision_words,
+    count,
     drivers_are_synthetic,
     drivers_sentence,
     explain_a,
@@ -42,6 +43,7 @@ from sumo_eval.report.words import (
     interval_words,
     likeness_means,
     number,
+    outcome,
     percent,
     point,
     reason_without_d,
@@ -115,7 +117,6 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
             _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario])
             for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
         ],
-        "outcomes": OUTCOMES,
         "looks": LOOKS,
         "prevented": preventability(evaluation),
         "reference": reference_ads(settings),
@@ -144,18 +145,33 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "setting_groups": setting_rows(settings),
         "origin": _origin(evaluation),
         "folder": evaluation.folder,
+        "badges": _badges(evaluation, beside, len(missing)),
         "css": asset("report.css"),
+        "page_js": asset("page.js"),
         "plotly": packed(get_plotlyjs()),
         "field_js": asset("field.js"),
         "scene_js": asset("scene3d.js"),
         "replay_js": asset("replay.js"),
         "replay_css": asset("replay.css"),
+        "maps_js": asset("maps.js"),
         "report_js": asset("report.js"),
         "data": packed_json(data),
     }
     found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
     shown = [(section, content) for section, content in found if content is not None]
     return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
+
+
+def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:
+    """What a folded section says of itself in a few words where a reader should not miss it."""
+    avoidable = sum(case.avoidable for case in evaluation.cases)
+    failed = sum(gate.passed is False for gate in beside.gates)
+    told = {
+        "missing": count(missing, "case") if missing else "",
+        "collisions": f"{avoidable} avoidable" if avoidable else "",
+        "change": f"{count(failed, 'gate')} failed" if failed else "",
+    }
+    return {name: words for name, words in told.items() if words}
 
 
 def _group(
@@ -178,10 +194,10 @@ def _group(
         "rows": [_row(score, evaluation) for score in evaluation.scores if score.scenario == logical.name],
         "zone": zone,
         "map_words": view.words,
-        "slices": [] if view.projected else [logical.parameters[column].name for column in view.fixed],
         "looks": [verdict for verdict in LOOKS if verdict in found],
-        "map_note": view.note,
+        "map_note": "" if view.projected or view.fixed else view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
+        "outcomes": [found for found in OUTCOMES if found in {outcome(case) for case in cases}],
         "has_collisions": any(case.collided for case in cases),
         "has_index": any(case.index is not None for case in cases),
         "share_of_space": percent(sum(zones.zone_shares)),

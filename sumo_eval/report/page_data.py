@@ -21,6 +21,7 @@ from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Store, open_store
+from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.report.words import (
@@ -67,6 +68,8 @@ MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 1
 FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
+LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
+LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
 MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
@@ -112,6 +115,7 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
             "superposition": anthropomorphic.field.superposition,
         },
         "channels": CHANNEL_STEPS,
+        "folder": str(evaluation.folder),
         "severityUnit": severity_unit(evaluation.settings),
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
         "embedded": len(embedded.points),
@@ -183,9 +187,21 @@ def _scenario(
             "y": view.y,
             "panel": view.panel,
             "panels": list(view.panels),
+            "fixed": {str(column): value for column, value in view.fixed.items()},
             "slice": {str(column): value for column, value in telling_slice(view, cases).items()},
         },
         "maps": [zone_map(zones, view, panel) for panel in range(len(view.panels))],
+        "lattice": lattice(zones),
+        "groups": [
+            {
+                "ads": group.ads,
+                "kind": group.kind,
+                "words": group.words,
+                "cases": list(group.cases),
+                "ranges": {name: list(range_) for name, range_ in group.ranges.items()},
+            }
+            for group in failure_groups(logical, cases)
+        ],
         "mostDangerous": [
             {
                 "values": logical.row(values).tolist(),
@@ -369,6 +385,30 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
         "gp": _levels(zones.predicted(rows)),
         "exact": _levels(exact_target(logical, rows, zones.settings)),
         "impossible": [] if view.y is None else _impossible(logical, view, panel, ticks),
+    }
+
+
+def lattice(zones: ZonePartition) -> dict[str, Any] | None:
+    """The zones on a lattice over the whole space, from which the page draws any slice; None for one parameter.
+
+    size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last parameter fastest.
+    possible: a byte for each point, 0 where a constraint rules it out.
+    """
+    logical = zones.logical
+    k = len(logical.parameters)
+    if k < 2:
+        return None
+    size = max(LEAST_LATTICE, min(MOST_LATTICE, int(LATTICE_POINTS ** (1.0 / k))))
+    if size**k > 4 * LATTICE_POINTS:
+        return None
+    ticks = np.linspace(0.0, 1.0, size)
+    unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)
+    rows = np.clip(logical.from_unit(unit), logical.low, logical.high)
+    return {
+        "size": size,
+        "gp": _levels(zones.predicted(rows)),
+        "exact": _levels(exact_target(logical, rows, zones.settings)),
+        "possible": packed_bytes(logical.feasible(rows).astype(np.uint8).tobytes()),
     }
 
 

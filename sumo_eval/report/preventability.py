@@ -30,12 +30,12 @@ class Look:
 
 LOOKS: Mapping[Verdict, Look] = {
     "avoided": Look("avoided", "", "#d3e6f3", "#1b1f24"),
-    "better": Look("avoided, the reference collided", "+", "#3f8fc6", "#ffffff"),
+    "better": Look("avoided, the reference collided", "+", "#2b74a8", "#ffffff"),
     "preventable": Look("preventable collision", "P", "#b23c00", "#ffffff"),
     "unpreventable": Look("unpreventable collision", "U", "#f2b97c", "#1b1f24"),
     "undecided": Look("collision, reference not known", "?", "#e0cfdc", "#1b1f24"),
     "off road": Look("off road", "R", "#8a3d74", "#ffffff"),
-    "not evaluated": Look("not evaluated", "–", "#7b8590", "#ffffff"),
+    "not evaluated": Look("not evaluated", "–", "#69727c", "#ffffff"),
 }
 
 

@@ -17,6 +17,7 @@ from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
+from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
 from sumo_eval.report.words import interval_words, number, point
 from sumo_eval.results import Evaluation
@@ -45,16 +46,26 @@ Content = Callable[[Evaluation, Beside], Mapping[str, Any] | None]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """One section: name of its template and anchor, words in the navigation, and what only it needs to know."""
+    """One section: name of its template and anchor, words in the navigation, and what only it needs to know.
+
+    about: what a reader finds in it, beside its title while it is folded. folded: whether it opens on demand.
+    """
 
     name: str
     title: str
     content: Content
+    about: str = ""
+    folded: bool = True
 
 
 def always(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
     """A section that is there in every report and needs nothing of its own."""
     return {}
+
+
+def summary_section(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]:
+    """The first screen."""
+    return summary_content(evaluation, beside.comparison, beside.gates)
 
 
 def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] | None:
@@ -182,20 +193,25 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
 
 
 SECTIONS = (
-    Section("change", "Change", change_content),
-    Section("verdict", "Verdict", always),
-    Section("ranking", "Ranking", ranking_content),
-    Section("ledger", "Ledger", ledger_content),
-    Section("maps", "Zone maps", always),
-    Section("case", "One case", always),
-    Section("likeness", "Human-likeness", always),
-    Section("people", "The drivers", lambda evaluation, _: people_context(evaluation)),
-    Section("opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder)),
-    Section("collisions", "Collisions", always),
-    Section("preventability", "Preventability", always),
-    Section("missing", "Not evaluated", always),
-    Section("confidence", "Confidence", confidence_section),
-    Section("zones", "Zones", always),
-    Section("glossary", "Glossary", always),
-    Section("settings", "Settings", always),
+    Section("summary", "In short", summary_section, folded=False),
+    Section("change", "Change", change_content, "gates, cases that flipped, differences since the last run"),
+    Section("verdict", "Scores", always, "every score with its interval, and why it is what it is"),
+    Section("ranking", "Ranking", ranking_content, "the order of the ADSs, and which differences may be chance"),
+    Section("ledger", "Ledger", ledger_content, "where the points of each score went"),
+    Section(
+        "maps", "Maps and cases", always, "every case in its place; choose axes and slices, filter, groups of failures"
+    ),
+    Section("case", "One case", always, "replay, paths, speed, fields and measures of a case"),
+    Section("likeness", "Human-likeness", always, "H, D and their factors, case by case"),
+    Section("people", "The drivers", lambda evaluation, _: people_context(evaluation), "how human the humans are"),
+    Section(
+        "opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder), "what people gave the ADSs"
+    ),
+    Section("collisions", "Collisions", always, "every collision and what it cost"),
+    Section("preventability", "Preventability", always, "which collisions the reference avoids"),
+    Section("missing", "Not evaluated", always, "cases that left the means, and why"),
+    Section("confidence", "Confidence", confidence_section, "where the intervals come from, what the cases cover"),
+    Section("zones", "Zones", always, "safe and hazardous parts of each space"),
+    Section("glossary", "Glossary", always, "every term in plain words"),
+    Section("settings", "Settings", always, "readings of the method, every setting, how to reproduce"),
 )

@@ -134,7 +134,10 @@ def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
 @pytest.fixture(scope="module")
 def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with Page(tmp_path_factory.mktemp("profile")) as page:
-        page.open(report.as_uri(), "document.documentElement.dataset.fields === 'drawn'")
+        page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
+        assert page.run("document.documentElement.scrollHeight") <= 3 * 900, "three screens before anything is unfolded"
+        page.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
+        page.wait("document.documentElement.dataset.fields === 'drawn'")
         yield page
 
 
@@ -145,8 +148,8 @@ def test_the_report_opens_without_an_error_and_without_a_request(opened: Page, r
     assert outside == [report.as_uri()]
     assert opened.run("document.getElementById('failure').hidden")
     assert (
-        opened.run("document.querySelectorAll('script, img, iframe, link').length") == 7
-    )  # 5 scripts, the icon and Plotly unpacked
+        opened.run("document.querySelectorAll('script, img, iframe, link').length") == 9
+    )  # 7 scripts, the icon and Plotly unpacked
     assert opened.run("document.querySelectorAll('.js-plotly-plot').length") >= 10
 
 
@@ -242,19 +245,111 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
             case["values"].append(values[number % 5 == 0])
     scenario["view"]["slice"] = {"2": 1.0, "3": 3.0}
     page = with_packed(text, "report-data", json.dumps(data))
-    selects = '<select data-slice="extra"></select><select data-slice="other"></select>'
-    page = page.replace('data-prevented="0">', f'data-prevented="0">{selects}', 1)
+    scenario["lattice"] = None  # that of the two parameters it had
+    page = with_packed(text, "report-data", json.dumps(data))
     (tmp_path / "slices.html").write_text(page, encoding="utf-8")
-    moved = [case for number, case in enumerate(scenario["cases"]) if number % 5 == 0 and case["ads"] == builders.CALM]
+    own = [case for case in scenario["cases"] if case["ads"] == builders.CALM]
+    moved = [case for case in own if case["values"][2] == 2.0]
+    card = """document.querySelector('[data-prevented="0"]')"""
     with Page(tmp_path / "profile") as opened:
         opened.open((tmp_path / "slices.html").as_uri(), "document.documentElement.dataset.report === 'ready'")
-        shown = """(() => { const data = document.querySelector('[data-prevented="0"] .plot').data[0];
-            return (data.type === 'heatmap' ? data.z.flat().filter((z) => z !== null) : data.x).length; })()"""
-        before = opened.run(shown)
-        opened.run("""document.querySelectorAll('[data-slice]').forEach((select) => {
-            select.selectedIndex = 1; select.dispatchEvent(new Event('change', { bubbles: true })); })""")
-        assert opened.run(shown) == len(moved) != before
+        opened.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
+        opened.wait(f"{card}.querySelectorAll('.slider').length === 2 && {card}.querySelector('.plot').data")
+        shown = f"""(() => {{ const data = {card}.querySelector('.plot').data[0];
+            return (data.type === 'heatmap' ? data.z.flat().filter((z) => z !== null) : data.x).length; }})()"""
+        assert opened.run(shown) == len(own) - len(moved)
+        opened.run(f"""{card}.querySelectorAll('.slider input').forEach((slider) => {{
+            slider.value = 1; slider.dispatchEvent(new Event('input', {{ bubbles: true }})); }})""")
+        assert opened.run(shown) == len(moved)
+        assert f"{len(moved)} of {len(own)} cases" in opened.run(f"{card}.querySelector('.slice-note').textContent")
+        opened.run(f"""{card}.querySelectorAll('.slider select').forEach((select) => {{
+            select.value = 'all'; select.dispatchEvent(new Event('change')); }})""")
+        assert opened.run(shown) == len(own)
+        opened.run(f"""(() => {{ const axis = {card}.querySelector('[data-axis=x]');
+            axis.value = '2'; axis.dispatchEvent(new Event('change')); }})()""")
+        assert opened.run(f"{card}.querySelector('.plot').layout.xaxis.title.text") == "extra, m"
         assert opened.problems == []
+
+
+@needs_chromium
+def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
+    opened: Page, evaluation: Evaluation
+) -> None:
+    card = """document.querySelector('[data-map="1"]')"""
+    opened.run(f"""(() => {{ const beside = {card}.querySelector('[data-beside]');
+        beside.selectedIndex = 1; beside.dispatchEvent(new Event('change')); }})()""")
+    assert opened.run(f"{card}.querySelectorAll('.beside > div').length") == 2
+    opened.run(f"""(() => {{ const by = {card}.querySelector('[data-by=outcome]');
+        by.value = 'collision'; by.dispatchEvent(new Event('change')); }})()""")
+    hits = [case for case in evaluation.cases if case.scenario == builders.SCENARIOS[1] and case.collided]
+    drawn = f"""[...{card}.querySelectorAll('.plot')].flatMap((plot) => plot.data)
+        .filter((trace) => ['no contact', 'collision', 'off road', 'not evaluated'].includes(trace.name))
+        .flatMap((trace) => trace.x).length"""
+    assert opened.run(drawn) == len(hits)
+    opened.run(f"{card}.querySelector('[data-cases]').open = true")
+    opened.wait(f"{card}.querySelectorAll('.case-list tbody tr').length === {min(15, len(hits))}")
+    ids = opened.run(f"[...{card}.querySelectorAll('.case-list .case-id')].map((link) => link.textContent)")
+    assert set(ids) <= {case.case for case in hits}
+    opened.run(f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()")
+    assert opened.problems == []
+
+
+CONTRAST = """(() => {
+    const light = (colour) => colour.map((v) => v / 255)
+        .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+    const numbers = (text) => text.match(/[\\d.]+/g).map(Number);
+    const behind = (element) => {
+        for (let at = element; at; at = at.parentElement) {
+            const colour = numbers(getComputedStyle(at).backgroundColor);
+            if ((colour[3] ?? 1) > 0.99) return colour.slice(0, 3);
+        }
+        return [255, 255, 255];
+    };
+    const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    while (walker.nextNode()) {
+        const element = walker.currentNode.parentElement;
+        if (!walker.currentNode.textContent.trim() || !element.getClientRects().length) continue;
+        if (element.closest("svg, script, option")) continue;
+        const [a, b] = [light(numbers(getComputedStyle(element).color).slice(0, 3)), light(behind(element))];
+        const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        const words = walker.currentNode.textContent.trim().slice(0, 40);
+        if (ratio < 4.5) found.push([element.tagName, element.className, words, ratio]);
+    }
+    return found;
+})()"""
+
+
+@needs_chromium
+def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> None:
+    for theme in ("Dark", "Light"):
+        opened.run(
+            f"[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === '{theme}').click()"
+        )
+        assert opened.run("document.documentElement.dataset.theme") == theme.lower()
+        assert opened.run(CONTRAST) == []
+    assert opened.problems == []
+
+
+@needs_chromium
+def test_every_chart_can_be_saved(opened: Page) -> None:
+    charts = "[...document.querySelectorAll('.js-plotly-plot')].filter((plot) => plot.clientWidth)"
+    assert opened.run(
+        f"{charts}.every((plot) => plot.closest('figure, .panel').querySelectorAll('.save button').length === 3)"
+    )
+    opened.run("""window.saved = [];
+        URL.createObjectURL = (blob) => { blob.text()
+            .then((text) => window.saved.push(text)); return '#'; };
+        HTMLAnchorElement.prototype.click = function () {}; null""")
+    opened.run(
+        "document.querySelectorAll('[data-map=\"0\"] .save button')"
+        ".forEach((b, k) => { if (k === 0 || k === 2) b.click(); })"
+    )
+    opened.wait("window.saved.length === 2")
+    saved = opened.run("window.saved.sort()")
+    assert any(text.startswith("<svg") for text in saved)
+    assert any(text.startswith("series,case,x,y,value\r\n") and builders.CALM in text for text in saved)
+    assert opened.problems == []
 
 
 @needs_chromium
@@ -299,7 +394,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
 
 
 @needs_chromium
-@pytest.mark.parametrize("width", [390, 1300])
+@pytest.mark.parametrize("width", [390, 1400, 2560])
 def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
     opened.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
     opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)  # charts follow the window a little later

@@ -140,7 +140,9 @@ def test_d_that_was_not_computed_is_said_with_its_reason(evaluation: Evaluation,
 def test_the_drivers_are_called_synthetic_and_only_when_they_are(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str
 ) -> None:
-    assert visible(page).count("synthetic: drawn from distributions fitted to recorded traffic. They are not") == 2
+    assert (
+        visible(page).count("synthetic: drawn from distributions fitted to recorded traffic. They are not") == 3
+    )  # first screen, scores, human-likeness
     recorded = replace(
         evaluation, settings=replace(evaluation.settings, drivers=DriverSettings(count=3, source="mine:drivers"))
     )
@@ -163,7 +165,7 @@ def test_names_and_errors_are_text_everywhere(page: str, tags: list[Any]) -> Non
     assert builders.ERROR not in page
     assert "lost the lane" in visible(page)
     assert not [tag for tag, attributes in tags if tag == "img" or "onerror" in attributes]
-    assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 5
+    assert sum(tag == "script" for tag, _ in tags) == page.count("</script>") == 7
 
 
 def test_the_data_cannot_be_read_as_markup(page: str) -> None:

@@ -10,17 +10,16 @@
   const library = document.createElement("script"); // inline scripts run as they are added
   library.textContent = await sumoEval.inflated(byId("plotly-code").textContent);
   document.head.append(library);
-  const COLOURS = { ads: "#0072b2", driver: "#8593a3", actor: "#b26a00", ink: "#1b1f24", muted: "#57606a", line: "#d5dbe1" };
-  const ZONE_COLOURS = { safe: "#e6f1f8", hazardous: "#fbd9b5" };
-  const OUTCOMES = {
-    "no contact": { symbol: "circle", color: "#0072b2", size: 8, line: { width: 1, color: "#fff" } },
-    collision: { symbol: "x-thin", color: "#b23c00", size: 8, line: { width: 3.2, color: "#b23c00" } },
-    "off road": { symbol: "triangle-up", color: "#8a3d74", size: 10, line: { width: 1, color: "#fff" } },
-    "not evaluated": { symbol: "square", color: "#fff", size: 9, line: { width: 2, color: "#1b1f24" } },
-  };
+  const C = sumoPage.colour;
+  const outcomeStyles = () => ({
+    "no contact": { symbol: "circle", color: C("--c"), size: 8, line: { width: 1, color: C("--paper") } },
+    collision: { symbol: "x-thin", color: C("--hit"), size: 8, line: { width: 3.2, color: C("--hit") } },
+    "off road": { symbol: "triangle-up", color: C("--off"), size: 10, line: { width: 1, color: C("--paper") } },
+    "not evaluated": { symbol: "square", color: C("--paper"), size: 9, line: { width: 2, color: C("--ink") } },
+  });
   const BINS = 20; // of D_i in 0..1
   const FIELD_CELLS = { x: 150, y: 36 };
-  const FONT = { family: getComputedStyle(document.body).fontFamily, size: 12, color: COLOURS.ink };
+  const FONT = { family: getComputedStyle(document.body).fontFamily, size: 12 };
   const CONFIG = { displaylogo: false, responsive: true, displayModeBar: false, doubleClick: "reset" };
   const canHover = matchMedia("(hover: hover)").matches;
   const selected = { scenario: 0, index: 0 };
@@ -45,11 +44,12 @@
   // --- layouts -------------------------------------------------------------------------------------------------------
 
   function layout(x, y, more = {}) {
-    const axis = { gridcolor: "#e6eaee", zeroline: false, linecolor: "#9aa4ae", ticks: "outside", ticklen: 4, tickcolor: "#9aa4ae" };
+    const axis = { gridcolor: C("--hair"), zeroline: false, linecolor: C("--axis"), ticks: "outside", ticklen: 4, tickcolor: C("--axis") };
+    const font = { ...FONT, color: C("--ink") };
     return {
-      font: FONT, margin: { l: 52, r: 12, t: 8, b: 44 }, paper_bgcolor: "#fff", plot_bgcolor: "#fff", showlegend: false,
+      font, margin: { l: 52, r: 12, t: 8, b: 44 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false,
       hovermode: "closest", dragmode: canHover ? "zoom" : false, autosize: true,
-      hoverlabel: { bgcolor: "#fff", bordercolor: "#9aa4ae", font: { ...FONT, size: 12 }, align: "left" },
+      hoverlabel: { bgcolor: C("--paper"), bordercolor: C("--axis"), font, align: "left" },
       ...more,
       xaxis: { ...axis, ...x }, yaxis: { ...axis, ...y },
     };
@@ -64,13 +64,13 @@
 
   /** Range of an axis on which every value stands in the middle of a tile of its own. */
   function tiled(scenario, k) {
-    const values = [...new Set(scenario.cases.map((item) => item.values[k]))].sort((a, b) => a - b);
+    const values = sumoMaps.levelsOf(scenario, k);
     if (values.length < 2) return padded(scenario, k);
     return [values[0] - (values[1] - values[0]) / 2, values.at(-1) + (values.at(-1) - values.at(-2)) / 2];
   }
 
-  function mapAxes(scenario, rangeOf) {
-    const { x, y } = scenario.view;
+  function mapAxes(scenario, view, rangeOf) {
+    const { x, y } = view;
     const along = scenario.parameters[x];
     const xaxis = { ...title(plain(label(along))), range: rangeOf(scenario, x), fixedrange: true, showgrid: false };
     if (y === null) return [xaxis, { range: [-1, 1], visible: false, fixedrange: true }];
@@ -78,125 +78,242 @@
     return [xaxis, { ...title(plain(label(across))), range: rangeOf(scenario, y), fixedrange: true, showgrid: false }];
   }
 
-  const place = (scenario, values) =>
-    [values[scenario.view.x], scenario.view.y === null ? 0 : values[scenario.view.y]];
+  const place = (view, values) => [values[view.x], view.y === null ? 0 : values[view.y]];
 
-  // --- zone maps -----------------------------------------------------------------------------------------------------
+  // --- drawing when it is seen, and anew in another light ------------------------------------------------------------
 
-  function panelsOf(card, scenario) {
-    const holder = card.querySelector(".panels");
-    holder.classList.toggle("single", scenario.view.panels.length === 1);
-    holder.classList.toggle("strip", scenario.view.y === null);
-    const parameter = scenario.view.panel === null ? null : scenario.parameters[scenario.view.panel];
-    return scenario.view.panels.map((value) => {
-      const panel = document.createElement("div");
-      panel.className = "panel";
-      if (parameter) {
-        const heading = document.createElement("h5");
-        heading.textContent = `${parameter.name.replaceAll("_", " ")} = ${short(value)} ${parameter.unit}`;
-        panel.append(heading);
-      }
-      const plot = document.createElement("div");
-      plot.className = "plot";
-      panel.append(plot);
-      holder.append(panel);
-      return plot;
-    });
+  const drawn = [], unseen = new Set();
+
+  /** Run a drawing once its section is unfolded, and again whenever the colours change. */
+  function whenSeen(element, draw) {
+    const fold = element.closest("details.fold");
+    const first = () => {
+      if (!unseen.delete(first)) return;
+      drawn.push(draw);
+      draw();
+    };
+    unseen.add(first);
+    if (!fold || fold.open) first();
+    else fold.addEventListener("toggle", first, { once: true });
   }
 
-  function background(scenario, panel) {
-    const map = scenario.maps[panel];
-    const rows = (levels) => Array.from({ length: map.y.length }, (_, r) =>
-      Array.from(levels.subarray(r * map.x.length, (r + 1) * map.x.length), (level) => level / 32000));
-    const shared = { type: "contour", x: map.x, y: map.y, hoverinfo: "skip", showscale: false, autocontour: false };
-    const [xLow, xHigh, yLow, yHigh] = [map.x[0], map.x.at(-1), map.y[0], map.y.at(-1)];
-    const corners = { x: [xLow, xHigh, xHigh, xLow, xLow], y: [yLow, yLow, yHigh, yHigh, yLow] };
-    const impossible = { x: [], y: [] };
-    for (const polygon of map.impossible) {
-      impossible.x.push(...polygon.map((corner) => corner[0]), null);
-      impossible.y.push(...polygon.map((corner) => corner[1]), null);
+  sumoPage.onTheme(() => drawn.forEach((draw) => draw()));
+
+  /** The numbers behind a chart, a row a mark. */
+  function rowsOf(plot, scenario) {
+    const rows = [["series", "case", "x", "y", "value"]];
+    const key = (index) => (typeof index === "number" && scenario ? scenario.cases[index]?.key ?? "" : "");
+    for (const trace of plot.data ?? []) {
+      if (trace.hoverinfo === "skip" && trace.type !== "heatmap") continue;
+      const name = trace.name ?? "";
+      if (trace.type === "heatmap") trace.z.forEach((line, r) => Array.from(line).forEach((z, c) => { if (z !== null) rows.push([name, key(trace.customdata?.[r]?.[c]), trace.x[c], trace.y[r], z]); }));
+      else if (trace.x) Array.from(trace.x).forEach((x, i) => rows.push([name, key(trace.customdata?.[i]), x, trace.y?.[i], Array.isArray(trace.marker?.color) ? trace.marker.color[i] : ""]));
     }
-    const scaled = { zmin: -1, zmax: 1, contours: { start: 0, end: 0, size: 1, coloring: "fill", showlines: false } };
-    const { safe, hazardous } = ZONE_COLOURS;
-    return [
-      { ...shared, ...scaled, z: rows(sumoEval.decodeLevels(map.exact)), colorscale: [[0, hazardous], [0.5, hazardous], [0.5, safe], [1, safe]] },
-      {
-        ...shared, z: rows(sumoEval.decodeLevels(map.gp)), contours: { start: 0, end: 0, size: 1, coloring: "none" },
-        line: { color: COLOURS.ink, width: 1.8 },
-      },
-      {
-        ...impossible, type: "scatter", mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
-        fillcolor: "#e4e6e9", fillpattern: { shape: "/", size: 7, solidity: 0.16, fgcolor: "#9aa1aa", bgcolor: "#e4e6e9" },
-      },
-      { ...corners, type: "scatter", mode: "lines", hoverinfo: "skip", line: { color: "#9aa4ae", width: 1 } },
+    return rows;
+  }
+
+  /** The buttons that save a chart of Plotly, in a bar of their own or in the caption above it. */
+  function withSaver(plot, name, bar, scenario = null) {
+    const svg = async () => {
+      const address = await Plotly.toImage(plot, { format: "svg", width: plot.clientWidth || 700, height: plot.clientHeight || 400 });
+      return decodeURIComponent(address.slice(address.indexOf(",") + 1));
+    };
+    bar.append(sumoPage.saver(name, svg, () => rowsOf(plot, scenario)));
+  }
+
+  function chart(plot, name, scenario = null) {
+    if (plot.dataset.saved) return;
+    plot.dataset.saved = "yes";
+    withSaver(plot, name, plot.closest("figure").querySelector("figcaption"), scenario);
+  }
+
+  // --- maps ----------------------------------------------------------------------------------------------------------
+
+  const moveRings = [];
+
+  /** A card of maps. what: { rangeOf, passes, traces(scenario, view, ads, shows, zones, scenarioIndex), ringed }. */
+  function mapCard(card, scenarioIndex, what) {
+    const scenario = data.scenarios[scenarioIndex];
+    const holder = card.querySelector(".panels"), about = holder.getAttribute("aria-label");
+    const view = sumoMaps.opening(scenario);
+    const names = [...card.querySelectorAll("input[data-ads]")].map((input) => input.value);
+    const first = () => card.querySelector("input[data-ads]:checked").value;
+    let second = "";
+    const [axisBar, sliceBar, note] = ["div", "div", "p"].map((tag) => document.createElement(tag));
+    axisBar.className = "map-bar";
+    sliceBar.className = "map-bar";
+    note.className = "small slice-note";
+    note.setAttribute("aria-live", "polite");
+    const outer = document.createElement("div");
+    outer.className = "beside";
+    outer.setAttribute("role", "group");
+    outer.setAttribute("aria-label", about);
+    holder.replaceWith(axisBar, sliceBar, note, outer);
+    let panels = [], plots = [];
+    const passes = (item) => what.passes?.(item) ?? true;
+
+    function build() {
+      sumoMaps.axes(scenario, view, axisBar, build);
+      if (names.length > 1) {
+        const beside = sumoMaps.select([["", "nothing"], ...names.filter((name) => name !== first()).map((name) => [name, name])], second, (value) => { second = value; build(); what.changed?.(); });
+        beside.dataset.beside = "";
+        axisBar.append(sumoMaps.labelled("beside it", beside));
+      }
+      sumoMaps.sliders(scenario, view, sliceBar, () => draw());
+      panels = sumoMaps.panelsOf(scenario, view);
+      for (const { plot } of plots) Plotly.purge(plot);
+      plots = [];
+      const columns = second && second !== first() ? 2 : 1;
+      outer.classList.toggle("two-ads", columns === 2);
+      outer.replaceChildren(...Array.from({ length: columns }, (_, column) => {
+        const side = document.createElement("div"), grid = document.createElement("div");
+        if (columns === 2) {
+          const heading = document.createElement("h4");
+          heading.textContent = column ? second : first();
+          side.append(heading);
+        }
+        grid.className = "panels";
+        grid.classList.toggle("single", panels.length === 1);
+        grid.classList.toggle("strip", view.y === null);
+        grid.append(...panels.map((value, panel) => panelOf(value, panel, column)));
+        side.append(grid);
+        return side;
+      }));
+      draw();
+    }
+
+    function panelOf(value, panel, column) {
+      const made = document.createElement("div"), bar = document.createElement("div"), heading = document.createElement("h5"), plot = document.createElement("div");
+      made.className = "panel";
+      bar.className = "plot-bar";
+      plot.className = "plot";
+      const parameter = view.panel === null ? null : scenario.parameters[view.panel];
+      heading.textContent = parameter ? `${sumoMaps.words(parameter.name)} = ${short(value)} ${parameter.unit}` : "";
+      bar.append(heading);
+      made.append(bar, plot);
+      plots.push({ plot, panel, column });
+      withSaver(plot, `${scenario.name} ${what.name} ${heading.textContent}`.trim(), bar, scenario);
+      return made;
+    }
+
+    function draw() {
+      if (plots.some(({ plot }) => !plot.isConnected)) return;
+      const shownZones = new Map();
+      const sides = [first(), second];
+      for (const { plot, panel, column } of plots) {
+        if (what.zones && !shownZones.has(panel)) shownZones.set(panel, sumoMaps.zones(scenario, view, panels, panel));
+        const shows = (item) => passes(item) && sumoMaps.shows(scenario, view, panels, panel, item);
+        const fresh = !plot.data;
+        Plotly.react(plot, what.traces(scenario, view, sides[column], shows, shownZones.get(panel), scenarioIndex), layout(...mapAxes(scenario, view, what.rangeOf), { dragmode: false }), CONFIG);
+        if (fresh) plot.on("plotly_click", (event) => onPick(scenarioIndex, event));
+      }
+      const own = scenario.cases.filter((item) => item.ads === first());
+      const inside = own.filter((item) => passes(item) && panels.some((_, panel) => sumoMaps.shows(scenario, view, panels, panel, item))).length;
+      const bare = what.zones && sumoMaps.sliced(scenario, view).some((k) => view.at[k].all) ? " A map over all values of a parameter shows no zones." : "";
+      note.textContent = inside === own.length && !bare ? "" : `${inside} of ${own.length} cases of ${first()} are shown: those in the slice that pass the filter.${bare}`;
+      note.hidden = !note.textContent;
+    }
+
+    card.addEventListener("change", (event) => {
+      if (event.target.matches("input[data-ads]")) build();
+      else draw();
+    });
+    moveRings.push(() => { if (plots.length && plots[0].plot.data) draw(); });
+    let built = false;
+    whenSeen(card, () => { built ? draw() : build(); built = true; });
+    return { redraw: () => { if (built) draw(); } };
+  }
+
+  function backgroundTraces(scenario, view, zones) {
+    if (!zones) return [];
+    const [safe, hazardous, impossible] = ["--safe", "--hazardous", "--impossible"].map(C);
+    if (view.y === null) {
+      // One parameter has no area: zones are intervals, drawn as a band of cells.
+      return [{
+        type: "heatmap", x: zones.x, y: [0], z: [zones.exact[0].map((level) => (level > 0 ? 1 : 0))], zmin: 0, zmax: 1, showscale: false, hoverinfo: "skip",
+        colorscale: [[0, hazardous], [0.5, hazardous], [0.5, safe], [1, safe]],
+      }];
+    }
+    const shared = { type: "contour", x: zones.x, y: zones.y, hoverinfo: "skip", showscale: false, autocontour: false };
+    const filled = { contours: { start: 0, end: 0, size: 1, coloring: "fill", showlines: false } };
+    const [xLow, xHigh, yLow, yHigh] = [zones.x[0], zones.x.at(-1), zones.y[0], zones.y.at(-1)];
+    const traces = [
+      { ...shared, ...filled, zmin: -1, zmax: 1, z: zones.exact, colorscale: [[0, hazardous], [0.5, hazardous], [0.5, safe], [1, safe]] },
+      { ...shared, z: zones.gp, contours: { start: 0, end: 0, size: 1, coloring: "none" }, line: { color: C("--ink"), width: 1.8 } },
     ];
+    if (zones.impossible?.length) {
+      const corners = { x: [], y: [] };
+      for (const polygon of zones.impossible) {
+        corners.x.push(...polygon.map((corner) => corner[0]), null);
+        corners.y.push(...polygon.map((corner) => corner[1]), null);
+      }
+      traces.push({
+        ...corners, type: "scatter", mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
+        fillcolor: impossible, fillpattern: { shape: "/", size: 7, solidity: 0.16, fgcolor: C("--hatch"), bgcolor: impossible },
+      });
+    } else if (zones.possible?.some((row) => row.some((share) => share < 0.5))) {
+      traces.push({
+        ...shared, contours: { start: 0.5, end: 0.5, size: 1, coloring: "fill", showlines: false }, zmin: 0, zmax: 1, z: zones.possible.map((row) => row.map((share) => 1 - share)),
+        colorscale: [[0, "rgba(0,0,0,0)"], [0.5, "rgba(0,0,0,0)"], [0.5, impossible], [1, impossible]],
+      });
+    }
+    const frame = { x: [xLow, xHigh, xHigh, xLow, xLow], y: [yLow, yLow, yHigh, yHigh, yLow] };
+    return [...traces, { ...frame, type: "scatter", mode: "lines", hoverinfo: "skip", line: { color: C("--axis"), width: 1 } }];
   }
 
-  function strip(scenario, panel) {
-    // One parameter has no area: zones are intervals, drawn as a band of cells.
-    const map = scenario.maps[panel];
-    const z = [Array.from(sumoEval.decodeLevels(map.exact), (level) => (level > 0 ? 1 : 0))];
-    const { safe, hazardous } = ZONE_COLOURS;
-    return [{
-      type: "heatmap", x: map.x, y: [0], z, zmin: 0, zmax: 1, showscale: false, hoverinfo: "skip",
-      colorscale: [[0, hazardous], [0.5, hazardous], [0.5, safe], [1, safe]],
-    }];
-  }
-
-  function markers(scenario, panel, ads) {
-    return Object.entries(OUTCOMES).map(([outcome, style]) => {
+  function markers(scenario, view, ads, shows) {
+    return Object.entries(outcomeStyles()).map(([outcome, style]) => {
       const found = scenario.cases.map((item, index) => [item, index])
-        .filter(([item]) => item.ads === ads && item.outcome === outcome && item.panel === panel);
+        .filter(([item]) => item.ads === ads && item.outcome === outcome && shows(item));
       return {
         type: "scatter", mode: "markers", name: outcome, marker: { ...style, opacity: 1 }, cliponaxis: false,
-        x: found.map(([item]) => place(scenario, item.values)[0]), y: found.map(([item]) => place(scenario, item.values)[1]),
+        x: found.map(([item]) => place(view, item.values)[0]), y: found.map(([item]) => place(view, item.values)[1]),
         customdata: found.map(([, index]) => index),
         text: found.map(([item]) => caseHover(scenario, item)), hovertemplate: "%{text}<extra></extra>",
       };
     });
   }
 
-  function highlights(scenario, panel, scenarioIndex) {
-    const worst = scenario.mostDangerous.filter((star) => star.panel === panel);
-    const item = scenario.cases[selected.index];
-    const ring = scenarioIndex === selected.scenario && item && item.panel === panel ? [place(scenario, item.values)] : [];
-    return [
-      {
-        type: "scatter", mode: "markers", cliponaxis: false, hovertemplate: "%{text}<extra></extra>",
-        x: worst.map((star) => place(scenario, star.values)[0]), y: worst.map((star) => place(scenario, star.values)[1]),
-        text: worst.map((star) => `most dangerous point${star.inPlace ? "" : ", off this slice"}<br>${plain(pointWords(scenario, star.values))}`),
-        marker: { symbol: worst.map((star) => (star.inPlace ? "star" : "star-open")), size: 15,
-          color: worst.map((star) => (star.inPlace ? "#f0e442" : COLOURS.ink)), line: { color: COLOURS.ink, width: 1.2 } },
-      },
-      {
-        type: "scatter", mode: "markers", hoverinfo: "skip", cliponaxis: false, x: ring.map((at) => at[0]), y: ring.map((at) => at[1]),
-        marker: { symbol: "circle-open", size: 18, color: COLOURS.ink, line: { width: 2 } },
-      },
-    ];
+  /** The most dangerous points that lie in the slice. */
+  function stars(scenario, view, shows) {
+    const worst = scenario.mostDangerous.filter(shows);
+    return {
+      type: "scatter", mode: "markers", cliponaxis: false, hovertemplate: "%{text}<extra></extra>", name: "most dangerous point",
+      x: worst.map((star) => place(view, star.values)[0]), y: worst.map((star) => place(view, star.values)[1]),
+      text: worst.map((star) => `most dangerous point<br>${plain(pointWords(scenario, star.values))}`),
+      marker: { symbol: "star", size: 15, color: "#f0e442", line: { color: "#1b1f24", width: 1.2 } },
+    };
   }
 
-  const moveRings = [];
+  /** A ring around the case that is shown, where it lies in the slice. */
+  function ring(scenario, view, shows, scenarioIndex) {
+    const item = scenarioIndex === selected.scenario ? scenario.cases[selected.index] : null;
+    const at = item && shows(item) ? [place(view, item.values)] : [];
+    return {
+      type: "scatter", mode: "markers", hoverinfo: "skip", cliponaxis: false, x: at.map((one) => one[0]), y: at.map((one) => one[1]),
+      marker: { symbol: "circle-open", size: 18, color: C("--ink"), line: { width: 2 } },
+    };
+  }
 
   function zoneMaps() {
     for (const card of document.querySelectorAll("[data-map]")) {
-      const scenarioIndex = Number(card.dataset.map);
-      const scenario = data.scenarios[scenarioIndex];
-      const plots = panelsOf(card, scenario);
-      const backgrounds = plots.map((_, panel) => (scenario.view.y === null ? strip : background)(scenario, panel));
-      const chosen = () => card.querySelector("input:checked").value;
-      const draw = () => plots.forEach((plot, panel) => {
-        const [worst, ring] = highlights(scenario, panel, scenarioIndex);
+      const scenarioIndex = Number(card.dataset.map), scenario = data.scenarios[scenarioIndex];
+      const filter = { zone: "", outcome: "", words: "", ranges: {} };
+      const passes = (item) => (!filter.zone || item.zone === filter.zone) && (!filter.outcome || item.outcome === filter.outcome || item.kind === filter.outcome && item.outcome === "collision")
+        && (!filter.words || item.key.toLowerCase().includes(filter.words))
+        && Object.entries(filter.ranges).every(([k, [low, high]]) => item.values[k] >= low - 1e-9 && item.values[k] <= high + 1e-9);
+      const list = caseList(card, scenario, scenarioIndex, passes);
+      const maps = mapCard(card, scenarioIndex, {
+        name: "zones", rangeOf: padded, passes, zones: true, changed: () => list.show(),
         // The star lies under the markers, so that the case at the most dangerous point stays visible and clickable.
-        const traces = [...backgrounds[panel], worst, ...markers(scenario, panel, chosen()), ring];
-        Plotly.react(plot, traces, layout(...mapAxes(scenario, padded), { dragmode: false }), CONFIG);
+        traces: (of, view, ads, shows, zones) => [
+          ...backgroundTraces(of, view, zones), stars(of, view, (star) => shows({ ...star, key: "", outcome: filter.outcome, zone: filter.zone })),
+          ...markers(of, view, ads, shows), ring(of, view, shows, scenarioIndex),
+        ],
       });
-      draw();
-      moveRings.push(() => plots.forEach((plot, panel) => {
-        const ring = highlights(scenario, panel, scenarioIndex)[1];
-        Plotly.restyle(plot, { x: [ring.x], y: [ring.y] }, [plot.data.length - 1]);
-      }));
-      card.addEventListener("change", draw);
-      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
+      filterBar(card, scenario, filter, () => { maps.redraw(); list.show(); });
+      card.addEventListener("change", () => list.show());
+      groupList(card, scenario, scenarioIndex, filter, () => { maps.redraw(); list.show(); });
     }
   }
 
@@ -205,38 +322,163 @@
     if (hit) showCase(scenarioIndex, hit.customdata, true);
   }
 
+  // --- filters, groups and the list of cases --------------------------------------------------------------------------
+
+  function filterBar(card, scenario, filter, changed) {
+    const bar = card.querySelector("[data-filter]");
+    const found = (name) => [...new Set(scenario.cases.map((item) => item[name]))].sort();
+    const kinds = [...new Set(scenario.cases.filter((item) => item.outcome === "collision").map((item) => item.kind))];
+    const choices = (values) => [["", "any"], ...values.map((value) => [value, value])];
+    const [zone, outcome] = [["zone", found("zone")], ["outcome", [...found("outcome"), ...kinds]]].map(([name, values]) => {
+      const made = sumoMaps.select(choices(values), "", (value) => { filter[name] = value; changed(); });
+      made.dataset.by = name;
+      return made;
+    });
+    const search = document.createElement("input");
+    search.type = "search";
+    search.size = 14;
+    search.addEventListener("input", () => { filter.words = search.value.trim().toLowerCase(); changed(); });
+    search.addEventListener("change", (event) => event.stopPropagation());
+    const limits = scenario.parameters.map((parameter, k) => {
+      const [low, high] = ["least", "most"].map((which) => {
+        const input = document.createElement("input");
+        input.type = "number";
+        input.step = "any";
+        input.dataset.range = `${parameter.name} ${which}`;
+        input.setAttribute("aria-label", `${which} ${sumoMaps.words(parameter.name)}, ${parameter.unit}`);
+        input.placeholder = short(which === "least" ? parameter.low : parameter.high);
+        input.addEventListener("change", (event) => { event.stopPropagation(); narrow(); });
+        return input;
+      });
+      const narrow = () => {
+        const value = (input, fallback) => (input.value === "" || !Number.isFinite(input.valueAsNumber) ? fallback : input.valueAsNumber);
+        if (low.value === "" && high.value === "") delete filter.ranges[k];
+        else filter.ranges[k] = [value(low, -Infinity), value(high, Infinity)];
+        changed();
+      };
+      const label_ = document.createElement("span");
+      label_.className = "ranges";
+      const box = document.createElement("label");
+      box.append(`${sumoMaps.words(parameter.name)}, ${parameter.unit}: `, low, " to ", high);
+      label_.append(box);
+      return { label_, low, high, narrow };
+    });
+    const clear = sumoPage.button("Clear", () => {
+      Object.assign(filter, { zone: "", outcome: "", words: "", ranges: {} });
+      search.value = zone.value = outcome.value = "";
+      limits.forEach(({ low, high }) => { low.value = high.value = ""; });
+      changed();
+    });
+    bar.append(sumoMaps.labelled("zone", zone), sumoMaps.labelled("outcome", outcome), sumoMaps.labelled("id has", search), ...limits.map(({ label_ }) => label_), clear);
+    filter.show = (ranges, kind) => {
+      limits.forEach(({ low, high }, k) => {
+        const range = ranges[scenario.parameters[k].name];
+        [low.value, high.value] = range ? range : ["", ""];
+        if (range) filter.ranges[k] = range; else delete filter.ranges[k];
+      });
+      filter.outcome = [...outcome.options].some((option) => option.value === kind) ? kind : "";
+      outcome.value = filter.outcome;
+      changed();
+    };
+  }
+
+  const MOST_GROUP_CASES = 6;
+
+  function groupList(card, scenario, scenarioIndex, filter) {
+    const box = card.querySelector("[data-groups]");
+    box.hidden = scenario.groups.length === 0;
+    box.querySelector("ul").replaceChildren(...scenario.groups.map((group) => {
+      const row = document.createElement("li"), strong = document.createElement("b");
+      strong.textContent = `${group.ads}, ${group.kind}: `;
+      const filters = sumoPage.button("show", () => {
+        const radio = [...card.querySelectorAll("input[data-ads]")].find((input) => input.value === group.ads);
+        if (radio && !radio.checked) radio.click();
+        filter.show(group.ranges, group.kind.replace(" collision", ""));
+      }, `Show only this group: ${group.ads}, ${group.kind}`);
+      filters.className = "copy";
+      const links = group.cases.slice(0, MOST_GROUP_CASES).map((key) => {
+        const link = document.createElement("a");
+        link.href = `#case:${encodeURIComponent(key)}`;
+        link.textContent = key.replace(`${scenario.name}-`, "").replace(`-${group.ads}`, "");
+        return link;
+      });
+      row.append(strong, `${group.words}. `, ...links.flatMap((link) => [link, " "]), group.cases.length > links.length ? `and ${group.cases.length - links.length} more` : "", filters);
+      return row;
+    }));
+  }
+
+  const FIRST_ROWS = 15;
+
+  function caseList(card, scenario, scenarioIndex, passes) {
+    const box = card.querySelector("[data-cases]"), table = box.querySelector("table"), told = box.querySelector("[data-count]");
+    let most = FIRST_ROWS;
+    const cell = (tag, text, className = "") => {
+      const made = document.createElement(tag);
+      made.textContent = text;
+      made.className = className;
+      return made;
+    };
+    const more = sumoPage.button("Show all", () => { most = Infinity; show(); });
+    const columns = (item) => [...item.values.map((value) => [short(value), "n"]), [item.zone, ""], [item.outcome === "collision" ? `${item.kind} collision` : item.outcome, ""],
+      [fixed(item.severity, 1), "n"], [fixed(item.humanLikeness, 3), "n"], [fixed(item.index, 3), "n"]];
+    const heads = () => [...scenario.parameters.map((parameter) => [label(parameter), "n"]), ["zone", ""], ["outcome", ""], [`U${data.severityUnit ? "," : ""}${data.severityUnit}`, "n"], ["in H", "n"], ["D_i", "n"]];
+    function show() {
+      if (!box.open) return;
+      const chosen = [card.querySelector("input[data-ads]:checked").value, card.querySelector("[data-beside]")?.value];
+      const own = scenario.cases.map((item, index) => ({ item, index })).filter(({ item }) => chosen.includes(item.ads));
+      const found = own.filter(({ item }) => passes(item));
+      const head = document.createElement("thead"), body = document.createElement("tbody"), line = document.createElement("tr");
+      line.append(cell("th", "id"), ...heads().map(([text, className]) => cell("th", text, className)));
+      head.append(line);
+      body.append(...found.slice(0, most).map(({ item, index }) => {
+        const row = document.createElement("tr"), id = document.createElement("th"), link = document.createElement("a");
+        id.scope = "row";
+        link.className = "case-id";
+        link.href = `#case:${encodeURIComponent(item.key)}`;
+        link.textContent = item.key;
+        id.append(link, sumoPage.copier(item.key));
+        row.append(id, ...columns(item).map(([text, className]) => cell("td", text, className)));
+        return row;
+      }));
+      table.replaceChildren(head, body);
+      told.textContent = `${found.length} of ${own.length} cases of ${chosen.filter(Boolean).join(" and ")} pass the filter. `;
+      if (found.length > most) told.append(more);
+    }
+    box.addEventListener("toggle", show);
+    return { show };
+  }
+
   // --- human-likeness ------------------------------------------------------------------------------------------------
 
   function likenessMaps() {
     for (const card of document.querySelectorAll("[data-likeness]")) {
-      const scenarioIndex = Number(card.dataset.likeness);
-      const scenario = data.scenarios[scenarioIndex];
-      const plots = panelsOf(card, scenario);
-      const [ads, quantity] = ["likeness", "quantity"].map((name) => () =>
-        card.querySelector(`input[name="${name}-${scenarioIndex}"]:checked`).value);
-      const draw = () => plots.forEach((plot, panel) => {
-        Plotly.react(plot, likenessTiles(scenario, panel, ads(), quantity()), layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
+      const scenarioIndex = Number(card.dataset.likeness), scenario = data.scenarios[scenarioIndex];
+      const quantity = () => card.querySelector(`input[name="quantity-${scenarioIndex}"]:checked`).value;
+      mapCard(card, scenarioIndex, {
+        name: "human-likeness", rangeOf: tiled,
+        traces: (of, view, ads, shows) => likenessTiles(of, view, ads, shows, quantity()),
       });
-      draw();
-      card.addEventListener("change", draw);
-      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
-      distribution(card.querySelector(".distribution"), scenario);
+      const plot = card.querySelector(".distribution");
+      whenSeen(plot, () => distribution(plot, scenario));
     }
   }
 
-  /** The cases of one ADS that a panel shows: [{ item, index, at }]. */
-  const casesOf = (scenario, ads, shows) => scenario.cases.map((item, index) => ({ item, index, at: place(scenario, item.values) }))
+  /** The cases of one ADS that lie in the slice: [{ item, index, at }]. */
+  const casesOf = (scenario, view, ads, shows) => scenario.cases.map((item, index) => ({ item, index, at: place(view, item.values) }))
     .filter(({ item }) => item.ads === ads && shows(item));
 
-  /** A cell for each case where they form a grid, else a square for each. `look` gives { z, word, text } of a case. */
-  function tiles(found, look, colours) {
+  const MOST_TILES = 2_000;
+
+  /** A cell for each value of the axes where the cases form a grid, else a square for each case. look: case -> { z, word, text }. */
+  function tiles(scenario, view, found, look, colours) {
     const { zmin, zmax, ...scale } = { showscale: false, ...colours };
-    const xs = [...new Set(found.map(({ at }) => at[0]))].sort((a, b) => a - b);
-    const ys = [...new Set(found.map(({ at }) => at[1]))].sort((a, b) => a - b);
-    if (xs.length < 2 || ys.length < 2 || xs.length * ys.length > 4 * found.length) {
+    const xs = sumoMaps.levelsOf(scenario, view.x), ys = view.y === null ? [0] : sumoMaps.levelsOf(scenario, view.y);
+    const several = new Set(found.map(({ at }) => at.join())).size < found.length; // cases on one another: a slice through all values
+    if (xs.length < 2 || ys.length < 2 || xs.length * ys.length > Math.min(MOST_TILES, 16 * scenario.cases.length / scenario.ads.length) || several) {
       return {
-        type: "scatter", mode: "markers", x: found.map(({ at }) => at[0]), y: found.map(({ at }) => at[1]), cliponaxis: false,
-        customdata: found.map(({ index }) => index), text: found.map(({ item }) => look(item).text), hovertemplate: "%{text}<extra></extra>",
+        type: "scatter", mode: found.length <= 60 && !several ? "markers+text" : "markers", x: found.map(({ at }) => at[0]), y: found.map(({ at }) => at[1]), cliponaxis: false,
+        customdata: found.map(({ index }) => index), text: found.map(({ item }) => look(item).word), textposition: "top center", textfont: { size: 10 },
+        hovertext: found.map(({ item }) => look(item).text), hovertemplate: "%{hovertext}<extra></extra>",
         marker: { symbol: "square", size: 14, color: found.map(({ item }) => look(item).z), cmin: zmin, cmax: zmax, ...scale },
       };
     }
@@ -256,13 +498,13 @@
     };
   }
 
-  function likenessTiles(scenario, panel, ads, quantity) {
-    const found = casesOf(scenario, ads, (item) => item.panel === panel && item[quantity] !== null);
+  function likenessTiles(scenario, view, ads, shows, quantity) {
+    const found = casesOf(scenario, view, ads, (item) => shows(item) && item[quantity] !== null);
     const look = (item) => ({
       z: item[quantity], word: fixed(item[quantity], 2),
       text: `${caseHover(scenario, item)}<br>length ${fixed(item.lengthFactor, 2)}, operations ${fixed(item.operationFactor, 2)}, similarity ${fixed(item.similarity, 2)}`,
     });
-    return [tiles(found, look, { colorscale: "Cividis", zmin: 0, zmax: 1 })];
+    return [tiles(scenario, view, found, look, { colorscale: "Cividis", zmin: 0, zmax: 1 })];
   }
 
   // --- preventability ------------------------------------------------------------------------------------------------
@@ -273,41 +515,18 @@
 
   function preventedMaps() {
     for (const card of document.querySelectorAll("[data-prevented]")) {
-      const scenarioIndex = Number(card.dataset.prevented);
-      const scenario = data.scenarios[scenarioIndex];
-      const plots = panelsOf(card, scenario);
-      const slices = [...card.querySelectorAll("[data-slice]")].map((select) => {
-        const k = scenario.parameters.findIndex((parameter) => parameter.name === select.dataset.slice);
-        const values = [...new Set(scenario.cases.map((item) => item.values[k]))].sort((a, b) => a - b);
-        fill(select, values.map((value) => [value, `${short(value)} ${scenario.parameters[k].unit}`]), scenario.view.slice[k]);
-        return { k, select };
-      });
-      const draw = () => plots.forEach((plot, panel) => {
-        const ads = card.querySelector("input:checked").value;
-        Plotly.react(plot, preventedTraces(scenario, scenarioIndex, panel, ads, slices), layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
-      });
-      draw();
-      moveRings.push(draw);
-      card.addEventListener("change", draw);
-      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
+      mapCard(card, Number(card.dataset.prevented), { name: "preventability", rangeOf: tiled, traces: preventedTraces });
     }
   }
 
-  function preventedTraces(scenario, scenarioIndex, panel, ads, slices) {
-    // The selects choose the slice here, so the panel counts only where there is none.
-    const onSlice = (item) => (slices.length ? slices.every(({ k, select }) => item.values[k] === Number(select.value)) : item.panel === panel);
+  function preventedTraces(scenario, view, ads, shows, _, scenarioIndex) {
     const look = (item) => {
       const { words, letter, ink } = data.verdicts[item.verdict];
       return { z: VERDICTS.indexOf(item.verdict) + 0.5, word: `<span style="color:${ink}">${letter}</span>`, text: `${caseHover(scenario, item)}<br>${words}` };
     };
-    const chosen = scenarioIndex === selected.scenario ? scenario.cases[selected.index] : null;
-    const ring = chosen && onSlice(chosen) ? [place(scenario, chosen.values)] : [];
     return [
-      tiles(casesOf(scenario, ads, onSlice), look, { colorscale: VERDICT_SCALE, zmin: 0, zmax: VERDICTS.length }),
-      {
-        type: "scatter", mode: "markers", hoverinfo: "skip", x: ring.map((at) => at[0]), y: ring.map((at) => at[1]), cliponaxis: false,
-        marker: { symbol: "circle-open", size: 18, color: COLOURS.ink, line: { width: 2 } },
-      },
+      tiles(scenario, view, casesOf(scenario, view, ads, shows), look, { colorscale: VERDICT_SCALE, zmin: 0, zmax: VERDICTS.length }),
+      ring(scenario, view, shows, scenarioIndex),
     ];
   }
 
@@ -317,7 +536,7 @@
 
   /** Bars of one value by ADS from 0 to `high`; what lies beyond is in the last bin. mean: a dashed line and a word. */
   function histogram(plot, scenario, { value, high, bins, digits, axis, count, mean = null }) {
-    const styles = [["#0072b2", "/"], ["#b26a00", "\\"], ["#4d9e7a", "x"], ["#8a3d74", "-"], ["#57606a", "|"], ["#c2185b", "+"]];
+    const styles = [[C("--c"), "/"], [C("--actor"), "\\"], [C("--d"), "x"], [C("--off"), "-"], [C("--muted"), "|"], ["#c2185b", "+"]];
     const compared = scenario.ads.map((ads) => [ads, scenario.cases.filter((item) => item.ads === ads && value(item) !== null)])
       .filter(([, items]) => items.length > 0);
     const shapes = [];
@@ -332,42 +551,40 @@
       return {
         type: "bar", name: middle === null ? plain(ads) : `${plain(ads)}, mean ${middle.toFixed(3)}`, x: counts.map((_, bin) => (bin + 0.5) * high / bins), y: counts,
         customdata: counts.map((_, bin) => (over && bin === bins - 1 ? `above ${edge(bin)}` : `${edge(bin)} to ${edge(bin + 1)}`)),
-        marker: { color: colour, line: { width: 1, color: "#fff" }, pattern: { shape, fgcolor: "#fff", fillmode: "overlay", size: 6, solidity: 0.12 } },
+        marker: { color: colour, line: { width: 1, color: C("--paper") }, pattern: { shape, fgcolor: C("--paper"), fillmode: "overlay", size: 6, solidity: 0.12 } },
         hovertemplate: `${axis} %{customdata}: %{y} cases<extra></extra>`,
       };
     });
-    Plotly.newPlot(plot, traces, layout(
+    Plotly.react(plot, traces, layout(
       { ...title(axis), range: [-0.005 * high, 1.005 * high], fixedrange: true }, { ...title(count), rangemode: "tozero", fixedrange: true },
       { barmode: "group", bargap: 0.12, shapes, showlegend: true, dragmode: false, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 }, margin: { l: 52, r: 12, t: 34, b: 44 } },
     ), CONFIG);
+    chart(plot, `${scenario.name} ${count} by ${axis.replace(/<[^>]+>/g, "")}`, scenario);
   }
 
   // --- terms of C ----------------------------------------------------------------------------------------------------
 
   function termMaps() {
     for (const card of document.querySelectorAll("[data-terms]")) {
-      const scenarioIndex = Number(card.dataset.terms);
-      const scenario = data.scenarios[scenarioIndex];
-      const plots = panelsOf(card, scenario);
-      const [ads, term] = ["terms", "term"].map((name) => () => card.querySelector(`input[name="${name}-${scenarioIndex}"]:checked`).value);
-      const draw = () => {
-        const known = scenario.cases.filter((item) => item[term()] !== null).map((item) => item[term()]);
-        const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
-        card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
-        plots.forEach((plot, panel) => {
-          const found = casesOf(scenario, ads(), (item) => item.panel === panel && item[term()] !== null);
-          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(scenario, item) });
-          Plotly.react(plot, [tiles(found, look, { colorscale: "Cividis", zmin: 0, zmax: most })], layout(...mapAxes(scenario, tiled), { dragmode: false }), CONFIG);
-        });
-      };
-      draw();
-      card.addEventListener("change", draw);
-      plots.forEach((plot) => plot.on("plotly_click", (event) => onPick(scenarioIndex, event)));
-      const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
-      histogram(card.querySelector("[data-of=severity]"), scenario, {
-        value: (item) => item.severity, high: Math.max(5, Math.ceil(hardest / 5) * 5), bins: 15, digits: 1, axis: "U, m/s", count: "collisions",
+      const scenarioIndex = Number(card.dataset.terms), scenario = data.scenarios[scenarioIndex];
+      const term = () => card.querySelector(`input[name="term-${scenarioIndex}"]:checked`).value;
+      mapCard(card, scenarioIndex, {
+        name: "terms", rangeOf: tiled,
+        traces: (of, view, ads, shows) => {
+          const known = of.cases.filter((item) => item[term()] !== null).map((item) => item[term()]);
+          const most = term() === "avoided" ? 1 : Math.max(1e-9, ...known);
+          card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
+          const found = casesOf(of, view, ads, (item) => shows(item) && item[term()] !== null);
+          const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(of, item) });
+          return [tiles(of, view, found, look, { colorscale: "Cividis", zmin: 0, zmax: most })];
+        },
       });
-      histogram(card.querySelector("[data-of=ttc]"), scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" });
+      const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
+      const [severity, ttc] = ["severity", "ttc"].map((name) => card.querySelector(`[data-of=${name}]`));
+      whenSeen(severity, () => histogram(severity, scenario, {
+        value: (item) => item.severity, high: Math.max(5, Math.ceil(hardest / 5) * 5), bins: 15, digits: 1, axis: "U, m/s", count: "collisions",
+      }));
+      whenSeen(ttc, () => histogram(ttc, scenario, { value: (item) => item.ttc, high: 10, bins: 20, digits: 1, axis: "TTC, s", count: "cases" }));
     }
   }
 
@@ -481,30 +698,41 @@
     const driverIndexes = scenario.drivers[item.point] ?? [];
     showPickers();
     moveRings.forEach((move) => move());
+    byId("case-key").replaceChildren(item.key, sumoPage.copier(item.key));
+    const command = `sumo-eval replay ${data.folder} ${/^[\w.~+-]+$/.test(item.key) ? item.key : `'${item.key.replaceAll("'", "'\\''")}'`} --open`;
+    byId("case-command").replaceChildren(command, sumoPage.copier(command));
     byId("case-name").textContent = `${item.ads}: ${pointWords(scenario, item.values)}`;
     showFacts(facts(scenario, item));
     const trouble = [item.missing, item.error].filter((text, k, all) => text && all.indexOf(text) === k).join(" ");
     byId("case-error").hidden = !trouble;
     byId("case-error").textContent = trouble || "";
-    if (scroll) byId("case").scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
+    const fold = byId("case").closest("details.fold");
+    if (scroll) sumoPage.unfold(byId("case"));
+    if (scroll) (fold ?? byId("case")).scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
     const drawable = "ego" in item.vehicles;
     byId("case-charts").hidden = !drawable;
     const lacking = !item.embedded ? "trajectories" : item.drivers > driverIndexes.length ? "drivers' trajectories" : "";
     byId("case-elsewhere").hidden = !lacking;
-    byId("case-elsewhere").textContent = `The ${lacking} of this case are not in this file; they are in the run's folder, and sumo-eval replay shows them.`;
+    byId("case-elsewhere").textContent = `The ${lacking} of this case are not in this file. They are in the run's folder, and the command above shows them.`;
     shown = null;
     player.stop();
-    if (!drawable) return;
+    if (!drawable || (fold && !fold.open)) return; // charts are drawn when the section is unfolded
     const all = await trajectoriesOf(scenarioIndex);
     if (mine !== turn) return;
     shown = { scenario, item, ads: all[item.vehicles.ego], actors: actorsOf(item, all), drivers: driverIndexes.map((k) => all[k]) };
     byId("legend-ads").textContent = item.ads;
     byId("legend-drivers").hidden = shown.drivers.length === 0;
     byId("legend-drivers").lastElementChild.textContent = `${shown.drivers.length} human drivers`;
-    drawPaths(shown);
-    drawSpeed(shown);
+    drawCharts(shown);
     startReplay(shown, all);
-    drawFields(shown);
+  }
+
+  function drawCharts(view) {
+    if (!view) return;
+    drawPaths(view);
+    drawSpeed(view);
+    drawFields(view);
+    for (const [id, name] of [["plot-paths", "paths"], ["plot-speed", "speed"], ["plot-field-ads", "field"], ["plot-field-drivers", "drivers' field"]]) chart(byId(id), `${name} of a case`);
   }
 
   /** Begin and end along the road of what there is to see of a case, m. */
@@ -515,10 +743,10 @@
 
   function roadShapes({ road }, [begin, end]) {
     const line = (y, style) => ({ type: "line", x0: begin, x1: end, y0: y, y1: y, layer: "below", line: style });
-    const shapes = [{ type: "rect", x0: begin, x1: end, y0: road.right, y1: road.left, layer: "below", fillcolor: "#eef0f2", line: { width: 0 } }];
+    const shapes = [{ type: "rect", x0: begin, x1: end, y0: road.right, y1: road.left, layer: "below", fillcolor: C("--road"), line: { width: 0 } }];
     for (const edge of [road.right, road.left]) shapes.push(line(edge, { color: "#57606a", width: 2 }));
     for (let lane = 1; lane < road.lanes; lane++) {
-      shapes.push(line(road.right + lane * road.laneWidth, { color: "#9aa4ae", width: 1.5, dash: "dash" }));
+      shapes.push(line(road.right + lane * road.laneWidth, { color: C("--axis"), width: 1.5, dash: "dash" }));
     }
     return shapes;
   }
@@ -547,9 +775,9 @@
       hovertemplate: `<b>${plain(name)}</b><br>${hover}<extra></extra>`,
     });
     return [
-      manyLines(view.drivers, xChannel, yChannel, { color: COLOURS.driver, width: 1 }),
-      one(view.item.ads, view.ads, { color: COLOURS.ads, width: 3 }),
-      ...view.actors.map(([name, trajectory]) => one(name, trajectory, { color: COLOURS.actor, width: 2, dash: "dash" })),
+      manyLines(view.drivers, xChannel, yChannel, { color: C("--driver"), width: 1 }),
+      one(view.item.ads, view.ads, { color: C("--c"), width: 3 }),
+      ...view.actors.map(([name, trajectory]) => one(name, trajectory, { color: C("--actor"), width: 2, dash: "dash" })),
     ];
   }
 
@@ -559,11 +787,11 @@
     const solid = (trajectory, colour) => ({
       ...endBody(trajectory), type: "scatter", mode: "lines", fill: "toself", fillcolor: colour, line: { color: colour, width: 1 }, hoverinfo: "skip",
     });
-    const traces = [...lines(view, "x", "y", "x %{x:.1f} m, y %{y:.2f} m"), ...view.actors.map(([, t]) => solid(t, COLOURS.actor)), solid(ads, COLOURS.ads)];
+    const traces = [...lines(view, "x", "y", "x %{x:.1f} m, y %{y:.2f} m"), ...view.actors.map(([, t]) => solid(t, C("--actor"))), solid(ads, C("--c"))];
     if (item.outcome === "collision") {
       traces.push({
         type: "scatter", mode: "markers", x: [ads.x.at(-1)], y: [ads.y.at(-1)], hovertemplate: "contact<extra></extra>",
-        marker: { symbol: "x-thin", size: 13, line: { color: "#b23c00", width: 3.5 } },
+        marker: { symbol: "x-thin", size: 13, line: { color: C("--hit"), width: 3.5 } },
       });
     }
     const { road } = scenario;
@@ -678,7 +906,9 @@
 
   function onPrint(begins) {
     document.documentElement.classList.toggle("printing", begins);
-    if (begins) document.querySelectorAll("details").forEach((details) => { details.open = true; });
+    if (begins) document.querySelectorAll("details:not([data-cases])").forEach((details) => { details.open = true; });
+    [...unseen].forEach((draw) => draw());
+    drawn.forEach((draw) => draw());
     for (const plot of document.querySelectorAll(".js-plotly-plot")) {
       if (plot.clientWidth === 0) continue;
       Plotly.relayout(plot, begins ? { width: plot.clientWidth, height: plot.clientHeight } : { width: null, height: null, autosize: true });
@@ -690,6 +920,7 @@
     byId("failure").textContent = `A chart of this report could not be drawn (${reason}). The tables and sentences are complete without it.`;
   }
 
+  sumoPage.beforePrint(() => showCase(selected.scenario, selected.index));
   window.addEventListener("beforeprint", () => onPrint(true));
   window.addEventListener("afterprint", () => onPrint(false));
   window.addEventListener("hashchange", () => {
@@ -703,6 +934,9 @@
   wirePickers();
   const asked = caseFromAddress();
   const first = asked ?? firstCase();
+  const caseFold = byId("case").closest("details.fold");
+  caseFold?.addEventListener("toggle", () => { if (caseFold.open && !shown) showCase(selected.scenario, selected.index); });
+  drawn.push(() => drawCharts(shown));
   if (first) showCase(first.s, first.index, asked !== null);
   else byId("case-charts").hidden = true;
   document.documentElement.dataset.report = "ready";
