@@ -1,8 +1,7 @@
-"""Importing this loads every compiled loop that ships: processes forked from one that has imported it have them at
-once. On a machine whose loops are not compiled yet it loads nothing, and each process compiles what it needs.
+"""Importing this loads every compiled loop that this machine has: processes forked from one that has imported it have
+them at once. What is not compiled yet is compiled by the process that needs it.
 """
 
-from sumo_eval.record.loops import are_ready, load
+from sumo_eval.record.loops import compiled, load
 
-if are_ready():
-    load()
+load(compiled())
