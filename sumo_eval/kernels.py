@@ -31,6 +31,9 @@ _PACKAGE = Path(__file__).parent
 _ROOMS = ("kernels.py", "trajectory.py", "settings", "scenario", "cosim", "ads", "drivers")
 """Where kernels and the constants that are compiled into them stand."""
 
+_KNOWN_INSIDE = "0.68."
+"""Versions of numba of which `_as_part` knows the insides; others compile more slowly, to the same bits."""
+
 _waiting: list[Callable[..., Any]] = []
 
 
@@ -90,16 +93,82 @@ def _numba() -> Any:
 
 
 def _register(function: Callable[..., Any]) -> None:
-    importlib.import_module("numba.extending").register_jitable(error_model="numpy")(function)
+    register = importlib.import_module("numba.extending").register_jitable
+    register(error_model="numpy", no_cfunc_wrapper=True, **_as_part())(function)
+
+
+@functools.cache
+def _as_part() -> dict[str, Any]:
+    """How numba is to compile a rule: as a part of the loops that call it, and nothing else; empty: as it likes.
+
+    By itself numba makes every function machine code of its own, optimised, and then once more within each that calls
+    it. A rule is only ever called by rules and loops, so it is enough to optimise it, and make machine code of it, as a
+    part of a loop: a third of the time of compiling everything. That takes what numba promises nobody, so numbas whose
+    insides are not known here do as they like.
+    """
+    numba = importlib.import_module("numba")
+    if not numba.__version__.startswith(_KNOWN_INSIDE):
+        return {}
+    codegen, compiler, passes, make_function = (
+        importlib.import_module("numba.core.codegen"),
+        importlib.import_module("numba.core.compiler"),
+        importlib.import_module("numba.core.typed_passes"),
+        importlib.import_module("numba._dynfunc").make_function,
+    )
+
+    class Part(codegen.JITCodeLibrary):  # type: ignore[name-defined,misc]
+        """The code of a rule and of those that it calls, to be linked into others and not to be run."""
+
+        def _optimize_functions(self, module: Any) -> None:
+            module.data_layout = self._codegen._data_layout
+
+        def finalize(self) -> None:
+            for library in dict.fromkeys(self._linking_libraries):
+                self._reload_init.update(library._reload_init)
+                self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+            self._finalized = True
+
+    class LowerPart(passes.NativeLowering):  # type: ignore[name-defined,misc]
+        """Lower a rule to a `Part`, for which there is no function that Python could call."""
+
+        _name = "sumo_eval_lower_part"
+
+        def run_pass(self, state: Any) -> bool:
+            state.library = Part(state.targetctx.codegen(), state.func_id.func_qualname)
+            state.flags.no_compile = True
+            super().run_pass(state)
+            made = state["cr"]
+            name = made.fndesc.qualname.split(".")[-1]
+            stands_for = make_function(made.fndesc.lookup_module(), name, "", 0, made.env, (state.library,))
+            state.targetctx.insert_user_function(stands_for, made.fndesc, [state.library])
+            state.library._ensure_finalized()
+            state.reload_init.extend(state.library._reload_init)
+            state["cr"] = made._replace(cfunc=stands_for)
+            return True
+
+    importlib.import_module("numba.core.compiler_machinery").register_pass(mutates_CFG=True, analysis_only=False)(
+        LowerPart
+    )
+
+    class PartCompiler(compiler.CompilerBase):  # type: ignore[name-defined,misc]
+        """numba's own way, with the last step replaced."""
+
+        def define_pipelines(self) -> list[Any]:
+            usual = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
+            usual.passes = [(LowerPart if step is passes.NativeLowering else step, what) for step, what in usual.passes]
+            usual.finalize()
+            return [usual]
+
+    return {"pipeline_class": PartCompiler}
 
 
 @functools.cache
 def cache_folder() -> Path:
-    """Where machine code is kept: a folder for each state of the sources.
+    """Where machine code is kept: a folder for each state of the sources, and for each place where they stand.
 
     numba itself looks at the file of the loop alone, and would go on with old code of a rule that another file holds.
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(bytes(_PACKAGE))  # numba keeps code apart by the place of its source
     for room in _ROOMS:
         found = _PACKAGE / room
         for path in sorted(found.rglob("*.py")) if found.is_dir() else [found]:
@@ -161,14 +230,12 @@ def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
 # -- before the first case ---------------------------------------------------------------------------------------------
 
 
-def warm(scripts: Sequence[str], environment: dict[str, str] | None = None) -> int:
+def warm(scripts: Sequence[str]) -> None:
     """Compile in child processes, one for each script, all at the same time, and wait; what they compile is on disk.
-
-    How many of them did not come to their end and have left something to compile.
 
     scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
     """
-    given = {**os.environ, **(environment or {})}
-    children = [subprocess.Popen([sys.executable, "-c", script], env=given) for script in scripts]
-    ended = [child.wait() for child in children]
-    return sum(status != 0 for status in ended)
+    begin = "import gc; gc.disable()\n"  # compiling makes many objects and little garbage; a tenth of its time
+    children = [subprocess.Popen([sys.executable, "-c", begin + script]) for script in scripts]
+    for child in children:
+        child.wait()

@@ -261,6 +261,8 @@ class Rows:
         self._arrays = arrays(self._ads, world)
         self._delayed = _Delayed(world, self._plant)
         self._usual = world.settings.plant is None and conditions == ConditionSettings()
+        # Over no rows: compiled or loaded here, and not within the time of a step.
+        self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""

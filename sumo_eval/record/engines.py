@@ -54,7 +54,7 @@ def run_in_children(
 ) -> Generator[list[Outcome], None, None]:
     """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
     listed = cases if isinstance(cases, Sequence) else ()  # who hands them over one by one has seen to it
-    loops.ready(case.concrete for case in listed)  # a case's time is for driving
+    loops.ready(loops.of_cases(listed))  # a case's time is for driving
     packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
     work: Work[Pack] = Work(
         answer,

@@ -154,11 +154,12 @@ def record_facts(
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     severity_of(evaluation.method.collision, source)
-    loops.ready(progress=progress)
+    loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)
-    loops.ready(map(_middle, spaces), progress)
+    if any(_middle(space).lively for space in spaces):
+        loops.ready([loops.PLAYED], progress)
     with run_folder.only_writer(folder, resume=resume):
         run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
@@ -265,7 +266,7 @@ def verify(
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
     """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
-    loops.ready()
+    loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)

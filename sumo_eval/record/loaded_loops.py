@@ -1,5 +1,5 @@
-"""Importing this loads every compiled loop that ships: processes forked from one that has imported it have them at
-once. On a machine whose loops are not compiled yet it loads nothing, and each process compiles what it needs.
+"""Importing this loads every compiled loop that this machine has: processes forked from one that has imported it have
+them at once. What is not compiled yet is compiled by the process that needs it.
 
 The process that imports it makes the children, and takes in what a supervisor that was killed has left behind.
 """
@@ -7,9 +7,8 @@ The process that imports it makes the children, and takes in what a supervisor t
 import warnings
 
 from sumo_eval.record.hygiene import adopt_orphans
-from sumo_eval.record.loops import are_ready, load
+from sumo_eval.record.loops import compiled, load
 
-if are_ready():
-    load()
+load(compiled())
 adopt_orphans()
 warnings.filterwarnings("ignore", "forkserver: waitpid returned unexpected pid")  # the end of what was taken in

@@ -1,87 +1,181 @@
-"""The compiled loops of everything that ships, which are made on a machine's first run.
+"""The compiled loops of everything that ships: a run compiles those that it needs, each once on a machine.
 
-python -m sumo_eval.record.loops        compiles what is not compiled yet, in two processes
+A piece is what is compiled and marked as done together: the world's own loops, those of vehicles whose moves depend on
+what happens, and the loop of each rule, which goes by its locator.
+
+python -m sumo_eval.record.loops        compiles all that is not compiled yet, in as many processes as there are cores
 """
 
 from __future__ import annotations
 
+import functools
+import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.cosim.doors.controller import SHIPPED, find_controller
-from sumo_eval.cosim.loop import arrays
-from sumo_eval.cosim.world import World, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.compiled import Compiled
+from sumo_eval.cosim.doors.controller import SHIPPED, find_controller, knows_the_scripts
+from sumo_eval.cosim.doors.entry import split_entry
+from sumo_eval.cosim.world import EGO, MOVER, World, described, move_rows, see_rows, stop_rows
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
+from sumo_eval.record.cases import Case
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings.evaluation import EvaluationSettings
 
-_AT_A_TIME = 2  # processes: each holds half of the loops
-_ALL, _PLAYED = "all rules", "moves with conditions"  # files that say what has been compiled
+WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
+_LONG = {
+    WORLD: 14, PLAYED: 12, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2, "reg157": 2,
+}  # fmt: skip
+"""About what compiling a piece takes, s of processor time: only who shares a process with whom hangs on it."""
+_MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
 
-
-def load(part: int = 0, parts: int = 1) -> None:
-    """Call every so-manyth loop once, on a case that needs no simulator."""
-    road = Road("road", 100.0, 2, 3.5, 0.0)
-    concrete = ConcreteScenario("none", {}, 1.0, road, Start(10.0, 0.0, 10.0), (Actor("lead", Start(50.0, 0.0, 5.0)),))
-    world = World([concrete], SimulationSettings())
-    found = [made() if isinstance(made := find_controller(name), type) else made for name in SHIPPED]
-    found.append(human_controller(0, 1, 0, concrete))
-    kinds = list({type(ads).loop: ads for ads in found}.values())
-    for ads in kinds[part::parts]:
-        own = arrays([ads], world)
-        type(ads).loop(world.egos, world.seen, *own, world.scenario, 0.0)
-    if part == 0:
-        shown = np.zeros((1, 1, 4))
-        move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, 1, 1)
-        see_rows(
-            world.egos, world.others, world.moves, world.clips, world.seen, world.samples, shown, world.scenario,
-            world.line, 1, 1, 0,
-        )  # fmt: skip
-        stop_rows(world.egos, world.others, world.moves, world.samples, 0, 0)
+_ROAD = Road("road", 100.0, 2, 3.5, 0.0)
 
 
-def load_played() -> None:
-    """Call the loops of vehicles whose scripts depend on what happens once, on a case that needs no simulator."""
-    road = Road("road", 100.0, 2, 3.5, 0.0)
-    turned = Actor("lead", Start(50.0, 0.0, 5.0), heading=0.01)
-    world = World([ConcreteScenario("none", {}, 1.0, road, Start(10.0, 0.0, 10.0), (turned,))], SimulationSettings())
+@functools.cache
+def _locators() -> dict[type[Compiled], list[str]]:
+    """The rules that ship, with the locators by which each goes; those of one loop stand together."""
+    found: dict[type[Compiled], list[str]] = {}
+    for locator in SHIPPED:
+        kind = type(_made(locator))
+        same = next((other for other in found if other.loop is kind.loop), kind)
+        found.setdefault(same, []).append(locator)
+    return found
+
+
+def _made(locator: str) -> Compiled:
+    found = find_controller(locator)
+    return found() if isinstance(found, type) else found  # type: ignore[no-any-return]
+
+
+def everything() -> list[str]:
+    """All pieces."""
+    return [WORLD, PLAYED, PEOPLE, *(locators[0] for locators in _locators().values())]
+
+
+def load(pieces: Iterable[str]) -> None:
+    """Have the loops of these pieces in this process: from disk, or compiled now, and then marked as done."""
+    for piece in pieces:
+        if piece == WORLD:
+            _load_world()
+        elif piece == PLAYED:
+            _load_played()
+        else:
+            _load_rule(human_controller(0, 1, 0, _concrete(0.0)) if piece == PEOPLE else _made(piece))
+        if cache_folder().is_dir():  # else nothing is kept
+            _mark(piece).touch()
+
+
+def _concrete(heading: float) -> ConcreteScenario:
+    """A case that needs no simulator. heading: of the other vehicle, rad; a turned one is a played one."""
+    lead = Actor("lead", Start(50.0, 0.0, 5.0), heading=heading)
+    return ConcreteScenario("none", {}, 1.0, _ROAD, Start(10.0, 0.0, 10.0), (lead,))
+
+
+def _load_world() -> None:
+    world = World([_concrete(0.0)], SimulationSettings())
+    move_rows(world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, 1, 1)
+    see_rows(
+        world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown, world.scenario,
+        world.line, 1, 1, 0,
+    )  # fmt: skip
+    stop_rows(world.egos, world.others, world.moves, world.samples, 0, 0)
+
+
+def _load_played() -> None:
+    world = World([_concrete(0.01)], SimulationSettings())
     assert world.players is not None
     world.play(0.05, 0, closely=True)
     world.wake(0.05)
 
 
-def are_ready() -> bool:
-    """Whether every loop is compiled on this machine, or need not be."""
-    return _is_made(_ALL)
+def _load_rule(ads: Compiled) -> None:
+    """Its loop over no rows: a rule needs nothing of the world's loops."""
+    settings, concrete = SimulationSettings(), _concrete(0.0)
+    scenario = described(_ROAD, settings.vehicle, settings.step, settings)
+    kind = type(ads)
+    told = knows_the_scripts(ads)
+    own = kind.foreseeing([ads], [concrete], settings) if told else kind.arrays([ads], scenario, 1)  # type: ignore[attr-defined]
+    kind.loop(np.zeros(0, EGO), np.zeros((0, 1), MOVER), *own, scenario, 0.0)
 
 
-def ready(cases: Iterable[ConcreteScenario] = (), progress: Progress = quiet) -> None:
-    """Compile what this machine has not compiled yet, with what only such cases need; later runs find it on disk."""
-    _make(_ALL, [f"load({part}, {_AT_A_TIME})" for part in range(_AT_A_TIME)], progress)
-    if any(case.lively for case in cases):
-        _make(_PLAYED, ["load_played()"], progress)
+def _mark(piece: str) -> Path:
+    """The file that says that a piece has been compiled."""
+    return cache_folder() / f"{piece} is compiled"
 
 
-def _is_made(what: str) -> bool:
-    return INTERPRETED or (cache_folder() / what).is_file()
+def compiled() -> list[str]:
+    """The pieces that this machine has compiled."""
+    return [] if INTERPRETED else [piece for piece in everything() if _mark(piece).is_file()]
 
 
-def _make(what: str, calls: Sequence[str], progress: Progress = quiet) -> None:
-    """Compile in a process for each of the calls, unless it is done, and mark it as done if all of them were."""
-    if _is_made(what):
+def of_evaluation(settings: EvaluationSettings) -> set[str]:
+    """What every case of an evaluation needs: who drives, and the world."""
+    drivers = settings.drivers
+    fills = drivers.too_thin == "fill" and ":" not in drivers.source  # recorded people, where they are too few
+    people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
+    return {WORLD, "ideal_braking", "no_reaction"} | people | _rules(ads.locator for ads in settings.ads)
+
+
+def of_cases(cases: Iterable[Case]) -> set[str]:
+    """What these cases need."""
+    found: set[str] = set()
+    locators: set[str] = set()
+    for case in cases:
+        found.add(WORLD)
+        if case.concrete.lively:
+            found.add(PLAYED)
+        if case.role == "human":
+            found.add(PEOPLE)
+        else:
+            locators.add(case.controller)
+    return found | _rules(locators)
+
+
+def _rules(locators: Iterable[str]) -> set[str]:
+    """The pieces of those locators that name a rule that ships; what users bring may be one: it is compiled by who
+    drives it.
+    """
+    names = {split_entry(locator)[0] for locator in locators}
+    return {known[0] for known in _locators().values() if names.intersection(known)}
+
+
+def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
+    """Compile those pieces that this machine has not compiled yet, in processes of their own; it keeps them on disk."""
+    if INTERPRETED:
         return
-    stage = f"compiling, once on this machine ({what})"
-    progress(stage, 0, len(calls))
-    failed = warm([f"from sumo_eval.record import loops; loops.{call}" for call in calls])
-    progress(stage, len(calls), len(calls), failed)
-    if not failed and cache_folder().is_dir():  # else nothing is kept, and every process compiles for itself
-        (cache_folder() / what).touch()
+    missing = sorted((it for it in wanted if not _mark(it).is_file()), key=lambda it: (-_LONG.get(it, 1), it))
+    if not missing or not _is_kept():
+        return
+    shares: list[list[str]] = [[] for _ in range(min(_cores(), _MOST, len(missing)))]
+    for piece in missing:
+        min(shares, key=lambda share: sum(_LONG.get(it, 1) for it in share)).append(piece)
+    stage = "compiling, once on this machine"
+    progress(stage, 0, len(missing))
+    warm([f"from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
+    progress(stage, len(missing), len(missing), sum(not _mark(piece).is_file() for piece in missing))
+
+
+def _is_kept() -> bool:
+    """Whether machine code can be kept on this machine; else every process compiles for itself."""
+    try:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(cache_folder(), os.W_OK)
+
+
+def _cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 if __name__ == "__main__":
-    ready()
+    ready(everything())
     sys.exit(0)
