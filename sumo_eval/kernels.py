@@ -190,7 +190,7 @@ def _interpreted(function: Callable[..., Any]) -> Callable[..., Any]:
         opened = [_opened(argument) for argument in arguments]
         result = function(*opened)
         for argument, records in zip(arguments, opened, strict=True):
-            if records is not argument:
+            if records is not argument and argument.size:
                 argument[...] = _closed(records, argument.dtype)
         return result
 
