@@ -10,14 +10,29 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "oracles"))
 from r157_cases import collides, of_row  # type: ignore[import-not-found]
 
-NAMES = {"CC_human_driver": "careful_driver", "FSM": "fsm", "RSS": "rss", "Reg157": "reg157"}
+
+def fsm_as_coded() -> FuzzySafetyModel:
+    """`fsm` with CFS and without a resting gap, as the other program has it."""
+    return FuzzySafetyModel(standstill_gap=0.0, as_coded=True)
+
+
+NAMES: tuple[tuple[str, str, Any], ...] = (
+    ("CC_human_driver", "careful_driver", "careful_driver"),
+    ("FSM", "fsm", "fsm"),
+    ("FSM", "fsm, as coded", fsm_as_coded),
+    ("RSS", "rss", "rss"),
+    ("Reg157", "reg157", "reg157"),
+)
 SEED = 1
 
 
@@ -27,7 +42,7 @@ def agreement(folder: Path, rows: int) -> pd.DataFrame:
     for kind, run_up in (("cut_in", False), ("cut_in", True), ("cut_out", False), ("decel", False)):
         table = pd.read_csv(folder / f"{kind}.csv", dtype=str)
         table = table[table["robust_dt"] == "1"]
-        for model, controller in NAMES.items():
+        for model, name, controller in NAMES:
             mine = table[table["model"] == model]
             mine = mine.sample(min(rows, len(mine)), random_state=SEED)
             theirs = (mine["crash"] == "1").to_numpy()
@@ -38,7 +53,7 @@ def agreement(folder: Path, rows: int) -> pd.DataFrame:
             ours = np.array([collides(scene, controller) for scene in scenes])
             false, missed = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
             agree = 100.0 * (1.0 - (false + missed) / len(mine))
-            lines.append((controller, kind + " + run-up" * run_up, len(mine), f"{agree:.1f} %", false, missed))
+            lines.append((name, kind + " + run-up" * run_up, len(mine), f"{agree:.1f} %", false, missed))
     return pd.DataFrame(lines, columns=["controller", "scenario", "rows", "agree", "false crash", "missed crash"])
 
 

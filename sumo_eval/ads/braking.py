@@ -15,7 +15,7 @@ from sumo_eval.cosim.world import fields, flags
 from sumo_eval.kernels import kernel
 
 _HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s
-_JUMP = 0.5  # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
+JUMP = 0.5  # m/s2 by which a demand must change within a step to be looked at for a jump: 10 m/s3 at 0.05 s
 _INSIDE = 1e-3  # of a part of a step: at its very ends a demand may be that before or after it
 
 BRAKE_PATH = fields("level", "brakes", "owed")
@@ -154,7 +154,7 @@ def demand_jump(demand: Callable[..., float], scene: Any, begin: float, end: flo
     """
     inside = _INSIDE * (end - begin)
     early, late = demand(scene, begin + inside), demand(scene, end - inside)
-    if abs(late - early) < _JUMP:
+    if abs(late - early) < JUMP:
         return end
     return first_instant(demand, scene, 0.5 * (early + late), begin + inside, end - inside)
 

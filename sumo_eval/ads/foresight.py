@@ -12,13 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sumo_eval.ads.lane_change import shortest_duration, smooth_step
+from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
+from sumo_eval.ads.perception import safe_gap
 from sumo_eval.cosim.contact import Body, first_touch
 from sumo_eval.cosim.impossible import FASTEST
+from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Start
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
+FOLLOWING_GAP = 1.6  # s to a vehicle ahead in the lane that is entered: the least of UN R157 from 60 km/h on
 _LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _PEAK_RATE = 1.875  # of `smooth_step_rate`
@@ -54,6 +59,58 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         slowest = actor.start.speed if actor.brake is None else 0.0
         found.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(found)
+
+
+def evasion(
+    concrete: ConcreteScenario, settings: SimulationSettings, known: Sequence[Foresight], deceleration: float
+) -> tuple[float, float, float, float]:
+    """The path (`PATH`) of an ideal vehicle that steers to the lane on its left, of offset 0 where it brakes.
+
+    It steers where a steady vehicle shows so late, from behind another one, that braking with `deceleration` (m/s2)
+    from then on hits it, and where a lane change from then on at the speed it has, as quick as those of the drivers
+    that ship, is clear of everybody to the end: by 0.3 m across, and along the road of whoever is no such vehicle by
+    `FOLLOWING_GAP` to the one ahead and 2 m to the one behind. settings: those of the case.
+    """
+    ego, road, vehicle = concrete.ego, concrete.road, settings.vehicle
+    lane = min(max(round(ego.y / road.lane_width), 0), road.lanes - 1)
+    straight = road.lane_width * lane, 0.0, 0.0, 1.0
+    others = list(zip(concrete.actors, known, strict=True))
+    round_whom = [
+        actor for actor, told in others
+        if told.meets and told.hidden and math.isfinite(told.noticed) and not (actor.brake or actor.lane_changes)
+    ]  # fmt: skip
+    if not settings.ideal_steers or concrete.lively or lane + 1 == road.lanes or not round_whom:
+        return straight
+    begin = min(told.noticed for actor, told in others if actor in round_whom)
+    at = ego.x + ego.speed * begin
+    hits = [
+        ideal_impact_speed(
+            ego.speed, actor.start.speed, actor.x(begin) - at - 0.5 * (vehicle.length + actor.length),
+            deceleration=deceleration, build_up=deceleration / vehicle.brake_jerk,
+        ) > 0.0
+        for actor in round_whom
+    ]  # fmt: skip
+    if not any(hits):
+        return straight
+    duration = shortest_duration(road.lane_width, EMERGENCY_LATERAL)
+    response = deceleration / vehicle.brake_jerk
+    until = min(settings.time_limit, (road.length - ego.x) / ego.speed)
+    for time in np.arange(0.0, until, _LOOK).tolist():
+        x = ego.x + ego.speed * time
+        y = ego.y + road.lane_width * smooth_step((time - begin) / duration)
+        for actor in concrete.actors:
+            along = abs(actor.x(time) - x) - 0.5 * (vehicle.length + actor.length)
+            across = abs(actor.y(time) - y) - 0.5 * (vehicle.width + actor.width)
+            shown = actor not in round_whom
+            if time >= begin:
+                least = 0.0 if not shown else FOLLOWING_GAP * ego.speed if actor.x(time) > x else EMERGENCY_GAP
+                clear = across >= CLEARANCE or along >= least
+            else:  # it would brake behind a vehicle that is too near
+                near = shown and actor.x(time) > x and across < 0.0
+                clear = not near or along >= safe_gap(ego.speed, actor.speed(time), deceleration, response)
+            if not clear:
+                return straight
+    return straight[0], road.lane_width, at, duration * ego.speed
 
 
 class _Track:

@@ -28,7 +28,7 @@ from sumo_eval.ads.r157 import (
     sight_all,
 )
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.world import MOVER, Records, fields
+from sumo_eval.cosim.world import MOVER, Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 
@@ -62,12 +62,15 @@ def proactive_fuzzy_safety(gap: float, speed: float, other_speed: float) -> floa
 
 
 @kernel
-def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, acceleration: float) -> float:
+def critical_fuzzy_safety(
+    gap: float, speed: float, other_speed: float, acceleration: float, as_coded: bool = False
+) -> float:
     """CFS(d): 1 below d_unsafe, 0 above d_safe, linear between; 0 when not closing.
 
     a' = max(a, -bc); u2 = u + a' tau. If u2 > w: d_new = ((u + u2) / 2 - w) tau, d_safe = d_new + (u2 - w)^2 / (2 bc),
     d_unsafe = d_new + (u2 - w)^2 / (2 bm); else both are (u - w)^2 / (2 |a'|).
-    gap: d, m. speed: u, other_speed: w, m/s. acceleration: of the ego, m/s2.
+    gap: d, m. speed: u, other_speed: w, m/s. acceleration: a, of the ego, m/s2. as_coded: |a| stands for |a'| in the
+    last of these, as in the JRC's program.
     """
     closing = speed - other_speed
     if closing <= 0.0:
@@ -75,7 +78,7 @@ def critical_fuzzy_safety(gap: float, speed: float, other_speed: float, accelera
     bounded = max(acceleration, -COMFORTABLE)
     later = speed + bounded * REACTION
     if later <= other_speed:
-        distance = closing * closing / (2.0 * abs(bounded))
+        distance = closing * closing / (2.0 * abs(acceleration if as_coded else bounded))
         return 1.0 if gap < distance else 0.0
     covered = (0.5 * (speed + later) - other_speed) * REACTION
     remaining = (later - other_speed) * (later - other_speed)
@@ -107,7 +110,7 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
 
 
-_PARAMETERS = fields("standstill_gap")
+_PARAMETERS = [*fields("standstill_gap"), *flags("as_coded")]
 
 
 @kernel
@@ -122,7 +125,8 @@ def fuzzy_demand(scene: Any, after: float) -> float:
             continue
         if other.x > me.x and considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)
-            critical = critical_fuzzy_safety(gap - p.standstill_gap, me.along, other.along, -me.braking)
+            left, as_coded = gap - p.standstill_gap, p.as_coded == 1
+            critical = critical_fuzzy_safety(left, me.along, other.along, -me.braking, as_coded)
             proactive = proactive_fuzzy_safety(gap, me.along, other.along)
             demanded = max(demanded, demanded_braking(critical, proactive))
     return demanded
@@ -159,15 +163,15 @@ class FuzzySafetyModel(Compiled):
 
     standstill_gap: what it takes off the gap for CFS, m. Without it the formulas, followed in continuous time, bring
     the ego to rest exactly against the other vehicle, which is a contact at 0 m/s. Any 1 to 10 cm give
-    the same outcomes.
+    the same outcomes. as_coded: CFS as the JRC's program has it (`critical_fuzzy_safety`), not as it is printed.
     """
 
     loop = staticmethod(fuzzy_safety_model_rows)
 
-    def __init__(self, standstill_gap: float = 0.01) -> None:
+    def __init__(self, standstill_gap: float = 0.01, as_coded: bool = False) -> None:
         if not (math.isfinite(standstill_gap) and standstill_gap >= 0.0):
             raise must_be("`standstill_gap`", "ADS `fsm`", "a finite number, at least 0 m", standstill_gap)
-        self.standstill_gap = standstill_gap
+        self.standstill_gap, self.as_coded = standstill_gap, as_coded
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import switched
-from sumo_eval.ads.foresight import foresee
-from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path
+from sumo_eval.ads.foresight import evasion, foresee
+from sumo_eval.ads.lane_change import PATH, lane_kept, path_at, rear_axle_next, steering
+from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
 from sumo_eval.cosim.compiled import Compiled, records
 from sumo_eval.cosim.world import Records, fields
 from sumo_eval.errors import ControllerError, must_be
@@ -46,19 +46,8 @@ no_reaction = NoReaction()
 _PARAMETERS = fields("deceleration")
 _KNOWN = fields("noticed", "meets", "speed", "hidden")
 """A `Foresight`."""
-LEAST_GAP = 2.0  # m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
-
-
-@kernel
-def safe_gap(speed: float, lead_speed: float, deceleration: float, response: float) -> float:
-    """Gap from which two vehicles that brake equally hard come to rest `LEAST_GAP` apart, m.
-
-    d = max(0, v rho + (v^2 - w^2) / (2 b)) + 2 m: the longitudinal distance of Responsibility-Sensitive Safety for one
-    that does not speed up in between (Shalev-Shwartz et al. 2017, Definition 1).
-    speed: v, lead_speed: w, m/s. deceleration: b, m/s2. response: rho, s.
-    """
-    rolled = speed * response + (speed * speed - lead_speed * lead_speed) / (2.0 * deceleration)
-    return max(rolled, 0.0) + LEAST_GAP
+_EVASION = np.dtype([("path", PATH), *fields("curvature")])
+"""path: to the lane on the left, if it steers. curvature: that is steered now, 1/m."""
 
 
 @kernel
@@ -102,15 +91,20 @@ def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time:
 
 @rows
 def ideal_braking_rows(
-    egos: Records, seen: Records, known: Records, parameters: Records, scenario: Records, time: float
+    egos: Records, seen: Records, known: Records, parameters: Records, evasions: Records, scenario: Records, time: float
 ) -> None:
-    """`ideal_braking` for every row. It has always settled: while nothing comes nearer it does nothing."""
+    """`ideal_braking` for every row, or the lane change of one that steers at the speed it has. It has always settled:
+    while nothing comes nearer it does nothing.
+    """
     for i in range(len(egos)):
         if egos[i].live:
-            egos[i].command.acceleration = ideal_braking(
-                egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time
-            )
-            egos[i].command.steering = lane_kept(egos[i], scenario[0])
+            command, evades = egos[i].command, evasions[i]
+            if evades.path.offset == 0.0:
+                command.acceleration = ideal_braking(egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time)
+                command.steering = lane_kept(egos[i], scenario[0])
+            else:
+                y, slope, bend = path_at(evades.path, rear_axle_next(egos[i].seen, scenario[0]))
+                command.steering = steering(evades, egos[i].seen, y, slope, bend, scenario[0])
             egos[i].settled = 1
 
 
@@ -125,6 +119,9 @@ class IdealBraking(Compiled):
     What a vehicle ahead hides it does not know, and therefore keeps a safe distance to that vehicle (`safe_gap`, with
     its own brakes and the time that they need): as long as it is nearer it brakes as hard. Without that, whoever opens
     such a gap at once, as `idm` does, is slower than it when what was hidden shows.
+
+    Where what was hidden shows so late that no braking stops short of it, it steers round it instead, if the lane on
+    the left is free for sure (`evasion`): `lane_changer` would, and nobody is to be gentler.
 
     The pressure build-up is the vehicle model's (`VehicleSettings.brake_build_up`, 0.15 s), as far as `deceleration` is
     the strongest that the vehicle has. So its impact speed behind a vehicle that it sees from the start is
@@ -147,7 +144,10 @@ class IdealBraking(Compiled):
     def foreseeing(
         cls, together: Sequence[Any], cases: Sequence[ConcreteScenario], settings: SimulationSettings
     ) -> tuple[Records, ...]:
-        """What is known of the others of each case, and parameters."""
-        known = [[tuple(other) for other in foresee(concrete, settings)] for concrete in cases]
-        shape = len(cases), len(cases[0].actors)
-        return np.array(known, dtype=_KNOWN).reshape(shape), records(together, _PARAMETERS)
+        """What is known of the others of each case, parameters, and the evasion of each case."""
+        known = [foresee(concrete, settings) for concrete in cases]
+        told = np.array([[tuple(other) for other in others] for others in known], dtype=_KNOWN)
+        evasions = np.zeros(len(cases), _EVASION)
+        for i, (ads, concrete, others) in enumerate(zip(together, cases, known, strict=True)):
+            evasions[i]["path"] = evasion(concrete, settings, others, ads.deceleration)
+        return told.reshape(len(cases), len(cases[0].actors)), records(together, _PARAMETERS), evasions

@@ -12,6 +12,8 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
+LEAST_GAP = 2.0  # m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
+
 
 @kernel
 def bumper_gap(me: Any, other: Any) -> float:
@@ -76,6 +78,18 @@ def neighbours(me: Any, others: Any, centre: float, width: float) -> tuple[int, 
         if (other.x <= me.x or beside) and (behind < 0 or other.x > others[behind].x):
             behind = j
     return ahead, behind
+
+
+@kernel
+def safe_gap(speed: float, lead_speed: float, deceleration: float, response: float) -> float:
+    """Gap from which two vehicles that brake equally hard come to rest `LEAST_GAP` apart, m.
+
+    d = max(0, v rho + (v^2 - w^2) / (2 b)) + 2 m: the longitudinal distance of Responsibility-Sensitive Safety for one
+    that does not speed up in between (Shalev-Shwartz et al. 2017, Definition 1).
+    speed: v, lead_speed: w, m/s. deceleration: b, m/s2. response: rho, s.
+    """
+    rolled = speed * response + (speed * speed - lead_speed * lead_speed) / (2.0 * deceleration)
+    return max(rolled, 0.0) + LEAST_GAP
 
 
 @kernel

@@ -149,6 +149,9 @@ class SimulationSettings(Checked):
         Le(1.0),
         About("share of a hidden vehicle's width that must show for it to see it; 0: it sees through", "", "Ug", "17"),
     ] = 0.2
+    ideal_steers: Annotated[
+        bool, About("whether it changes to a free lane where a hidden vehicle shows too late to brake", "", "Ug", "17")
+    ] = True
     conditions: ConditionSettings = field(default_factory=ConditionSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     plant: Annotated[PlantSettings | None, About("an FMU as vehicle model of the ADSs under test")] = None

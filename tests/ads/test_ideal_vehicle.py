@@ -2,12 +2,13 @@
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from road_scenes import actor, case
 
-from sumo_eval.ads.foresight import foresee
+from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -57,6 +58,65 @@ def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle(name):
 @pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
 def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name):
     assert_nobody_is_gentler(name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS))
+
+
+FAST = catalogue.load("r157_cut_out").concrete(ego_speed=37.0, obstacle_gap=2.0, lateral_speed=1.0)
+
+
+def test_it_steers_round_what_shows_too_late_to_brake():
+    # 78.3 m to a standing vehicle at 37 m/s: 37 * 0.075 + 37^2 / 18 = 78.8 m are needed; 2.25 s for the next lane
+    steered = simulate(FAST, "ideal_braking", SETTINGS)
+    assert (steered.collision, steered.ego.speed.min()) == (None, 37.0)
+    assert steered.ego.y.max() > 3.4
+    braked = simulate(FAST, "ideal_braking", replace(SETTINGS, ideal_steers=False))
+    assert 0.0 < braked.collision.relative_speed < 5.0
+
+
+def test_it_steers_where_lane_changer_would_be_gentler():
+    logical, stream = catalogue.load("r157_cut_out"), np.random.default_rng(3)
+    cases = [
+        logical.concrete(ego_speed=stream.uniform(36.0, 37.5), obstacle_gap=stream.uniform(0.0, 8.0), lateral_speed=1.0)
+        for _ in range(12)
+    ]
+    ideal, other = severities(cases, "ideal_braking"), severities(cases, "lane_changer")
+    braking = severities(cases, "ideal_braking", replace(SETTINGS, ideal_steers=False))
+    assert (other >= ideal).all()
+    assert (other < braking).any()
+
+
+def path_of(concrete, settings=SETTINGS):
+    settings = concrete.simulation(settings)
+    return evasion(concrete, settings, foresee(concrete, settings), 9.0)
+
+
+def test_it_steers_from_where_it_sees_on_and_as_quickly_as_a_driver():
+    start, offset, begin, length = path_of(FAST)
+    noticed = foresee(FAST, FAST.simulation(SETTINGS))[1].noticed
+    assert (start, offset) == (0.0, 3.5)
+    assert begin == pytest.approx(FAST.ego.x + 37.0 * noticed)
+    assert length == pytest.approx(37.0 * math.sqrt(10.0 / math.sqrt(3.0) * 3.5 / 4.0))
+
+
+@pytest.mark.parametrize("headway", [1.5, 1.7])
+def test_a_lane_is_free_with_1_6_seconds_to_the_vehicle_ahead_in_it(headway):
+    lead, hidden = (replace(one) for one in FAST.actors)
+    nearer = replace(lead, start=replace(lead.start, x=FAST.ego.x + 4.3 + 37.0 * headway))
+    assert (path_of(replace(FAST, actors=(nearer, hidden)))[1] > 0.0) == (headway > 1.6)
+
+
+def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
+    logical = catalogue.load("r157_cut_out")
+    slower = logical.concrete(ego_speed=36.0, obstacle_gap=2.0, lateral_speed=1.0)  # 76.3 m, 74.7 m needed
+    beside = Actor("beside", Start(FAST.ego.x - 10.0, 3.5, 37.0), (), 4.3, 1.9)
+    assert path_of(slower)[1] == 0.0
+    assert path_of(replace(FAST, actors=(*FAST.actors, beside)))[1] > 0.0  # 5.7 m behind, and no faster
+    touching = replace(beside, start=Start(FAST.ego.x - 6.0, 3.5, 37.0))
+    assert path_of(replace(FAST, actors=(*FAST.actors, touching)))[1] == 0.0
+    assert path_of(FAST, replace(SETTINGS, ideal_steers=False))[1] == 0.0
+
+
+def test_in_the_papers_cut_out_it_brakes_everywhere():
+    assert all(path_of(concrete)[1] == 0.0 for concrete in drawn("front_vehicle_cut_out", 60))
 
 
 def lateness(first: float):

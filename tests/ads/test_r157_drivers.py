@@ -86,6 +86,13 @@ def test_cfs_by_hand(speed, acceleration, unsafe, safe):
         assert critical_fuzzy_safety(middle, speed, 10.0, acceleration) == pytest.approx(0.5, abs=1e-6)
 
 
+def test_cfs_as_the_jrc_has_it_divides_by_the_braking_itself():
+    # 18.8 - 4 * 0.75 = 15.8 m/s is below the other's 15.9: 2.9^2 / 8 = 1.051 m as printed, 2.9^2 / 12 = 0.701 m coded
+    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [1.0, 0.0]
+    assert [critical_fuzzy_safety(0.7, 18.8, 15.9, -6.0, coded) for coded in (False, True)] == [1.0, 1.0]
+    assert [critical_fuzzy_safety(1.0, 18.8, 15.9, -4.0, coded) for coded in (False, True)] == [1.0, 1.0]
+
+
 def test_cfs_is_zero_behind_a_vehicle_as_fast():
     assert critical_fuzzy_safety(0.5, 10.0, 10.0, 0.0) == 0.0
 

@@ -7,6 +7,10 @@ points hold none. The end of an interval on the bad side therefore carries e uns
 distribution of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape
 k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three.
 
+Points of a method that leaves no part of the space out are balanced over it: their mean place is the box's, so what a
+score's terms owe to a trend along a parameter is no error of theirs. Replicates are balanced in the same way
+(`balanced`), but for C, a mean over the few cases that collided, which no method spreads.
+
 Limits are percentiles, widened as Student's t is wider than the normal distribution (Hesterberg 2015). Weights r of
 collisions (Eq. 16) are held as they are. Everything random has a stream named by scenario, driver or ADS, never by a
 place in a list, so an interval is one ADS's, whoever else is evaluated.
@@ -14,6 +18,7 @@ place in a list, so an interval is one ADS's, whoever else is evaluated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -21,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.method.score_terms import excess, ordering_score, paper_score
+from sumo_eval.method.score_terms import collision_avoidance, excess, ordering_score, paper_score
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.settings import MethodSettings
@@ -33,6 +38,7 @@ REPLICATES = 2_000
 AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
 EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
 SMALLEST = 4  # points that are split in halves
+_FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
 SCORED = tuple(name for name in SCORES if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # more is worse
@@ -116,6 +122,30 @@ def draw_counts(groups: Sequence[IntArray], replicates: int, stream: np.random.G
     return counts
 
 
+def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -> FloatArray:
+    """Replicates whose points have the mean place that all points have, (m, n); not below 0.
+
+    counts: drawn from groups, c = 1 + e. unit: the points, (n, k). With R the projection on what is orthogonal to 1 and
+    to the k coordinates, and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the variance of a mean is
+    that of the residuals of its terms from their linear trend, scaled so that terms without a trend keep theirs
+    (balanced sampling: Deville and Tille 2005). With fewer than 2 k degrees of freedom in the groups a trend cannot be
+    told from chance, and the counts stay as they are.
+    """
+    n, k = unit.shape
+    if n - len(groups) < 2 * k:
+        return counts
+    trend, sizes, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
+    trend = trend[:, sizes > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
+    drawn = [rows for rows in groups if len(rows) > 1]
+    spread = float(sum(len(rows) for rows in drawn))  # of a group of s: G = s/(s - 1) (1 - 1/s)
+    lost = sum(
+        len(rows) / (len(rows) - 1) * float(np.sum(np.square(trend[rows] - trend[rows].mean(axis=0)))) for rows in drawn
+    )
+    errors = counts - 1.0
+    errors -= (errors @ trend) @ trend.T
+    return np.maximum(1.0 + math.sqrt(spread / (spread - lost)) * errors, 0.0)
+
+
 def score_intervals(
     judged: Sequence[Judged],
     groups: Sequence[IntArray],
@@ -125,8 +155,11 @@ def score_intervals(
     *,
     level: float = LEVEL,
     replicates: int = REPLICATES,
+    even: FloatArray | None = None,
 ) -> list[ScoreIntervals]:
-    """The intervals of all ADSs in one scenario. groups: of all its points (`strata`)."""
+    """The intervals of all ADSs in one scenario. groups: of all its points (`strata`). even: its points in the unit
+    box, (n, k), where they are balanced over it (`balanced`).
+    """
     stream = random_stream(seed, "intervals", scenario)
     n = sum(len(group) for group in groups)
     parts: list[list[_Replicates]] = [[] for _ in judged]
@@ -134,9 +167,10 @@ def score_intervals(
     draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
     for first in range(0, replicates, at_once):
         rows = slice(first, min(first + at_once, replicates))
-        counts = draw_counts(groups, rows.stop - first, stream)
+        plain = draw_counts(groups, rows.stop - first, stream)
+        counts = plain if even is None else balanced(plain, groups, even)
         for one, drawn, part in zip(judged, draws, parts, strict=True):
-            part.append(_replicates(one, counts[:, one.points], drawn.rows(rows), method))
+            part.append(_replicates(one, counts[:, one.points], plain[:, one.points], drawn.rows(rows), method))
     return [
         _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
         for one, drawn, part in zip(judged, draws, parts, strict=True)
@@ -193,8 +227,13 @@ class _Replicates:
         return cls(join("better"), join("worse"), join("points_only"))
 
 
-def _replicates(one: Judged, counts: FloatArray, drawn: _Draws, method: MethodSettings) -> _Replicates:
-    plain = scores_of(one.terms, counts, method)
+def _replicates(
+    one: Judged, counts: FloatArray, plain_counts: FloatArray, drawn: _Draws, method: MethodSettings
+) -> _Replicates:
+    terms = one.terms
+    plain = scores_of(terms, counts, method)
+    plain["c"] = collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, plain_counts)
+    plain = _summed(plain, method)
     better = _with_drivers(plain, drawn.index, drawn.likeness, method)
     worse = dict(better)
     for name, lost in unseen_losses(one, counts, method).items():

@@ -10,7 +10,7 @@ import numpy as np
 from sumo_eval.results import CaseResult, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import EVEN, SCORED, Judged, ScoreIntervals, score_intervals, strata
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -60,7 +60,8 @@ def with_intervals(
             )
     if not judged:
         return list(scores), [None] * len(scores)
-    computed = score_intervals(judged, groups, settings.method, settings.seed, scores[0].scenario)
+    even = unit if sampling in EVEN else None
+    computed = score_intervals(judged, groups, settings.method, settings.seed, scores[0].scenario, even=even)
     found: list[ScoreIntervals | None] = [None] * len(scores)
     for number, one in zip(which, computed, strict=True):
         value, ends = scores[number].s_plus, scores[number].s_plus_interval

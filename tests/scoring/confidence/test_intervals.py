@@ -8,7 +8,7 @@ import pytest
 
 from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, stratified_deviations
-from sumo_eval.scoring.confidence.intervals import Judged, draw_counts, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import Judged, balanced, draw_counts, score_intervals, strata
 from sumo_eval.settings import MethodSettings
 
 METHOD = MethodSettings()
@@ -165,6 +165,45 @@ def test_an_even_sample_of_a_smooth_score_has_a_narrower_interval_than_one_by_ch
     unit = np.linspace(0.0, 1.0, 60)[:, None]
     even = intervals(judged(), strata(unit, "sobol"))
     assert half(even.limits["d"]) < 0.15 * half(intervals(judged()).limits["d"])
+
+
+def even_sample(n=64):
+    unit = np.column_stack([(np.arange(n) + 0.5) / n, np.arange(n) * 0.618034 % 1.0])
+    groups = strata(unit, "sobol")
+    counts = draw_counts(groups, 4_000, np.random.default_rng(1))
+    return unit, groups, counts
+
+
+def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():
+    unit, groups, counts = even_sample()
+    found = balanced(counts, groups, unit)
+    plain, even = (np.abs(each @ unit / 64.0 - unit.mean(axis=0)).mean() for each in (counts, found))
+    assert even < 0.6 * plain  # not 0: no point stands in a replicate less than never
+    assert found.min() == 0.0
+
+
+def test_balance_leaves_the_variance_of_what_has_no_trend():
+    unit, groups, counts = even_sample()
+    values = np.random.default_rng(2).standard_normal((64, 40))
+    plain, even = (np.var(each @ values, axis=0).mean() for each in (counts, balanced(counts, groups, unit)))
+    assert even == pytest.approx(plain, rel=0.06)
+
+
+def test_a_sample_too_small_to_tell_a_trend_and_a_direction_without_one_are_left_alone():
+    unit, groups, counts = even_sample(5)
+    assert balanced(counts, groups, unit) is counts
+    unit, groups, counts = even_sample()
+    flat = np.column_stack([unit, np.full(64, 0.5)])
+    assert balanced(counts, groups, flat) == pytest.approx(balanced(counts, groups, unit))
+
+
+def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
+    unit, groups, _ = even_sample()
+    one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
+    plain, even = (
+        score_intervals([one], groups, METHOD, 3, "s", even=each)[0].limits["human_likeness"] for each in (None, unit)
+    )
+    assert half(even) < 0.25 * half(plain)
 
 
 # --- what was not seen ------------------------------------------------------------------------------------------------
