@@ -81,7 +81,7 @@ class ExposureSettings(Checked):
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
-    use: Annotated[str, About("a shipped name, a scenario file (.toml) or module:name")]
+    use: Annotated[str, About("a shipped name, a scenario file (.toml, .xosc) or module:name")]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
 
