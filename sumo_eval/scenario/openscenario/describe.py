@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
+from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
+from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.scenario.openscenario.logical import Read, concrete_points, grid_size
 from sumo_eval.scenario.openscenario.scene import scene
 
@@ -56,6 +60,41 @@ def described(read: Read) -> Iterator[str]:
         yield f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with {found.ego.speed:.3f} m/s"
         for actor in found.actors:
             yield from _of(actor)
+
+
+def listed(name: str, copy: Path) -> Iterator[str]:
+    """A line for each file of a catalogue: its points and how many of them play, or why none does; and their sums."""
+    points = played_ = files = whole = 0
+    found = COLLECTIONS[name].files(copy)
+    for file in found:
+        whole += 1
+        try:
+            reads = [read for _, read in uses_of(file, file.name)]
+        except InputError as error:
+            yield f"{file.stem}: does not play: {error}"
+            continue
+        files += 1
+        for read in reads:
+            size, known = grid_size(read.space), all_points(read)
+            points += size
+            if known is None:
+                played_ += size
+                yield f"{read.logical.name}: {size} points, tried along each axis{_why(read.refused)}"
+                continue
+            reasons = Counter(why for _, why in known if why is not None)
+            played_ += size - sum(reasons.values())
+            yield f"{read.logical.name}: {size - sum(reasons.values())} of {size} points play{_why(reasons.items())}"
+    yield f"{name}: {files} of {whole} files play, {played_} of {points} points"
+
+
+def all_points(read: Read) -> list[tuple[dict[str, float], str | None]] | None:
+    """All points of a file that was read, each with why it does not play; None where they are too many."""
+    return list(concrete_points(read)) if grid_size(read.space) <= _MOST else None
+
+
+def _why(reasons: Iterable[tuple[str, int]]) -> str:
+    told = [f"{count} {why.removeprefix('= ')}" for why, count in reasons]
+    return f"; not: {'; '.join(told[:_SHOWN])}" if told else ""
 
 
 def _of(actor: Actor) -> Iterator[str]:

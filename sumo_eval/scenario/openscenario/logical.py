@@ -385,8 +385,20 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     names = _road_names(list(roads.values()))
     name = whole.name if len(roads) == 1 else f"{whole.name}_{names[number]}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
-    logical = _logical(space, frame, scenes, name, searched=zones == 1)
+    logical = replace(
+        _logical(space, frame, scenes, name, searched=zones == 1), notes=tuple(_notes(dropped, ignored, refused))
+    )
     return Read(logical, space, frame, names, number, dropped, ignored, tuple(refused.items()))
+
+
+def _notes(dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str, int]) -> Iterator[str]:
+    """What a reader of the scores must know of the file."""
+    if dropped:
+        yield f"Points that differ in {', '.join(dropped)} alone are driven alike, and are one point."
+    if ignored:
+        yield f"Ignored, because they move nobody here: {', '.join(ignored)}."
+    for why, count in refused.items():
+        yield f"{count} of the points that were tried do not play: {why}"
 
 
 def _option(path: Path, options: Mapping[str, str], name: str, most: int) -> int:
