@@ -9,6 +9,7 @@ import os
 import sys
 from contextlib import suppress
 from importlib import import_module
+from keyword import iskeyword
 from typing import Any, Final, NoReturn
 
 import click
@@ -24,7 +25,7 @@ TASKS: Final = {
     "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
     "Drive yourself": {"drive": "drive"},
     "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
-    "Write an ADS or a scenario": {"check": "tools", "schema": "tools", "bench": "tools"},
+    "Write an ADS or a scenario": {"import": "importing", "check": "tools", "schema": "tools", "bench": "tools"},
 }
 """What people do: task -> its commands, each with the file of this folder that defines it."""
 
@@ -51,6 +52,7 @@ MEANT: Final = {
     "humans": "people drivers import recordings events exposure opinion population similarity",
     "calibrate": "k5 k6 tune scale",
     "sensitivity": "k1 k2 constants vary",
+    "import": "openscenario xosc convert translate read",
     "check": "validate lint test contract",
     "schema": "json editor autocomplete",
     "bench": "benchmark speed performance profile",
@@ -70,7 +72,8 @@ class _Group(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             return None
-        command = getattr(import_module(f"sumo_eval.cli.{COMMANDS[cmd_name]}"), cmd_name)
+        module = import_module(f"sumo_eval.cli.{COMMANDS[cmd_name]}")
+        command = getattr(module, f"{cmd_name}_" if iskeyword(cmd_name) else cmd_name)
         assert isinstance(command, click.Command)
         return command
 

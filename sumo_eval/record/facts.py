@@ -36,6 +36,7 @@ from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
+from sumo_eval.scenario.openscenario.collections import expanded
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_evaluation, settings_from
 from sumo_eval.settings.random_streams import random_stream
@@ -114,6 +115,7 @@ def resolve(
         entries = tuple(_entry(one, folder, resume) for one in ads)
         settings = replace(settings, ads=entries)
         check_evaluation(settings, "`ads`")
+    settings = replace(settings, scenario=expanded(settings.scenario, source))
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]
 

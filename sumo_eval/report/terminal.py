@@ -138,6 +138,11 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
+    lines += [
+        f"{file} of the catalogue does not play: {why}"
+        for entry in evaluation.settings.scenario
+        for file, why in entry.not_played.items()
+    ]
     if drivers_are_synthetic(evaluation.settings):
         lines.append(drivers_sentence(evaluation.settings))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")

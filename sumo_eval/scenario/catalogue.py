@@ -13,6 +13,7 @@ from typing import Final
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.openscenario.logical import read_logical
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.settings.locators import load_object
 
@@ -39,13 +40,16 @@ SCENARIOS: Final[Mapping[str, LogicalScenario]] = _Shipped()
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or `file.toml`, `module:name`, `file.py:name` relative to `folder`.
+    """A logical scenario by its shipped name, or `file.toml`, `file.xosc`, `module:name`, `file.py:name` relative to
+    `folder`.
 
-    After the name of a shipped one or of a `file.toml` options may stand: `cut_in?lateral_acceleration=1.5`.
+    After the name of a shipped one or of a file options may stand: `cut_in?lateral_acceleration=1.5`.
     """
     plain, given = options_of(use)
     if plain.endswith(".toml"):
         return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
+    if plain.endswith(".xosc"):
+        return read_logical((Path.cwd() if folder is None else folder) / plain, given)
     if ":" not in plain:
         return load(use)
     found = load_object(use, folder, "Logical scenario")

@@ -106,16 +106,21 @@ def smooth_step_curvature(share: FloatArray | float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class LaneChange:
-    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right)."""
+    """A smooth lateral move: begins at `begin` s, takes `duration` s, ends `offset` m to the left (negative: right).
+
+    cosine: it covers the share (1 - cos(pi s)) / 2 of its offset after the share s of its duration, OpenSCENARIO's
+    `sinusoidal`, peak rate pi/2 offset/duration; else that of `smooth_step`, peak rate 1.875 offset/duration.
+    """
 
     begin: float
     duration: float
     offset: float
+    cosine: bool = False
 
     @property
     def kind(self) -> int:
         """Which of the kinds of lateral moves in `scenario.motion` it is."""
-        return motion.SMOOTH
+        return motion.COSINE if self.cosine else motion.SMOOTH
 
     def lateral(self, time: float) -> float:
         """Offset already covered at a time, m."""
@@ -287,7 +292,7 @@ class Actor:
             found.append(Act(played.SPEED, self.brake.begin, 0.0, 0.0, 0.0, self.brake.deceleration, self.brake.jerk))
         for move in self.lane_changes:
             if isinstance(move, LaneChange):
-                found.append(Act(played.SMOOTH, move.begin, move.duration, 0.0, move.offset))
+                found.append(Act(move.kind, move.begin, move.duration, 0.0, move.offset))
             else:
                 kind, rate = played.CONSTANT, move.acceleration
                 found.append(Act(kind, move.begin, move.duration, move.speed, move.offset, rate))

@@ -430,7 +430,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
         logical.approach(logical.columns(points))
 
 
-_BESIDE = 50.0  # m beside the road at which somebody may still be who comes from there, or stands there
+_BESIDE = 300.0  # m beside the road at which somebody may still be who comes from there, or stands there
 
 
 def _reach(actor: Actor) -> float:
@@ -689,7 +689,7 @@ class Place:
             if move.do == "brake":
                 brake = Brake(**numbers)
             elif move.do == "change_lane":
-                moves.append(LaneChange(**numbers))
+                moves.append(LaneChange(numbers["begin"], numbers["duration"], numbers["offset"]))
             elif move.do == "move_sideways":
                 moves.append(ConstantLateral(**numbers))
         return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides, item.body)

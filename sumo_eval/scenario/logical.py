@@ -135,7 +135,8 @@ class LogicalScenario:
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
-    parameters. options: what may be given where the scenario is named.
+    parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
+    every report.
     """
 
     name: str
@@ -155,6 +156,7 @@ class LogicalScenario:
     zone_coordinates: ZoneCoordinates | None = None
     options: tuple[Option, ...] = ()
     search: Search | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)

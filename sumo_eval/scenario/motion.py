@@ -11,7 +11,7 @@ from typing import Any
 
 from sumo_eval.kernels import kernel
 
-SMOOTH, CONSTANT, SINUS = 0, 1, 2  # kinds of lateral moves
+SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3  # kinds of lateral moves
 
 
 @kernel
@@ -70,6 +70,8 @@ def lateral(move: Any, time: float) -> float:
         return math.copysign(min(covered, abs(move.offset)), move.offset)
     if move.kind == SINUS:
         return swing(move, time)[0]
+    if move.kind == COSINE:
+        return float(0.5 * move.offset * (1.0 - math.cos(math.pi * share_done(move, time))))
     return float(move.offset * quintic(share_done(move, time)))
 
 
@@ -83,6 +85,8 @@ def lateral_speed(move: Any, time: float) -> float:
         return math.copysign(move.speed * since / rise if since < rise else move.speed, move.offset)
     if move.kind == SINUS:
         return swing(move, time)[1]
+    if move.kind == COSINE:
+        return float(0.5 * math.pi * move.offset / move.duration * math.sin(math.pi * share_done(move, time)))
     return float(move.offset / move.duration * quintic_rate(share_done(move, time)))
 
 
@@ -94,6 +98,11 @@ def lateral_acceleration(move: Any, time: float) -> float:
         return math.copysign(move.acceleration, move.offset) if builds_up else 0.0
     if move.kind == SINUS:
         return swing(move, time)[2]
+    if move.kind == COSINE:
+        if not 0.0 <= time - move.begin < move.duration:
+            return 0.0
+        rate = math.pi / move.duration
+        return float(0.5 * move.offset * rate * rate * math.cos(rate * (time - move.begin)))
     return float(move.offset / (move.duration * move.duration) * quintic_bend(share_done(move, time)))
 
 

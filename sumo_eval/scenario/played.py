@@ -20,7 +20,7 @@ from sumo_eval.scenario.motion import along_heading, lateral, lateral_accelerati
 
 Records = NDArray[Any]
 
-SMOOTH, CONSTANT, SINUS = 0, 1, 2  # kinds of moves across the line, as in `scenario.motion`
+SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3  # kinds of moves across the line, as in `scenario.motion`
 SPEED, BY_TIME, BY_PLACE, PATH, KEEP = 10, 11, 12, 13, 14  # kinds of moves along it
 WAITS, KNOWN, BEGUN = 0, 1, 2  # what has become of a move: its begin is not known, is to come, has been
 ALWAYS, EGO = -1, -1
@@ -173,7 +173,7 @@ def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float
     aside, across, sideways = 0.0, 0.0, 0.0
     for q in range(play.acts):
         act = acts[q]
-        if act.kind <= SINUS and act.state == BEGUN and act.begin >= play.line_time:
+        if act.kind <= COSINE and act.state == BEGUN and act.begin >= play.line_time:
             aside += lateral(act, time)
             across += lateral_speed(act, time)
             sideways += lateral_acceleration(act, time)
@@ -377,7 +377,7 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
     """A move begins: what it leads from is where the vehicle is at that instant."""
     act.state = BEGUN
     play.first_begin = min(play.first_begin, act.begin)
-    if act.kind <= SINUS:
+    if act.kind <= COSINE:
         act.end = act.begin + act.duration
         return
     s, v, _ = driven(play, pieces, act.begin)

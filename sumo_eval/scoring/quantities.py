@@ -389,5 +389,5 @@ def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sampl
         boundary_error_box=error.box,
         sampled=len(points.points),
         refused=len(points.refused),
-        notes=(*zones.notes, *points.notes),
+        notes=(*logical.notes, *zones.notes, *points.notes),
     )

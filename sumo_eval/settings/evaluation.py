@@ -81,9 +81,15 @@ class ExposureSettings(Checked):
 class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
-    use: Annotated[str, About("a shipped name, a scenario file (.toml) or module:name")]
+    use: Annotated[
+        str, About("a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: osc_alks, ncap_2026")
+    ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)
+    folder: Annotated[str | None, About("of a catalogue: where your copy of it is")] = None
+    not_played: Annotated[dict[str, str], About("filled in for a catalogue: its files that do not play, and why")] = (
+        field(default_factory=dict)
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,9 +51,9 @@ def read_opendrive(path: Path, road: str | None = None) -> ReadRoad:
         raise unknown(f"road of {owner}", road, roads)
     element = roads[road] if road is not None else next(iter(roads.values()))
     owner = f"road `{element.get('id')}` of {owner}"
-    reference = _reference_line(element, owner)
+    reference = reference_line(element, owner)
     offset, lanes, width = _driving_lanes(element, owner)
-    line = _beside(reference, offset, owner)
+    line = beside(reference, offset, owner)
     length = sum(piece.length for piece in line)
     bent = any(piece.begin != 0.0 or piece.end != 0.0 for piece in line)
     return ReadRoad(line if bent else (), lanes, width, length)
@@ -70,7 +70,8 @@ def _number(element: etree._Element, name: str, owner: str) -> float:
     return value
 
 
-def _reference_line(road: etree._Element, owner: str) -> tuple[Piece, ...]:
+def reference_line(road: etree._Element, owner: str) -> tuple[Piece, ...]:
+    """The reference line of a <road> in pieces; `owner` names it in sentences."""
     pieces: list[Piece] = []
     begin = None
     for geometry in road.iterfind("planView/geometry"):
@@ -144,7 +145,7 @@ def _driving_lanes(road: etree._Element, owner: str) -> tuple[float, int, float]
     return driving[-1][1], len(driving), width
 
 
-def _beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
+def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:
     """The line `offset` m to the left of another: curvature k / (1 - k d), length (1 - k d) ds."""
     found = []
     for piece in reference:

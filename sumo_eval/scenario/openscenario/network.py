@@ -1,0 +1,153 @@
+"""The OpenDRIVE file of a scenario: where a place on a road, in a lane, lies on the map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+from sumo_eval.errors import did_you_mean
+from sumo_eval.scenario.openscenario.reading import Element, attribute, fault, read_xml
+from sumo_eval.scenario.road.opendrive import reference_line
+from sumo_eval.scenario.road.reference_line import Piece, map_places
+
+WIDEST = 6.0  # m: a wider lane is an area without marks
+MARKED = 3.5  # m: the lane that the ego is given in such an area
+
+
+class Pose(NamedTuple):
+    """A place on the map, m, and where it points, rad."""
+
+    x: float
+    y: float
+    heading: float
+
+    def moved(self, ahead: float, left: float = 0.0, turned: float = 0.0) -> Pose:
+        """The place so far ahead and to the left of it."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return Pose(self.x + ahead * c - left * s, self.y + ahead * s + left * c, self.heading + turned)
+
+    def seen_from(self, origin: Pose) -> Pose:
+        """It in the axes of another: x ahead, y to the left."""
+        dx, dy = self.x - origin.x, self.y - origin.y
+        c, s = math.cos(origin.heading), math.sin(origin.heading)
+        turned = math.remainder(self.heading - origin.heading, math.tau)
+        return Pose(dx * c + dy * s, dy * c - dx * s, turned)
+
+
+class Lane(NamedTuple):
+    """A lane. centre: left of the road's reference line, m."""
+
+    number: int
+    kind: str
+    centre: float
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapRoad:
+    """A road of an OpenDRIVE file: where it begins, its reference line and its lanes by number."""
+
+    name: str
+    begin: Pose
+    line: tuple[Piece, ...]
+    lanes: dict[int, Lane]
+
+    @property
+    def length(self) -> float:
+        """Of its reference line, m."""
+        return sum(piece.length for piece in self.line)
+
+    @property
+    def bent(self) -> bool:
+        """Whether it is no straight line."""
+        return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.line)
+
+    def pose(self, s: float, t: float) -> Pose:
+        """The place s m along the reference line and t m to the left of it."""
+        if self.bent:
+            x, y, heading = (float(it) for it in map_places(self.line, s, t))
+            return self.begin.moved(x, y, heading)
+        return self.begin.moved(s, t)
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """The roads of a file by id."""
+
+    path: Path
+    roads: dict[str, MapRoad]
+
+    def road(self, name: str, element: Element) -> MapRoad:
+        """A road by its id; refused where it is not there. element: what asks for it."""
+        if name not in self.roads:
+            raise fault(
+                element, f"road `{name}` is not in {self.path.name}.{did_you_mean(name, self.roads)}".rstrip(".")
+            )
+        return self.roads[name]
+
+    def lane(self, road: MapRoad, number: str, element: Element) -> Lane:
+        """A lane of a road; refused where it is not there."""
+        try:
+            return road.lanes[int(float(number))]
+        except (ValueError, KeyError):
+            known = ", ".join(str(it) for it in road.lanes)
+            raise fault(element, f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}"
+                        ) from None  # fmt: skip
+
+
+def read_network(path: Path) -> Network:
+    """The roads of an OpenDRIVE file. Raises InputError with what cannot be read."""
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=32)
+def _read(path: Path, changed: int) -> Network:
+    root = read_xml(path, "OpenDRIVE file")
+    if root.tag != "OpenDRIVE":
+        raise fault(root, "the root of an OpenDRIVE file must be <OpenDRIVE>")
+    roads = {}
+    for element in root.iter("road"):
+        name = attribute(element, "id")
+        roads[name] = _road(element, name)
+    if not roads:
+        raise fault(root, "it has no <road>")
+    return Network(path, roads)
+
+
+def _number(element: Element, name: str) -> float:
+    try:
+        value = float(attribute(element, name))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise fault(element, f"`{name}` must be a finite number, got {element.get(name)}")
+    return value
+
+
+def _road(element: Element, name: str) -> MapRoad:
+    owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
+    line = reference_line(element, owner)
+    first = element.find("planView/geometry")
+    assert first is not None
+    begin = Pose(*(_number(first, key) for key in ("x", "y", "hdg")))
+    sections = element.findall("lanes/laneSection")
+    if len(sections) != 1:
+        raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
+    for path in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
+        for found in element.iterfind(path):
+            if any(float(found.get(key, "0")) != 0.0 for key in "abcd"):
+                raise fault(found, "only 0 throughout is read here")
+    lanes: dict[int, Lane] = {}
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        offset = 0.0
+        for lane in sorted(sections[0].findall(f"{side}/lane"), key=lambda it: abs(int(it.get("id", "0")))):
+            widths = lane.findall("width")
+            if len(widths) != 1 or any(float(widths[0].get(key, "0")) != 0.0 for key in "bcd"):
+                raise fault(lane, "its width must be one constant")
+            width, number = _number(widths[0], "a"), int(attribute(lane, "id"))
+            lanes[number] = Lane(number, str(lane.get("type")), sign * (offset + 0.5 * width), width)
+            offset += width
+    return MapRoad(name, begin, line, lanes)

@@ -1,0 +1,304 @@
+"""OpenSCENARIO files as logical scenarios: worked numbers, what is refused, and the public catalogues."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import played
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.concrete import LaneChange
+from sumo_eval.scenario.openscenario.conformity import ROWS, table
+from sumo_eval.scenario.openscenario.describe import described
+from sumo_eval.scenario.openscenario.logical import concrete_points, read_file
+from sumo_eval.scenario.openscenario.scene import synchronized
+
+CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
+ALKS = CATALOGUES / "osc_alks" / "logical_scenarios"
+NCAP = CATALOGUES / "osc_ncap" / "OpenSCENARIO" / "NCAP" / "CA-FC_2026" / "Variations" / "StandardRange"
+needs_catalogues = pytest.mark.skipif(not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+
+ROAD = """<OpenDRIVE><road id="0" length="1000" junction="-1"><planView>
+<geometry s="0" x="5" y="7" hdg="0.5" length="1000"><line/></geometry></planView><lanes><laneSection s="0">
+<left><lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></left>
+<right><lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane></right>
+</laneSection></lanes></road></OpenDRIVE>"""
+CARS = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="cars">
+<Vehicle name="car" vehicleCategory="car"><ParameterDeclarations>
+<ParameterDeclaration name="long" parameterType="double" value="4"/></ParameterDeclarations><BoundingBox>
+<Center x="1.5" y="0" z="0"/><Dimensions length="$long" width="1.8" height="1.5"/></BoundingBox></Vehicle>
+</Catalog></OpenSCENARIO>"""
+STEP = '<SpeedActionDynamics dynamicsShape="step" dynamicsDimension="time" value="0"/>'
+FILE = """<?xml version="1.0"?><OpenSCENARIO><FileHeader revMajor="1" revMinor="{minor}" description="a test"/>
+<ParameterDeclarations>
+<ParameterDeclaration name="kph" parameterType="double" value="72"><ConstraintGroup>
+<ValueConstraint rule="lessOrEqual" value="{most}"/></ConstraintGroup></ParameterDeclaration>
+<ParameterDeclaration name="v" parameterType="double" value="{v}"/>
+<ParameterDeclaration name="light" parameterType="string" value="day"/>
+</ParameterDeclarations>
+<CatalogLocations><VehicleCatalog><Directory path="{catalogs}"/></VehicleCatalog></CatalogLocations>
+<RoadNetwork><LogicFile filepath="{road}"/></RoadNetwork>
+<Entities><ScenarioObject name="Ego"><CatalogReference catalogName="cars" entryName="car"/></ScenarioObject>
+<ScenarioObject name="Other"><CatalogReference catalogName="{catalog}" entryName="car"><ParameterAssignments>
+<ParameterAssignment parameterRef="long" value="6"/></ParameterAssignments></CatalogReference></ScenarioObject>
+</Entities>
+<Storyboard><Init><Actions>
+<Private entityRef="Ego"><PrivateAction><TeleportAction><Position><LanePosition roadId="0" laneId="-1" s="20"/>
+</Position></TeleportAction></PrivateAction><PrivateAction><LongitudinalAction><SpeedAction>{step}<SpeedActionTarget>
+<AbsoluteTargetSpeed value="$v"/></SpeedActionTarget></SpeedAction></LongitudinalAction></PrivateAction></Private>
+<Private entityRef="Other"><PrivateAction><TeleportAction><Position>
+<RelativeLanePosition entityRef="Ego" dLane="1" ds="50" offset="0.25"/></Position></TeleportAction></PrivateAction>
+<PrivateAction><LongitudinalAction><SpeedAction>{step}<SpeedActionTarget><RelativeTargetSpeed entityRef="Ego"
+value="-5" speedTargetValueType="delta" continuous="false"/></SpeedActionTarget></SpeedAction></LongitudinalAction>
+</PrivateAction></Private></Actions></Init>
+<Story name="s"><Act name="a"><ManeuverGroup name="g" maximumExecutionCount="1">
+<Actors selectTriggeringEntities="false"><EntityRef entityRef="Other"/></Actors><Maneuver name="m">{events}</Maneuver>
+</ManeuverGroup></Act></Story>
+<StopTrigger><ConditionGroup><Condition name="end" delay="0" conditionEdge="none"><ByValueCondition>
+<SimulationTimeCondition value="30" rule="greaterThan"/></ByValueCondition></Condition></ConditionGroup></StopTrigger>
+</Storyboard></OpenSCENARIO>"""
+CUT_IN = """<Event name="e" priority="overwrite"><Action name="cut"><PrivateAction><LateralAction><LaneChangeAction>
+<LaneChangeActionDynamics dynamicsShape="sinusoidal" value="2" dynamicsDimension="rate"/><LaneChangeTarget>
+<RelativeTargetLane entityRef="Ego" value="0"/></LaneChangeTarget></LaneChangeAction></LateralAction></PrivateAction>
+</Action><StartTrigger><ConditionGroup><Condition name="c" delay="0.5" conditionEdge="rising"><ByEntityCondition>
+<TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="Ego"/></TriggeringEntities><EntityCondition>
+<RelativeDistanceCondition entityRef="Other" relativeDistanceType="longitudinal" freespace="true" rule="lessThan"
+value="30"/></EntityCondition></ByEntityCondition></Condition></ConditionGroup></StartTrigger></Event>"""
+TIMED = """<Event name="e{n}" priority="overwrite"><Action name="act{n}"><PrivateAction>{action}</PrivateAction>
+</Action><StartTrigger><ConditionGroup><Condition name="c" delay="{delay}" conditionEdge="none"><ByValueCondition>{when}
+</ByValueCondition></Condition></ConditionGroup></StartTrigger></Event>"""
+BRAKE = """<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="rate"
+value="5"/><SpeedActionTarget><AbsoluteTargetSpeed value="0"/></SpeedActionTarget></SpeedAction></LongitudinalAction>"""
+OFFSET = """<LateralAction><LaneOffsetAction continuous="false"><LaneOffsetActionDynamics dynamicsShape="sinusoidal"
+maxLateralAcc="0.3"/><LaneOffsetTarget><AbsoluteTargetLaneOffset value="-1"/></LaneOffsetTarget></LaneOffsetAction>
+</LateralAction>"""
+AT = '<SimulationTimeCondition value="{}" rule="greaterOrEqual"/>'
+VARIATION = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="1" description="varied"/><ParameterValueDistribution>
+<ScenarioFile filepath="{file}"/><Deterministic>{parts}</Deterministic></ParameterValueDistribution></OpenSCENARIO>"""
+RANGE = """<DeterministicSingleParameterDistribution parameterName="{name}"><DistributionRange stepWidth="18">
+<Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
+
+
+def written(folder: Path, **parts: object) -> Path:
+    """A scenario file with its road and its catalog."""
+    (folder / "catalogs").mkdir(exist_ok=True)
+    (folder / "catalogs" / "cars.xosc").write_text(CARS, encoding="utf-8")
+    (folder / "road.xodr").write_text(ROAD, encoding="utf-8")
+    known = {"minor": 2, "most": 80, "v": "${$kph / 3.6}", "catalogs": "catalogs", "road": "road.xodr",
+             "catalog": "cars", "step": STEP, "events": ""}  # fmt: skip
+    path = folder / "scenario.xosc"
+    path.write_text(FILE.format(**{**known, **parts}), encoding="utf-8")
+    return path
+
+
+def test_a_scenario_file_is_a_space_of_one_point_with_everybody_where_it_says(tmp_path: Path) -> None:
+    """The ego's axle at s = 20, its centre 1.5 m ahead; the other's 50 m further, in the left lane and 0.25 m on."""
+    logical = find("scenario.xosc", written(tmp_path).parent)
+    scene = logical.concrete(only=0.0)
+    assert (scene.ego.x, scene.ego.y, scene.ego.speed) == pytest.approx((21.5, 0.0, 20.0))
+    (other,) = scene.actors
+    assert (other.start.x, other.start.y, other.start.speed) == pytest.approx((71.5, 3.75, 15.0))
+    assert (other.length, other.width, logical.time_limit) == (6.0, 1.8, 30.0)
+    assert (logical.road.lanes, logical.road.lane_width, logical.road.bent) == (2, 3.5, False)
+    assert scene.ego_body is not None
+    assert scene.ego_body.length == 4.0
+
+
+def test_a_sinusoidal_lane_change_has_the_peak_speed_that_its_rate_says(tmp_path: Path) -> None:
+    """3.75 m to the right at 2 m/s: the peak of half a cosine is pi/2 of the mean, so it lasts pi * 3.75 / 4 s."""
+    (other,) = find("scenario.xosc", written(tmp_path, events=CUT_IN).parent).concrete(only=0.0).actors
+    (act,) = other.acts
+    assert (act.kind, act.begin) == (played.COSINE, 0.5)
+    assert (act.offset, act.duration) == pytest.approx((-3.75, math.pi * 3.75 / 4.0))
+    assert act.program[-1][0] == played.BELOW
+    times = np.linspace(0.0, act.duration, 2001)
+    move = LaneChange(0.0, act.duration, act.offset, cosine=True)
+    speeds = np.array([move.lateral_speed(float(time)) for time in times])
+    assert np.abs(speeds).max() == pytest.approx(2.0, abs=1e-6)
+    along = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(times))])
+    assert along == pytest.approx([move.lateral(float(time)) for time in times], abs=1e-5)
+    slope = np.gradient(speeds, times)
+    accelerations = [move.lateral_acceleration(float(time)) for time in times]
+    assert slope[5:-5] == pytest.approx(accelerations[5:-5], abs=1e-4)
+
+
+def test_moves_at_times_are_scripts_that_a_bend_can_have(tmp_path: Path) -> None:
+    """1.25 m in pi sqrt(1.25 / 0.6) = 4.53 s from 2 s on, and 1 s after its end a brake."""
+    ended = (
+        '<StoryboardElementStateCondition storyboardElementType="action" storyboardElementRef="act1" '
+        'state="endTransition"/>'
+    )
+    events = TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)) + TIMED.format(
+        n=2, action=BRAKE, delay=1, when=ended
+    )
+    (other,) = find("scenario.xosc", written(tmp_path, events=events).parent).concrete(only=0.0).actors
+    assert not other.lively
+    (move,) = other.lane_changes
+    lasts = math.pi * math.sqrt(1.25 / 0.6)
+    assert (move.begin, move.duration, move.offset) == pytest.approx((2.0, lasts, -1.25))
+    assert other.brake is not None
+    assert (other.brake.begin, other.brake.deceleration) == pytest.approx((3.0 + lasts, 5.0))
+
+
+def test_a_variation_is_the_space_and_constraints_leave_points_out(tmp_path: Path) -> None:
+    written(tmp_path)
+    light = """<DeterministicMultiParameterDistribution><ValueSetDistribution>
+    <ParameterValueSet><ParameterAssignment parameterRef="light" value="day"/></ParameterValueSet>
+    <ParameterValueSet><ParameterAssignment parameterRef="light" value="night"/></ParameterValueSet>
+    </ValueSetDistribution></DeterministicMultiParameterDistribution>"""
+    path = tmp_path / "varied.xosc"
+    path.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kph") + light), encoding="utf-8")
+    read = read_file(path)
+    assert [(item.name, item.low, item.high, item.step, item.unit) for item in read.logical.parameters] == [
+        ("kph", 36.0, 90.0, 18.0, "1")
+    ]
+    assert read.dropped == ("light",)
+    found = [(point["kph"], why) for point, why in concrete_points(read)]
+    assert found == [(36.0, None), (54.0, None), (72.0, None), (90.0, "= kph lessOrEqual 80")]
+    assert read.logical.concrete(kph=54.0).ego.speed == pytest.approx(15.0)
+    with pytest.raises(InputError, match="constraints allow"):
+        read.logical.concrete(kph=90.0)
+    said = "\n".join(described(read))
+    assert "3 of 4 points play" in said
+    assert "light alone are driven alike" in said
+
+
+@pytest.mark.parametrize(
+    ("distance", "time", "speed", "final", "steady"),
+    [(5.0, 6.0, 0.0, 1.39, 3.0), (80.0, 8.0, 0.0, 16.7, 30.0), (100.0, 8.0, 10.0, 20.0, 20.0),
+     (90.0, 8.0, 20.0, 5.0, 5.0), (60.0, 10.0, 10.0, 10.0, 0.0), (20.0, 12.0, 6.0, 5.0, 2.0),
+     (100.0, 10.0, 10.0, 10.0, 0.0)],
+)  # fmt: skip
+def test_who_is_synchronized_is_there_on_time_with_the_final_speed(
+    distance: float, time: float, speed: float, final: float, steady: float
+) -> None:
+    """The area below the speeds is the distance; over the last `steady` m it is the final one; none is below 0."""
+    knots = [(0.0, speed), *synchronized(distance, time, speed, final, steady)]
+    at = np.array([knot[0] for knot in knots])
+    of = np.array([knot[1] for knot in knots])
+    times = np.union1d(np.linspace(0.0, time, 20001), at[at <= time])
+    speeds = np.interp(times, at, of)
+    assert np.trapezoid(speeds, times) == pytest.approx(distance, abs=1e-3)
+    last = times >= time - steady / final + 1e-6
+    assert speeds[last] == pytest.approx(final)
+    assert speeds.min() >= 0.0
+
+
+BAD = {
+    "parameter `nobody` is not declared": {"v": "$nobody"},
+    "divides by zero": {"v": "${$kph / 0}"},
+    "its version must be one of": {"minor": 9},
+    "folder .* of its catalogs is not there": {"catalogs": "nowhere"},
+    "catalog `bikes` is not there": {"catalog": "bikes"},
+    "the file .*none.xodr is not there": {"road": "none.xodr"},
+    "a constraint does not hold|allow no point": {"most": 10},
+    "cannot be read": {"v": "${$kph +}"},
+    "holds `__import__": {"v": "${__import__(1)}"},
+    "no action `other` stands above it": {
+        "events": TIMED.format(n=1, action=BRAKE, delay=0, when='<StoryboardElementStateCondition '
+                               'storyboardElementType="action" storyboardElementRef="other" state="endTransition"/>')
+    },
+    "line .*<AcquirePositionAction>: this is not played|<RoutingAction>": {
+        "events": TIMED.format(n=1, action="<RoutingAction><AcquirePositionAction/></RoutingAction>", delay=0,
+                               when=AT.format(1))
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", BAD)
+def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence) as error:
+        read_file(written(tmp_path, **BAD[sentence]))
+    assert "\n" not in str(error.value)
+
+
+def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text("72", encoding="utf-8")
+    path = written(tmp_path)
+    plain = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
+    bomb = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10 if n else "x"}">' for n in range(12))
+    for head in (f'<!DOCTYPE o [<!ENTITY e SYSTEM "{secret.as_uri()}">]>', f"<!DOCTYPE o [{bomb}]>"):
+        path.write_text(head + plain.replace('value="72"', 'value="&e;"'), encoding="utf-8")
+        with pytest.raises(InputError, match=r"scenario.xosc must not declare a document type or entities"):
+            read_file(path)
+
+
+def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> None:
+    one, two = tmp_path / "one.xosc", tmp_path / "two.xosc"
+    one.write_text(VARIATION.format(file="two.xosc", parts=RANGE.format(name="kph")), encoding="utf-8")
+    two.write_text(VARIATION.format(file="one.xosc", parts=RANGE.format(name="kph")), encoding="utf-8")
+    with pytest.raises(InputError, match=r"two.xosc, line 2, <ScenarioFile>: it leads back to one.xosc"):
+        read_file(one)
+    written(tmp_path)
+    one.write_text(VARIATION.format(file="scenario.xosc", parts=RANGE.format(name="kmh")), encoding="utf-8")
+    with pytest.raises(InputError, match=r"parameter `kmh` is not declared in scenario.xosc. Did you mean `kph`"):
+        read_file(one)
+
+
+def test_the_page_has_the_table_of_the_code() -> None:
+    page = Path(__file__).parents[2] / "docs" / "openscenario.md"
+    assert table() in page.read_text(encoding="utf-8")
+
+
+@needs_catalogues
+def test_all_files_of_un_r157_play() -> None:
+    """The 15 files; those whose range is large are tried along each axis."""
+    files = sorted((ALKS / "concrete_scenarios").glob("alks_*_template.xosc"))
+    assert len(files) == 15
+    for file in files:
+        read = read_file(file)
+        assert [why for _, why in concrete_points(read)] == [None], file.name
+
+
+@needs_catalogues
+def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
+    """20 of 22 play: 370 of the 388 cases by day; the ego turns at the junction in the other two, which say so."""
+    counts = {}
+    for file in sorted(NCAP.glob("*.xosc")):
+        if file.stem in ("CCFtap", "CMFtap"):
+            with pytest.raises(InputError, match=r"CCFtap.xosc, line \d+, .*an ego that turns at a junction"):
+                read_file(file)
+            continue
+        read = read_file(file)
+        counts[file.stem] = sum(why is None for _, why in concrete_points(read))
+    assert counts == {
+        "CBFA": 12, "CBLA": 5, "CBLA_FCW": 4, "CBNA": 12, "CBNAO": 12, "CCCscp": 50, "CCFhos": 18, "CCRb": 30,
+        "CCRm": 55, "CCRs": 25, "CCRs_FCW": 15, "CMCscp": 50, "CMRb": 18, "CMRs": 15, "CMRs_FCW": 9, "CPFA": 6,
+        "CPLA": 6, "CPLA_FCW": 4, "CPNA": 18, "CPNCO": 6,
+    }  # fmt: skip
+
+
+@needs_catalogues
+def test_a_pedestrian_of_euro_ncap_meets_the_bumper_where_the_protocol_says() -> None:
+    """CPNA at 50 %: when an ego that keeps 30 km/h has its bumper at the pedestrian's near side, its hip (0.06 m
+    ahead of its centre) is on the ego's middle line; it walks 5 km/h over the 3 m before, which it reaches in 1 m."""
+    logical = read_file(NCAP / "CPNA.xosc").logical
+    scene = logical.concrete(Ego_speed_kph=30.0, ImpactLocation=50.0)
+    (walker,) = scene.actors
+    assert scene.ego_body is not None
+    bumper = scene.ego.x + 0.5 * scene.ego_body.length
+    arrives = (walker.start.x - 0.25 - bumper) / scene.ego.speed
+    ((stands, still), (walks, speed)) = walker.acts[0].table
+    assert (still, speed) == (0.0, pytest.approx(5.0 / 3.6))
+    covered = 0.5 * (walks - stands) * speed + (arrives - walks) * speed
+    assert 0.5 * (walks - stands) * speed == pytest.approx(1.06, abs=1e-6)  # 1 m, and the hip's 0.06 m
+    assert walker.start.y + covered - 0.06 == pytest.approx(scene.ego.y, abs=1e-6)
+
+
+@needs_catalogues
+def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
+    """Actions, conditions and positions of all scenario files, by their names in the standard."""
+    known = {row.element for row in ROWS}
+    for file in [*(ALKS / "concrete_scenarios").glob("*.xosc"), *NCAP.parents[1].glob("*.xosc")]:
+        for element in etree.parse(file).iter():
+            tag = str(element.tag)
+            if tag.endswith(("Condition", "Position")) and tag != "Condition" and len(element.attrib):
+                assert tag in known, (file.name, tag)
+            if tag.endswith("Action") and element.getparent().tag in ("PrivateAction", "LongitudinalAction"):
+                assert tag in known or tag in ("LongitudinalAction", "LateralAction", "RoutingAction"), (file.name, tag)

@@ -1,0 +1,94 @@
+"""Public catalogues of OpenSCENARIO files by their names, and what they say beside our own scenarios."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.errors import InputError
+from sumo_eval.record.facts import resolve
+from sumo_eval.scenario.catalogue import find, load
+from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.openscenario.collections import expanded
+from sumo_eval.settings import ScenarioSettings
+
+CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
+ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
+STANDARD = NCAP / "OpenSCENARIO" / "NCAP" / "CA-FC_2026" / "Variations" / "StandardRange"
+needs_catalogues = pytest.mark.skipif(not NCAP.is_dir(), reason="the catalogues of OpenSCENARIO are not here")
+
+
+def test_a_catalogue_needs_a_folder_that_holds_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"Catalogue `ncap_2026` must have a `folder`: your copy of vectorgrp/"):
+        expanded((ScenarioSettings("ncap_2026"),), tmp_path)
+    with pytest.raises(InputError, match=r"`folder` of the catalogue .* must be one with OpenSCENARIO/NCAP/CA-FC_2026"):
+        expanded((ScenarioSettings("ncap_2026", folder="."),), tmp_path)
+    with pytest.raises(InputError, match=r"`folder` of scenario `cut_in` is for catalogues: osc_alks, ncap_2026"):
+        expanded((ScenarioSettings("cut_in", folder="."),), tmp_path)
+    plain = (ScenarioSettings("cut_in?lateral_acceleration=1.5"),)
+    assert expanded(plain, tmp_path) == plain
+
+
+@needs_catalogues
+def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp_path: Path) -> None:
+    content = {"name": "n", "scenario": [{"use": "ncap_2026", "folder": str(NCAP)}],
+               "ads": [{"name": "idm", "controller": "idm"}]}  # fmt: skip
+    settings, _ = resolve(content, tmp_path, resume=False)
+    assert len(settings.scenario) == 20
+    refused = settings.scenario[0].not_played
+    assert set(refused) == {"CCFtap.xosc", "CMFtap.xosc"}
+    assert all("an ego that turns at a junction" in why for why in refused.values())
+
+
+@needs_catalogues
+def test_a_file_with_five_roads_is_five_scenarios() -> None:
+    file = ALKS / "logical_scenarios" / "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc"
+    entries = expanded((ScenarioSettings(str(file)),), Path())
+    spaces = [find(entry.use) for entry in entries]
+    assert len({space.name for space in spaces}) == 5
+    assert [space.road.bent for space in spaces] == [False, True, True, True, True]
+    assert all(space.names == ("Ego_InitSpeed_Ve0_kph", "LeadVehicle_Model") for space in spaces)
+
+
+def ours_and_theirs() -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
+    """Cases that our files and the imported ones both have: the other starts as far ahead, and does as much."""
+    found = []
+    for kph in (10, 20, 30, 40, 50):
+        theirs = find(str(STANDARD / "CCRs.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        own = load("ncap_ccrs").concrete(ego_speed=kph / 3.6, overlap=1.0)
+        found.append((f"CCRs {kph}", own, theirs))
+    for kph, lead in ((30, 20), (50, 20), (80, 20), (100, 40), (130, 70)):
+        theirs = find(str(STANDARD / "CCRm.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        own = load("ncap_ccrm").concrete(ego_speed=kph / 3.6, lead_speed=lead / 3.6, overlap=1.0)
+        found.append((f"CCRm {kph}", own, theirs))
+    for kph in (30, 50, 80):
+        theirs = find(str(STANDARD / "CCRb.xosc")).concrete(Ego_speed_kph=float(kph), ImpactLocation=50.0)
+        own = load("ncap_ccrb").concrete(
+            ego_speed=kph / 3.6, overlap=1.0, headway_distance=kph / 3.6, lead_deceleration=4.0
+        )
+        found.append((f"CCRb {kph}", own, theirs))
+    folder = ALKS / "logical_scenarios"
+    braking = find(str(folder / "alks_scenario_4_3_2_follow_lead_vehicle_emergency_brake_variation_reference.xosc"))
+    for kph, rate in ((50.0, 3.0), (60.0, 6.0), (60.0, 9.0)):
+        theirs = braking.concrete(
+            Ego_InitSpeed_Ve0_kph=kph, LeadVehicle_Model=0.0, LeadVehicle_Deceleration_Rate_mps2=rate
+        )
+        own = load("front_vehicle_braking").concrete(ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate)
+        found.append((f"brakes {kph:g} {rate:g}", own, theirs))
+    return found
+
+
+@needs_catalogues
+@pytest.mark.campaign
+@pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "idm"])
+def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str) -> None:
+    """Contact or none in every case, and impacts as hard within 0.3 m/s (what the bodies' lengths leave open)."""
+    for name, own, theirs in ours_and_theirs():
+        one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads) for case in (own, theirs))
+        assert (one.collision is None) == (two.collision is None), name
+        if one.collision is not None and two.collision is not None:
+            speeds = [it.ego_velocity[0] - it.other_velocity[0] for it in (one.collision, two.collision)]
+            assert speeds[0] == pytest.approx(speeds[1], abs=0.3), name
