@@ -22,6 +22,7 @@ TASKS: Final = {
     "Look at a run": {"report": "look", "explain": "look", "replay": "look", "plot": "look", "export": "look"},
     "Compare runs": {"compare": "compare", "nightly": "compare", "trend": "compare"},
     "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
+    "From recordings to rates": {"learn": "rates", "campaign": "rates"},
     "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
     "Write an ADS or a scenario": {"check": "tools", "schema": "tools", "bench": "tools"},
 }
@@ -46,6 +47,8 @@ MEANT: Final = {
     "partition": "zones zone split hazard",
     "sample": "points draw grid sobol",
     "boundary": "search edge limit frontier",
+    "campaign": "rate crashes kilometre km risk importance",
+    "learn": "fit scenarios recordings rates distribution",
     "humans": "people drivers import recordings events exposure opinion population similarity",
     "calibrate": "k5 k6 tune scale",
     "sensitivity": "k1 k2 constants vary",

@@ -19,9 +19,9 @@ from sumo_eval.report.words import (
     SCORES,
     count,
     drivers_are_synthetic,
-    drivers_sentence,
     interval_words,
     number,
+    people_sentence,
     point,
     reason_without_d,
     reason_without_h,
@@ -138,8 +138,8 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
-    if drivers_are_synthetic(evaluation.settings):
-        lines.append(drivers_sentence(evaluation.settings))
+    if drivers_are_synthetic(evaluation.settings) or evaluation.settings.drivers.source == "recorded":
+        lines.append(people_sentence(evaluation))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")
     return lines
 
