@@ -30,10 +30,10 @@ def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
     from sumo_eval.rates.learn_page import sentences, write_lesson
     from sumo_eval.rates.learned import learn as learned_from
 
-    table = import_recordings(form, recordings)
+    parts = (import_recordings(form, [path]) for path in recordings)
     source = ", ".join(path.name for path in recordings)
     with Progress() as progress:
-        lesson = learned_from(table, out, source, lambda done, total: progress("recordings", done, total))
+        lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
     for sentence in sentences(lesson):
         click.echo(sentence)
     for path in write_lesson(lesson, out):

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -28,6 +28,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.events import RULES, RecordedLaneChange, Traffic, encounters, find_lane_changes
 from sumo_eval.drivers.recorded.recordings import INTERVAL, MOTOR_CLASSES, Recordings
+from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import smooth_step
 from sumo_eval.trajectory import FloatArray
 
@@ -36,6 +37,7 @@ CLASSES: Final = (
 )  # fmt: skip
 OVERTOOK: Final = 20.0  # s before its lane change within which an overtaking vehicle was behind
 AROUND: Final = 2.0  # s before and after a lane change that its fit sees
+SPEEDS_EVERY: Final = 10  # samples; speeds are told by quantiles of every tenth
 SHORTEST, LONGEST = 1.0, 15.0  # s; a fitted lane change outside is none
 APPROACH_WINDOW: Final = 5.0  # s of a leader's motion that is measured; it keeps the speed it then has
 BRAKING_HEADWAY: Final = 5.0  # s; a leader that brakes further ahead does not count
@@ -84,7 +86,7 @@ class Encounters:
 class Found:
     """What recordings hold. kilometres: driven by all motor vehicles. hours: of these together. recordings: names.
     speeds: 5, 50 and 95 % of their speeds, m/s. lane_width: m, the median distance between neighbouring lanes; 3.5
-    where there are none.
+    where there are none. notes: what was said when they were read.
     """
 
     classes: Mapping[str, Encounters]
@@ -95,6 +97,7 @@ class Found:
     speeds: tuple[float, float, float]
     lane_width: float
     lanes: int
+    notes: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -145,30 +148,38 @@ class _Tracks:
         return float(np.interp(time, self.t[whole], values[whole]))
 
 
-def find_encounters(recordings: Recordings, watch: Callable[[int, int], None] = lambda done, total: None) -> Found:
-    """Every encounter in the recordings, by class. watch: told how many of the recordings are done."""
+def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], None] = lambda what, done: None) -> Found:
+    """Every encounter in recordings, by class; one part of them is held at a time.
+
+    watch: told the name of the recording that was looked through last, and how many were. Raises InputError where two
+    have one name.
+    """
     classes = {name: _Class() for name in CLASSES}
     kilometres = hours = 0.0
-    names, speeds, gaps, lanes = [], [], [], 1
-    vehicles = 0
-    table = recordings.table
-    groups = list(table[table["class"].isin(MOTOR_CLASSES)].groupby("recording", sort=False))
-    for number, (name, table) in enumerate(groups):
-        traffic = Traffic(table)
-        tracks = _Tracks(traffic)
-        names.append(str(name))
-        vehicles += len(traffic.slices)
-        for part in traffic.slices.values():
-            kilometres += float(np.abs(np.diff(tracks.x[part])).sum()) / 1000.0
-            hours += (tracks.t[part.stop - 1] - tracks.t[part.start]) / 3600.0
-        speeds.append(tracks.speed)
-        centres = [tracks.centres[lane] for lane in sorted(tracks.centres) if lane >= 0]
-        lanes = max(lanes, len(centres))
-        gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
-        _of_recording(str(name), traffic, tracks, classes)
-        watch(number + 1, len(groups))
-    everybody = np.concatenate(speeds) if speeds else np.zeros(1)
-    low, middle, high = np.quantile(everybody, [0.05, 0.5, 0.95])
+    names: list[str] = []
+    notes: list[str] = []
+    speeds, gaps, lanes, vehicles = [np.zeros(0)], [], 1, 0
+    for part in parts:
+        notes += part.notes
+        motor = part.table[part.table["class"].isin(MOTOR_CLASSES)]
+        for name, table in motor.groupby("recording", sort=False):
+            if str(name) in names:
+                raise InputError(f"Recordings must have different names, got {str(name)!r} twice.")
+            traffic = Traffic(table)
+            tracks = _Tracks(traffic)
+            names.append(str(name))
+            vehicles += len(traffic.slices)
+            for track in traffic.slices.values():
+                kilometres += float(np.abs(np.diff(tracks.x[track])).sum()) / 1000.0
+                hours += (tracks.t[track.stop - 1] - tracks.t[track.start]) / 3600.0
+            speeds.append(tracks.speed[::SPEEDS_EVERY])
+            centres = [tracks.centres[lane] for lane in sorted(tracks.centres) if lane >= 0]
+            lanes = max(lanes, len(centres))
+            gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]
+            _of_recording(str(name), traffic, tracks, classes)
+            watch(str(name), len(names))
+    everybody = np.concatenate(speeds)
+    low, middle, high = np.quantile(everybody, [0.05, 0.5, 0.95]) if len(everybody) else (0.0, 0.0, 0.0)
     return Found(
         {name: _encounters(name, found) for name, found in classes.items()},
         kilometres,
@@ -178,6 +189,7 @@ def find_encounters(recordings: Recordings, watch: Callable[[int, int], None] = 
         (float(low), float(middle), float(high)),
         round(float(np.median(gaps)), 2) if gaps else 3.5,
         lanes,
+        tuple(dict.fromkeys(notes)),
     )
 
 
@@ -195,40 +207,38 @@ def _of_recording(name: str, traffic: Traffic, tracks: _Tracks, classes: Mapping
     by_row = {(change.vehicle, round(change.t, 3)): change for change in changes}
     events = encounters(traffic, changes)
 
-    def add(kind: str, event: Mapping[str, Any], other: str, measure: Callable[[], Any]) -> None:
+    def counts(kind: str, event: Mapping[str, Any], other: str) -> dict[str, Any] | None:
+        """Who meets whom; None for a ghost, which is counted as one."""
         if event["ghost"]:
             classes[kind].ghosts += 1
-            return
-        who = {"recording": name, "ego": event["ego"], "other": other, "t": event["t"]}
-        classes[kind].add(who, measure())
+            return None
+        return {"recording": name, "ego": event["ego"], "other": other, "t": event["t"]}
 
     for event in events["cut_in"]:
         change = by_row[str(event["cut_in"]), round(float(event["t"]), 3)]
-        add(
-            _kind_of_cut_in(tracks, event, change),
-            event,
-            change.vehicle,
-            lambda e=event, c=change: _cut_in(tracks, e, c),
-        )
+        kind = _kind_of_cut_in(tracks, event, change)
+        if (who := counts(kind, event, change.vehicle)) is not None:
+            classes[kind].add(who, _cut_in(tracks, event, change))
     for event in events["cut_out"]:
         change = by_row[str(event["cut_out"]), round(float(event["t"]), 3)]
-        add("cut_out", event, change.vehicle, lambda e=event, c=change: _cut_out(tracks, e, c))
+        if (who := counts("cut_out", event, change.vehicle)) is not None:
+            classes["cut_out"].add(who, _cut_out(tracks, event, change))
     for event in events["lead_braking"]:
-        if event["headway"] <= BRAKING_HEADWAY:
-            add("braking", event, str(event["lead"]), lambda e=event: _braking(tracks, e))
+        near = event["headway"] <= BRAKING_HEADWAY
+        if near and (who := counts("braking", event, str(event["lead"]))) is not None:
+            classes["braking"].add(who, _braking(tracks, event))
     for event in events["approach"]:
-        if event["start_kind"] == "range_crossing":
-            add("approach", event, str(event["lead"]), lambda e=event: _approach(tracks, e))
+        comes_up = event["start_kind"] == "range_crossing"
+        if comes_up and (who := counts("approach", event, str(event["lead"]))) is not None:
+            classes["approach"].add(who, _approach(tracks, event))
     for change in changes:
-        if change.to > change.origin >= 0:
-            met = _neighbours(tracks, change)
-            if met is not None:
-                event = {
-                    "ego": change.vehicle,
-                    "t": change.t,
-                    "ghost": change.lateral_speed > RULES.ghost_lateral_speed,
-                }
-                add("lane_change", event, met[1], lambda c=change, m=met: _lane_change(tracks, c, *m))
+        met = _neighbours(tracks, change) if change.to > change.origin >= 0 else None
+        if met is None:
+            continue
+        ghost = change.lateral_speed > RULES.ghost_lateral_speed
+        event = {"ego": change.vehicle, "t": change.t, "ghost": ghost}
+        if (who := counts("lane_change", event, met[1])) is not None:
+            classes["lane_change"].add(who, _lane_change(tracks, change, *met))
 
 
 def _kind_of_cut_in(tracks: _Tracks, event: Mapping[str, Any], change: RecordedLaneChange) -> str:
@@ -259,7 +269,9 @@ def fit_smooth_step(time: FloatArray, y: FloatArray, onset: float, duration: flo
 
     time, y: (n,). onset, duration: about where to look.
     """
-    from scipy.optimize import minimize
+    from scipy import optimize
+
+    minimize: Any = optimize.minimize
 
     def parts(guess: FloatArray) -> tuple[float, float, float]:
         share = smooth_step((time - guess[0]) / max(abs(guess[1]), 0.1))
@@ -269,9 +281,10 @@ def fit_smooth_step(time: FloatArray, y: FloatArray, onset: float, duration: flo
         rest = y - y_mean - offset * (share - share_mean)
         return float(rest @ rest), offset, spread
 
-    begin = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)])
-    best = minimize(lambda guess: parts(guess)[0], begin, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-9})
-    return float(best.x[0]), float(abs(best.x[1])), parts(best.x)[1]
+    begin = np.array([onset - 0.1 * duration, 1.2 * max(duration, 0.5)], dtype=np.float64)
+    options = {"xatol": 1e-3, "fatol": 1e-9}
+    best: FloatArray = minimize(lambda guess: parts(guess)[0], begin, method="Nelder-Mead", options=options).x
+    return float(best[0]), float(abs(best[1])), parts(best)[1]
 
 
 def constant_acceleration(time: FloatArray, x: FloatArray) -> tuple[float, float, float]:

@@ -331,7 +331,7 @@ def _pick(points: FloatArray, weight: FloatArray, count: int, stream: np.random.
     if not count:
         return points[:0]
     chosen = stream.choice(possible, size=count, replace=False, p=weight[possible] / weight[possible].sum())
-    return points[chosen]
+    return np.asarray(points[chosen])
 
 
 def _fitted(unit: FloatArray, weight: FloatArray, stream: np.random.Generator) -> Mixture | None:

@@ -68,6 +68,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
         "without_parameters": dict(met.left_out),
         "against_a_constraint": learnt.outside,
         "constants": dict(learnt.constants),
+        "left_out_of_the_distribution_evenly": learnt.thinned,
     }
     if learnt.logical is None or learnt.joint is None:
         return known | {"file": None, "events_needed": learnt.needed}
@@ -183,6 +184,8 @@ def _class_parts(learnt: Learnt) -> list[str]:
         table(("parameter", "unit", "range in the file", "median", "lower end, 95 %", "upper end, 95 %",
                "Kolmogorov distance, held out"), parameters)
     )  # fmt: skip
+    if learnt.thinned:
+        out.append(text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
     out += [text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
     if learnt.correlations:
         out.append(

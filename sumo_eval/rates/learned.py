@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -31,6 +31,7 @@ from sumo_eval.trajectory import FloatArray
 
 FOLDS: Final = 5  # in which vehicles are held out
 FACTORS: Final = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths of a KDE that are tried, over the data's spread
+MOST_FITTED: Final = 2000  # events of a distribution: its cost grows with them, and the tails are the same
 LEAST_EVENTS: Final = 5  # a parameter: with fewer there is no distribution
 NEAR: Final = 0.1  # Kolmogorov distance to held-out vehicles; models nearer in every parameter are told by likelihood
 SAME: Final = 1e-3  # in the parameter's unit: a deviation below makes a parameter a constant
@@ -58,7 +59,8 @@ class Learnt:
     for a constraint. constants: parameters that do not vary. ends: parameter -> 95 % intervals of the range's lower and
     upper end. correlations: pairs -> Spearman's rank correlation and its 95 % interval. models: held out, the best
     first. replay: root mean square distance, m, of the other's scripted motion to its recorded one, along and across
-    the road and together, (n, 3).
+    the road and together, (n, 3). needed: events for a distribution. thinned: events that it leaves out, evenly, where
+    there are more than `MOST_FITTED`; ends and correlations are those of all.
     """
 
     encounters: Encounters
@@ -72,6 +74,7 @@ class Learnt:
     models: tuple[Held, ...]
     replay: FloatArray
     needed: int
+    thinned: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,21 +88,28 @@ class Lesson:
 
 
 def learn(
-    recordings: Recordings, folder: Path, source: str, watch: Callable[[int, int], None] = lambda done, total: None
+    recordings: Iterable[Recordings],
+    folder: Path,
+    source: str,
+    watch: Callable[[str, int], None] = lambda what, done: None,
 ) -> Lesson:
     """Learn from recordings and write the scenario files, their events and OpenSCENARIO distributions into `folder`.
 
-    source: what the recordings are called in sentences. watch: told how many recordings have been looked through.
+    recordings: taken one after the other, so that only one has to be held. source: what they are called in sentences.
+    watch: told what is done, and how much of it.
     """
     found = find_encounters(recordings, watch)
     if not found.kilometres > 0.0:
         raise InputError("The recordings must hold motor vehicles that drive, got none.")
+    learnt = {}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        learnt = {name: _learnt(found.classes[name], found, folder, source) for name in CLASSES}
+        for done, name in enumerate(CLASSES):
+            watch(f"fitting {name}", done)
+            learnt[name] = _learnt(found.classes[name], found, folder, source)
     except OSError as error:
         raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
-    return Lesson(found, learnt, recordings.notes, source)
+    return Lesson(found, learnt, found.notes, source)
 
 
 def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
@@ -116,7 +126,7 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     }
     free = [name for name in names if name not in constants]
     needed = LEAST_EVENTS * len(free)
-    nothing = Learnt(encounters, rate, None, None, constants, 0, {}, {}, (), np.zeros((0, 3)), needed)
+    nothing = Learnt(encounters, rate, None, None, constants, 0, {}, {}, (), np.zeros((0, 3)), needed, 0)
     if n < needed or not free:
         return nothing
     floors = {item.name: item.floor for item in scene.quantities}
@@ -137,16 +147,6 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
         path.unlink()
         return nothing
     low, high = tuple(logical.low.tolist()), tuple(logical.high.tolist())
-    who = encounters.who[kept]
-    models = _held_out(rows, free, (low, high), _folds(who))
-    best = models[0]
-    kind, factor = _named(best.model)
-    _write_events(table, who, free, rows)
-    content["joint"] = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
-    _write(path, content)
-    value_sets(name, free, rows, path.name, rate, folder / f"{encounters.name}.xosc")
-    logical = read_scenario(path)
-    joint = Joint(kind, tuple(free), tuple(map(tuple, rows.tolist())), low, high, factor, table.name)
     ends = {
         each: (end_interval(rows[:, j], upper=False), end_interval(rows[:, j], upper=True))
         for j, each in enumerate(free)
@@ -156,10 +156,26 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
         for i in range(len(free))
         for j in range(i + 1, len(free))
     }
-    motions = [motion for motion, here in zip(encounters.motions, kept, strict=True) if here]
+    outside = int((~kept).sum())
+    places = np.flatnonzero(kept)
+    if len(places) > MOST_FITTED:
+        even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
+        places, rows = places[even], rows[even]
+    who = encounters.who.iloc[places]
+    models = _held_out(rows, free, (low, high), _folds(who))
+    best = models[0]
+    kind, factor = _named(best.model)
+    _write_events(table, who, free, rows)
+    content["joint"] = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
+    _write(path, content)
+    value_sets(name, free, rows, path.name, rate, folder / f"{encounters.name}.xosc")
+    logical = read_scenario(path)
+    joint = Joint(kind, tuple(free), tuple(map(tuple, rows.tolist())), low, high, factor, table.name)
+    motions = [encounters.motions[place] for place in places]
     replay = replay_errors(logical, encounters.name, rows, motions)
+    thinned = int(kept.sum()) - len(rows)
     return Learnt(
-        encounters, rate, logical, joint, constants, int((~kept).sum()), ends, correlations, models, replay, needed
+        encounters, rate, logical, joint, constants, outside, ends, correlations, models, replay, needed, thinned
     )
 
 

@@ -24,7 +24,7 @@ def recovered(folder: Path, scenes: int, expected: float, seed: int) -> dict[str
     source = folder / "fcd.csv"
     folder.mkdir(exist_ok=True)
     rate, _ = planted(source, scenes, expected, seed)
-    lesson = learn(import_recordings("sumo_fcd", [source]), folder / "learnt", "planted")
+    lesson = learn([import_recordings("sumo_fcd", [source])], folder / "learnt", "planted")
     learnt = lesson.learnt["cut_in"]
     assert learnt.logical is not None
     found = {"rate": learnt.rate[1] <= rate <= learnt.rate[2]}
@@ -80,7 +80,7 @@ def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_pat
 def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
     source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
     planted(source, 3, 0.0, 1)
-    lesson = learn(import_recordings("sumo_fcd", [source]), out, "three scenes")
+    lesson = learn([import_recordings("sumo_fcd", [source])], out, "three scenes")
     learnt = lesson.learnt["cut_in"]
     assert learnt.encounters.events == 0
     assert learnt.logical is None

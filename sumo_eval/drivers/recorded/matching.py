@@ -88,7 +88,8 @@ def matching_events(events: Events, scenario: str, recorded: Counterpart | None 
     named = [*match.columns.values(), match.start, *(match.only or {})]
     for column in named if recorded is not None and len(table) else ():
         if column not in table:
-            raise unknown(f"column of `{match.kind}` events in [recorded] of scenario `{scenario}`:", column, table)
+            owner = f"column of `{match.kind}` events in [recorded] of scenario `{scenario}`:"
+            raise unknown(owner, column, [str(name) for name in table])
     for column, value in (match.only or {}).items():
         table = table[table[column].astype(str) == value] if column in table else table
     chosen = pd.DataFrame({name: table[name] for name in ("event", "recording", "ego")})
