@@ -143,7 +143,7 @@ def test_every_loop_is_compiled_for_one_kind_of_arguments():
 
 
 def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):
-    """numba looks at the file of a loop alone, by its place; an edited rule in another file must not go on as before."""
+    """numba looks at the loop's own file and its place; an edited rule in another file must not go on as before."""
     before = kernels.cache_folder()
     copy = tmp_path / "sumo_eval"
     for room in kernels._ROOMS:

@@ -24,6 +24,7 @@ TASKS: Final = {
     "Compare runs": {"compare": "compare", "nightly": "compare", "trend": "compare"},
     "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
     "Drive yourself": {"drive": "drive"},
+    "From recordings to rates": {"learn": "rates", "campaign": "rates"},
     "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
     "Write an ADS or a scenario": {"import": "importing", "check": "tools", "schema": "tools", "bench": "tools"},
 }
@@ -49,6 +50,8 @@ MEANT: Final = {
     "sample": "points draw grid sobol",
     "boundary": "search edge limit frontier",
     "drive": "wheel simulator steer keyboard gamepad study participants",
+    "campaign": "rate crashes kilometre km risk importance",
+    "learn": "fit scenarios recordings rates distribution",
     "humans": "people drivers import recordings events exposure opinion population similarity",
     "calibrate": "k5 k6 tune scale",
     "sensitivity": "k1 k2 constants vary",

@@ -22,7 +22,7 @@ def humans() -> None:
 def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     """Import files or folders of FORMAT into one canonical table.
 
-    FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, csv.
+    FORMAT: highd, ind, exid, round, unid, ngsim, commonroad, sumo_fcd, openacc, dlr_highway, map, csv.
     """
     from sumo_eval.drivers.recorded.importing import import_recordings
     from sumo_eval.drivers.recorded.recordings import write_csv
@@ -62,6 +62,31 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     settings = ExposureSettings("recorded", tuple(map(str, tables)), bandwidth)  # type: ignore[arg-type]
     found = exposure_of(catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd())
     click.echo(f"{scenario}: {found.about}.")
+
+
+@humans.command(epilog="Example: sumo-eval humans coverage evaluation.toml")
+@click.argument("evaluation", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="CSV file: a row a safe concrete scenario.")
+def coverage(evaluation: Path, out: Path | None) -> None:
+    """How many recorded people there are for each concrete scenario of EVALUATION; nothing is simulated."""
+    from sumo_eval.studies.people_coverage import coverage as covered
+    from sumo_eval.studies.people_coverage import nobody
+    from sumo_eval.studies.tables import write_rows
+
+    with Progress() as progress:
+        found = covered(evaluation, lambda what, done, total: progress(f"{what}: recorded people", done, total))
+    for one in found:
+        click.echo(f"{one.sentence()}.")
+        for point in one.points:
+            click.echo(
+                f"  {point.point}: {point.drivers} ({point.near} events near, {point.short} recorded "
+                f"over too little of the road, {point.again} of the same drivers)"
+            )
+    if nobody(found):
+        click.echo("WARN  nobody was recorded in anything like these concrete scenarios.")
+    if out is not None:
+        write_rows([point for one in found for point in one.points], out)
+        click.echo(f"Table: {out}")
 
 
 @humans.command(epilog="Example: sumo-eval humans population people.csv.gz --drivers 200")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -16,6 +16,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 
 if TYPE_CHECKING:
+    from sumo_eval.record.facts import Space
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _LINES = 20  # of what an ADS printed
@@ -170,10 +171,21 @@ def _check_evaluation(path: Path) -> None:
     words = "the single-track model" if plant is None else plant.file
     found("vehicle model", partial(planned, words, replace(bare, simulation=settings.simulation)))
     found("drivers", partial(planned, settings.drivers.source, replace(bare, drivers=settings.drivers)))
+    if settings.drivers.source == "recorded" and not wrong:
+        _check_people(spaces, settings, source)
     found("severity", severity)
     if settings.method.ranking.weights:
         found("ranking", ranking)
     sys.exit(INPUT_WRONG if wrong else DONE)
+
+
+def _check_people(spaces: Sequence[Space], settings: EvaluationSettings, source: Path) -> None:
+    """Say how many recorded people there are, before a run finds out that there are none."""
+    from sumo_eval.studies.people_coverage import coverage_of
+
+    for one in coverage_of(spaces, settings, source):
+        people = sum(point.drivers for point in one.points)
+        click.echo(f"{'ok   ' if people else 'WARN '} recorded people of {one.sentence()}")
 
 
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")

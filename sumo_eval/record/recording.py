@@ -223,7 +223,7 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
     safe = space.safe
     for done, number in enumerate(safe, start=1):
         concrete = space.concrete(number)
-        found = reference(concrete, people, settings)
+        found = reference(concrete, people, settings, space.logical.recorded)
         for index, (drive, who) in enumerate(zip(found.drives, found.names, strict=True)):
             case = plan.recorded_person(number, concrete, index)
             known.add(case.key)

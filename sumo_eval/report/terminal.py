@@ -19,9 +19,9 @@ from sumo_eval.report.words import (
     SCORES,
     count,
     drivers_are_synthetic,
-    drivers_sentence,
     interval_words,
     number,
+    people_sentence,
     point,
     reason_without_d,
     reason_without_h,
@@ -143,8 +143,8 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for entry in evaluation.settings.scenario
         for file, why in entry.not_played.items()
     ]
-    if drivers_are_synthetic(evaluation.settings):
-        lines.append(drivers_sentence(evaluation.settings))
+    if drivers_are_synthetic(evaluation.settings) or evaluation.settings.drivers.source == "recorded":
+        lines.append(people_sentence(evaluation))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")
     return lines
 

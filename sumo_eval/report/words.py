@@ -189,6 +189,66 @@ def end_reason(case: CaseResult) -> str:
     return "not known" if case.end_reason is None else _END.get(case.end_reason, case.end_reason)
 
 
+@dataclass(frozen=True, slots=True)
+class PeopleBehind:
+    """How many recorded people stand behind the D_i and H of a scenario.
+
+    points: safe concrete scenarios; with_people: of these, with recorded people; drives: of theirs, over all of these.
+    """
+
+    scenario: str
+    points: int
+    with_people: int
+    drives: int
+
+
+def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
+    """The recorded people of every scenario; empty where the evaluation asks for none."""
+    if evaluation.settings.drivers.source != "recorded":
+        return []
+    found: dict[str, dict[tuple[float, ...], int]] = {}
+    for case in evaluation.cases:
+        if case.zone == "safe":
+            points = found.setdefault(case.scenario, {})
+            here = tuple(case.values.values())
+            points[here] = max(points.get(here, 0), case.recorded_drivers or 0)
+    return [
+        PeopleBehind(name, len(points), sum(number > 0 for number in points.values()), sum(points.values()))
+        for name, points in found.items()
+    ]
+
+
+def nobody_recorded(evaluation: Evaluation) -> bool:
+    """Whether recorded people were asked for, and none stands behind any D_i."""
+    behind = people_behind(evaluation)
+    return evaluation.settings.drivers.source == "recorded" and not any(one.drives for one in behind)
+
+
+def people_sentence(evaluation: Evaluation) -> str:
+    """Who D and H compare with, and how many recorded people stand behind them."""
+    settings = evaluation.settings
+    if settings.drivers.source != "recorded":
+        return drivers_sentence(settings)
+    behind = people_behind(evaluation)
+    source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
+    fills = settings.drivers.too_thin == "fill"
+    points = sum(one.points for one in behind)
+    if nobody_recorded(evaluation):
+        instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
+        return (
+            f"No recorded person stands behind D and H: nobody in {source} was recorded in anything like these "
+            f"{count(points, 'safe concrete scenario')}; {instead}. `sumo-eval humans coverage` says where they are."
+        )
+    rest = "synthetic drivers fill up" if fills else "the others are left out"
+    each = "; ".join(
+        f"{one.scenario}: {one.with_people} of {count(one.points, 'safe concrete scenario')}, "
+        f"{count(one.drives, 'recorded drive')}"
+        for one in behind
+    )
+    least = settings.drivers.least
+    return f"Recorded people ({source}) stand behind D and H in {each}. Where they are fewer than {least}, {rest}."
+
+
 def drivers_are_synthetic(settings: EvaluationSettings) -> bool:
     """Whether the human drivers are this package's own population."""
     return settings.drivers.source == "synthetic"
@@ -200,13 +260,6 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
         return (
             f"The {settings.drivers.count} human drivers of each concrete scenario are synthetic: drawn from "
             "distributions fitted to recorded traffic. They are not recorded people."
-        )
-    if settings.drivers.source == "recorded":
-        thin = "filled with synthetic drivers" if settings.drivers.too_thin == "fill" else "left out"
-        source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
-        return (
-            f"The human drivers are recorded people ({source}). "
-            f"Where fewer than {settings.drivers.least} were recorded, the concrete scenario is {thin}."
         )
     return f"The human drivers come from `{settings.drivers.source}`, which this evaluation names as its reference."
 

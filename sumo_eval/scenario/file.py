@@ -35,10 +35,13 @@ from sumo_eval.scenario.concrete import (
 )
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
+from sumo_eval.scenario.joint import Joint, of_values, read_joint
 from sumo_eval.scenario.logical import (
     Approach,
     Constraint,
+    Counterpart,
     LogicalScenario,
+    Met,
     NamedSample,
     Option,
     Parameter,
@@ -312,6 +315,44 @@ class OptionTable(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class JointTable(Checked):
+    """How often points are met, by events that were met: keeps how parameters go together."""
+
+    events: Annotated[str, MinLen(1), About("CSV with a row an event and a column a parameter, relative to this file")]
+    kind: Annotated[
+        Literal["kde", "copula"],
+        About("kde: a Gaussian at each event; copula: each parameter by a KDE of its own, and their correlation"),
+    ] = "kde"
+    bandwidth: Annotated[float | None, Positive, About("kernel deviation over the data's; default: Scott's")] = None
+
+
+@dataclass(frozen=True, slots=True)
+class MetTable(Checked):
+    """How often the scenario was met on the road, whatever its parameters were."""
+
+    events: Annotated[int, Ge(0), About("how many times")]
+    vehicle_km: Annotated[float, Positive, About("driven by all vehicles that might have met it", "km")]
+    where: Annotated[str, About("on which roads, when")] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTable(Checked):
+    """Which events of recordings are this scenario, met on the road."""
+
+    event: Annotated[
+        Literal["approach", "cut_out", "cut_in", "lead_braking"], About("kind of event, as `humans events` finds them")
+    ]
+    columns: Annotated[
+        dict[str, str], About("parameter = column of the events; default: the column of the parameter's name")
+    ] = field(default_factory=dict)
+    tolerance: Annotated[
+        dict[str, float], About("how far a parameter may be from the event's; default: a tenth of its range")
+    ] = field(default_factory=dict)
+    start: Annotated[str, About("column with the time that is the scenario's t = 0; default by event")] = ""
+    only: Annotated[dict[str, str], About("column = value that an event must have")] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioFile(Checked):
     """A logical scenario file."""
 
@@ -332,6 +373,9 @@ class ScenarioFile(Checked):
     option: Annotated[tuple[OptionTable, ...], About("numbers that whoever uses the scenario may give")] = ()
     constraint: Annotated[tuple[ConstraintTable, ...], About("which points of the box exist")] = ()
     exposure: Annotated[str | None, About("density, an expression; multiplies the parameters' distributions")] = None
+    joint: Annotated[JointTable | None, About("density by events, instead of the parameters' distributions")] = None
+    met: Annotated[MetTable | None, About("how often it was met on the road")] = None
+    recorded: Annotated[RecordedTable | None, About("the events of recordings that are this scenario")] = None
     road: Annotated[RoadTable, About("the road")] = field(default_factory=RoadTable)
     end: Annotated[EndTable, About("when a case is over")] = field(default_factory=EndTable)
     sample: Annotated[tuple[SampleTable, ...], About("prescribed points")] = ()
@@ -527,16 +571,17 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """Density: the product of the parameters' distributions within their ranges, times an expression."""
+    """Density: the product of the parameters' distributions in their ranges, or a joint one, times an expression."""
 
     parameters: tuple[Parameter, ...]
     expression: Expression | None
     definitions: Definitions
+    joint: Joint | None = None
 
     def __call__(self, values: Values) -> FloatArray:
         """The density, up to a factor."""
         shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
-        density: FloatArray = np.ones(shape)
+        density: FloatArray = np.ones(shape) if self.joint is None else of_values(self.joint, values)
         for item in self.parameters:
             if item.distribution is not None:
                 density = density * item.distribution.density(values[item.name], item.low, item.high)
@@ -871,7 +916,8 @@ class _Builder:
         constraints = tuple(self._constraint(item, definitions) for item in table.constraint)
         density = None if table.exposure is None else self._number(table.exposure, "`exposure`")
         spread = [item for item in parameters if item.distribution is not None]
-        told = bool(spread) or density is not None
+        joint = self._joint(parameters)
+        told = bool(spread) or density is not None or joint is not None
         body = self._body()
         road = self._road()
         ego = table.ego
@@ -907,8 +953,10 @@ class _Builder:
             ),
             approach=None if lively or table.zone == "none" else self._zone(definitions, vehicles),
             search=self._search(definitions, vehicles) if lively and table.zone != "none" else None,
-            exposure=Exposure(parameters, density, definitions) if told else uniform_exposure,
-            exposure_about=_exposure_about(spread, density),
+            exposure=Exposure(parameters, density, definitions, joint) if told else uniform_exposure,
+            exposure_about=_exposure_about(spread, density, joint),
+            recorded=self._recorded(parameters),
+            met=None if table.met is None else Met(table.met.events, table.met.vehicle_km, table.met.where),
             ego_body=body,
             time_limit=table.end.time,
             zone_coordinates=self._coordinates(definitions),
@@ -964,6 +1012,39 @@ class _Builder:
         if distribution is not None and not distribution.inside(low, high) > 0.0:
             raise must_be(f"Distribution {distribution}", owner, f"possible within {low:g}..{high:g}", 0.0)
         return parameter
+
+    def _joint(self, parameters: Sequence[Parameter]) -> Joint | None:
+        table = self.table.joint
+        if table is None:
+            return None
+        for item in parameters:
+            if item.distribution is not None or item.values:
+                raise InputError(
+                    f"Parameter `{item.name}` of {self.where} must have a range and no distribution: [joint] says how "
+                    "often its values are met."
+                )
+        box = [item.low for item in parameters], [item.high for item in parameters]
+        names = [item.name for item in parameters]
+        return read_joint(self.folder / table.events, table.kind, names, box, table.bandwidth)
+
+    def _recorded(self, parameters: Sequence[Parameter]) -> Counterpart | None:
+        table, names = self.table.recorded, [item.name for item in parameters]
+        if table is None:
+            return None
+        for name in (*table.columns, *table.tolerance):
+            if name not in names:
+                raise unknown(f"parameter in [recorded] of {self.where}:", name, names)
+        tolerance = {item.name: table.tolerance.get(item.name, (item.high - item.low) / 10.0) for item in parameters}
+        for name, within in tolerance.items():
+            if not within > 0.0:
+                raise must_be(f"`recorded.tolerance.{name}`", self.where, "above 0", within)
+        return Counterpart(
+            table.event,
+            tuple((name, table.columns.get(name, name)) for name in names),
+            tuple(tolerance.items()),
+            table.start,
+            tuple(table.only.items()),
+        )
 
     def _body(self) -> EgoBody | None:
         ego = self.table.ego
@@ -1222,7 +1303,7 @@ def _distinct(names: Iterable[str], kind: str, where: str) -> list[str]:
     return seen
 
 
-def _exposure_about(spread: Sequence[Parameter], density: Expression | None) -> str:
-    parts = [f"{item.name} as {item.distribution}" for item in spread]
+def _exposure_about(spread: Sequence[Parameter], density: Expression | None, joint: Joint | None) -> str:
+    parts = [f"{item.name} as {item.distribution}" for item in spread] + ([] if joint is None else [str(joint)])
     parts += [] if density is None else [f"times `{density.text}`"]
     return ", ".join(parts) if parts else "uniform: every concrete scenario counts the same"

@@ -120,6 +120,30 @@ class NamedSample:
     points: tuple[tuple[float, ...], ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Counterpart:
+    """Which events of recordings a scenario is met as.
+
+    event: kind of event. columns: (parameter, column of the events). tolerance: (parameter, how far it may be off).
+    start: column with the time that is the scenario's t = 0; empty: the event's own. only: (column, value it has).
+    """
+
+    event: str
+    columns: tuple[tuple[str, str], ...]
+    tolerance: tuple[tuple[str, float], ...]
+    start: str = ""
+    only: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """How often a scenario was met on the road. vehicle_km: driven by all vehicles that might have met it."""
+
+    events: int
+    vehicle_km: float
+    where: str = ""
+
+
 def uniform_exposure(values: Values) -> FloatArray:
     """Every concrete scenario is met equally often."""
     return np.ones(np.broadcast_shapes(*map(np.shape, values.values())))
@@ -136,7 +160,7 @@ class LogicalScenario:
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
     parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
-    every report.
+    every report. recorded: the events of recordings that it is met as; met: how often it was; None: nobody says.
     """
 
     name: str
@@ -157,6 +181,8 @@ class LogicalScenario:
     options: tuple[Option, ...] = ()
     search: Search | None = None
     notes: tuple[str, ...] = ()
+    recorded: Counterpart | None = None
+    met: Met | None = None
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)

@@ -255,3 +255,40 @@ def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, 
     (tmp_path / name).write_text(SETS.format(STATE + inside))
     with pytest.raises(InputError, match=sentence):
         commonroad.read(tmp_path / name)
+
+
+def _bend(path: Path, **columns) -> Path:
+    """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, and one that stands."""
+    rows = []
+    for number in range(8):
+        lane = number % 2
+        radius = 300.0 - 3.5 * lane
+        for t in np.round(np.arange(0.0, 12.0, 0.1), 1):
+            angle = (20.0 * t + 15.0 * number) / radius
+            rows.append((f"v{number}", t, radius * np.sin(angle), 300.0 - radius * np.cos(angle), np.degrees(angle)))
+    rows += [("parked", t, 80.0, 30.0, 0.0) for t in (0.0, 0.1, 0.2)]
+    table = pd.DataFrame(rows, columns=["vehicle", "t", "x", "y", "heading_deg"]).assign(**columns)
+    table.to_csv(path, index=False)
+    return path
+
+
+def test_any_table_on_a_map_is_straightened_and_says_what_it_assumed_and_left_out(tmp_path):
+    recordings = import_recordings("map", [_bend(tmp_path / "bend.csv")])
+    table = recordings.table
+    assert set(table["vehicle"]) == {f"v{number}" for number in range(8)}
+    assert sorted(table["lane"].unique()) == [0, 1]
+    for _, track in table.groupby("vehicle"):
+        # 20 m/s along a lane: what is straightened advances by that, within the 1.2 % by which one lane is shorter.
+        assert np.polyfit(track["t"], track["x"], 1)[0] == pytest.approx(20.0, rel=0.02)
+        assert np.ptp(track["y"]) < 0.5
+    said = " ".join(recordings.notes)
+    assert "1 vehicles that move less than 30 m are left out" in said
+    assert "no length of the vehicles: 4.5 m are assumed" in said
+    assert "no speed: from the motion" in said
+
+
+def test_a_table_on_a_map_without_a_place_is_refused_with_its_row(tmp_path):
+    path = _bend(tmp_path / "bend.csv")
+    path.write_text(path.read_text().replace("v0,0.1,", "v0,later,", 1))
+    with pytest.raises(InputError, match=r"`t` in row 3 .* must be a number"):
+        import_recordings("map", [path])

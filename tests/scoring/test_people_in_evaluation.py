@@ -77,6 +77,97 @@ def test_recorded_people_are_the_reference_and_a_thin_one_is_filled_and_said(run
     assert "Reference too thin in" in page
 
 
+def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(runs):
+    out, result, rows = runs["fill"]
+    behind = {
+        (row["ego_speed"], row["lead_speed"]): int(row["recorded_drivers"]) for row in rows if row["zone"] == "safe"
+    }
+    drives, points = sum(behind.values()), sum(number > 0 for number in behind.values())
+    assert 0 < points < len(behind)
+    (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
+    assert told == {
+        "scenario": "front_vehicle_low_speed", "points": len(behind), "with_people": points, "drives": drives,
+    }  # fmt: skip
+    sentence = f"{points} of {len(behind)} safe concrete scenarios, {drives} recorded drives"
+    assert sentence in " ".join(result.output.split())
+    assert sentence in (out / "report.html").read_text()
+
+
+def test_coverage_says_the_same_before_anything_is_driven(runs):
+    out, _, rows = runs["fill"]
+    result = CliRunner().invoke(
+        main, ["humans", "coverage", str(out.parent / "evaluation.toml"), "--out", str(out.parent / "coverage.csv")]
+    )
+    assert result.exit_code == 0, result.output
+    with (out.parent / "coverage.csv").open() as file:
+        found = {row["point"]: int(row["drivers"]) for row in csv.DictReader(file)}
+    for row in rows:
+        if row["zone"] == "safe":
+            point = f"ego_speed={float(row['ego_speed']):g}, lead_speed={float(row['lead_speed']):g}"
+            assert found[point] == int(row["recorded_drivers"])
+    assert "approach events" in result.output
+
+
+NOBODY = """
+name = "slow"
+[[parameter]]
+name = "ego_speed"
+unit = "m/s"
+low = 8.0
+high = 12.0
+step = 4.0
+[[parameter]]
+name = "lead_speed"
+unit = "m/s"
+low = 2.0
+high = 6.0
+step = 4.0
+[ego]
+speed = "ego_speed"
+[[vehicle]]
+name = "lead"
+speed = "lead_speed"
+gap = "3.5 * ego_speed"
+[zone]
+obstacle = "lead"
+[recorded]
+event = "approach"
+"""
+
+
+def test_a_scenario_file_names_its_own_event_and_nobody_is_said_to_be_nobody(runs):
+    folder = runs["fill"][0].parent
+    (folder / "slow.toml").write_text(NOBODY)
+    text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "SPACE.toml")
+    text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2").replace(
+        '[scenario.exposure]\nkind = "recorded"\n', ""
+    )
+    (folder / "slow_evaluation.toml").write_text(text.replace("SPACE", "slow"))
+    result = CliRunner().invoke(main, ["humans", "coverage", str(folder / "slow_evaluation.toml")])
+    assert result.exit_code == 0, result.output
+    assert "0 have some, 4 have none" in result.output
+    assert "WARN" in result.output
+    # The same file at the speeds of the recording has its people.
+    fast = NOBODY.replace('"slow"', '"fast"').replace("low = 8.0\nhigh = 12.0", "low = 28.0\nhigh = 32.0")
+    (folder / "fast.toml").write_text(fast.replace("low = 2.0\nhigh = 6.0", "low = 13.0\nhigh = 17.0"))
+    (folder / "fast_evaluation.toml").write_text(text.replace("SPACE", "fast"))
+    result = CliRunner().invoke(main, ["check", str(folder / "fast_evaluation.toml")])
+    assert "recorded people of fast: 12 approach events" in result.output
+    assert "WARN" not in result.output
+
+
+def test_an_event_s_column_that_does_not_exist_is_refused_in_a_sentence(runs):
+    folder = runs["fill"][0].parent
+    (folder / "odd.toml").write_text(NOBODY.replace('"slow"', '"odd"') + 'columns = { lead_speed = "leed_speed" }\n')
+    text = EVALUATION.replace("TOO_THIN", "fill").replace("front_vehicle_low_speed", "odd.toml")
+    text = text.replace("steps = { ego_speed = 10.0, lead_speed = 15.0 }", "levels = 2")
+    (folder / "odd_evaluation.toml").write_text(text)
+    result = CliRunner().invoke(main, ["humans", "coverage", str(folder / "odd_evaluation.toml")])
+    assert result.exit_code == 2
+    assert "leed_speed" in result.output + result.stderr
+    assert "lead_speed" in result.output + result.stderr
+
+
 def test_the_band_of_the_drivers_and_the_manoeuvre_stand_beside_every_index(runs):
     _, _, rows = runs["fill"]
     for row in rows:

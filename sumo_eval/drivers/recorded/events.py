@@ -128,12 +128,7 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
         traffic = Traffic(table, rules)
         vehicles += len(traffic.slices)
         lane_changes = find_lane_changes(traffic, rules)
-        found = {
-            "approach": _approaches(traffic, rules, lane_changes),
-            "cut_out": _cut_outs(traffic, rules, lane_changes),
-            "cut_in": _cut_ins(traffic, rules, lane_changes),
-            "lead_braking": _braking_leaders(traffic, rules),
-        }
+        found = encounters(traffic, lane_changes, rules)
         changes.append(
             pd.DataFrame([asdict(change) for change in lane_changes], columns=_CHANGE_COLUMNS).assign(
                 recording=recording
@@ -158,6 +153,18 @@ def extract_events(recordings: Recordings, rules: EventRules = RULES) -> Events:
         kept[kind] = events
     all_changes = pd.concat(changes, ignore_index=True) if changes else pd.DataFrame(columns=_CHANGE_COLUMNS)
     return Events(kept, all_changes, vehicles, len(involved), ghosts)
+
+
+def encounters(
+    traffic: Traffic, changes: Sequence[RecordedLaneChange], rules: EventRules = RULES
+) -> dict[str, list[dict[str, Any]]]:
+    """The events of one recording by kind, ghosts among them (`ghost`). changes: its lane changes."""
+    return {
+        "approach": _approaches(traffic, rules, changes),
+        "cut_out": _cut_outs(traffic, rules, changes),
+        "cut_in": _cut_ins(traffic, rules, changes),
+        "lead_braking": _braking_leaders(traffic, rules),
+    }
 
 
 def _settled(lane: np.ndarray, shortest: int) -> np.ndarray:

@@ -103,10 +103,10 @@ def exposure_of(
     from sumo_eval.drivers.recorded.matching import match_of, matching_events
     from sumo_eval.drivers.recorded.reference import open_people
 
-    match_of(logical.name)
+    match_of(logical.name, logical.recorded)
     people = open_people(DriverSettings(recordings=tuple(recordings)), source)
     assert people.events is not None
-    events = matching_events(people.events, logical.name)
+    events = matching_events(people.events, logical.name, logical.recorded)
     model = fit_exposure(events[list(logical.names)].to_numpy(), logical.names, bandwidth=settings.bandwidth)
     share = unsupported_share(model, logical)
     words = ", ".join(f"{name} {value:.3f}" for name, value in model.held_out.items())

@@ -9,7 +9,16 @@ from typing import Final
 
 import pandas as pd
 
-from sumo_eval.drivers.recorded.importers import commonroad, dlr_highway, highd, levelx, ngsim, openacc, sumo_fcd
+from sumo_eval.drivers.recorded.importers import (
+    commonroad,
+    dlr_highway,
+    highd,
+    levelx,
+    map_table,
+    ngsim,
+    openacc,
+    sumo_fcd,
+)
 from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_csv
 from sumo_eval.drivers.recorded.straighten import straighten
@@ -26,6 +35,7 @@ READERS: Final[dict[str, Callable[[Path], list[Found]]]] = {
     "sumo_fcd": sumo_fcd.read,
     "openacc": openacc.read,
     "dlr_highway": dlr_highway.read,
+    "map": map_table.read,
 }
 """Formats that other people write, by the name they have on the command line."""
 

@@ -1,5 +1,6 @@
-"""Which recorded events are a shipped logical scenario met on the road, and which of their columns are its
-parameters.
+"""Which recorded events are a logical scenario met on the road, and which of their columns are its parameters.
+
+A scenario file may say so itself ([recorded]); for shipped scenarios that do not it is said here.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from typing import Final
 import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.scenario.logical import Counterpart
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,22 +55,43 @@ MATCHES: Final[Mapping[str, Match]] = {
 }
 
 
-def match_of(scenario: str) -> Match:
+STARTS: Final[Mapping[str, str]] = {"approach": "t"}
+"""The column with the time at which a scenario begins, by kind of event; of the others `start`."""
+
+
+def known_match(scenario: str, recorded: Counterpart | None = None) -> Match | None:
+    """The match of a scenario, by what it says itself (`recorded`), else by its name; None where nobody says."""
+    if recorded is None:
+        return MATCHES.get(scenario)
+    start = recorded.start or STARTS.get(recorded.event, "start")
+    return Match(recorded.event, dict(recorded.columns), dict(recorded.tolerance), start, dict(recorded.only))
+
+
+def match_of(scenario: str, recorded: Counterpart | None = None) -> Match:
     """The match of a scenario; refuses one that no recorded event corresponds to."""
-    if scenario not in MATCHES:
+    match = known_match(scenario, recorded)
+    if match is None:
         raise InputError(
-            f"There is no recorded event that corresponds to scenario `{scenario}`; "
-            f"recordings serve {', '.join(MATCHES)}."
+            f"There is no recorded event that corresponds to scenario `{scenario}`; recordings serve "
+            f"{', '.join(MATCHES)}, and files that name their event in [recorded]."
         )
-    return MATCHES[scenario]
+    return match
 
 
-def matching_events(events: Events, scenario: str) -> pd.DataFrame:
-    """The events that correspond to a scenario, its parameters as columns of that name, complete ones only."""
-    match = match_of(scenario)
+def matching_events(events: Events, scenario: str, recorded: Counterpart | None = None) -> pd.DataFrame:
+    """The events that correspond to a scenario, its parameters as columns of that name, complete ones only.
+
+    Raises InputError for a column that its events do not have.
+    """
+    match = match_of(scenario, recorded)
     table = events.tables[match.kind]
+    named = [*match.columns.values(), match.start, *(match.only or {})]
+    for column in named if recorded is not None and len(table) else ():
+        if column not in table:
+            owner = f"column of `{match.kind}` events in [recorded] of scenario `{scenario}`:"
+            raise unknown(owner, column, [str(name) for name in table])
     for column, value in (match.only or {}).items():
-        table = table[table[column] == value] if column in table else table
+        table = table[table[column].astype(str) == value] if column in table else table
     chosen = pd.DataFrame({name: table[name] for name in ("event", "recording", "ego")})
     chosen["start"] = table[match.start] if match.start in table else pd.Series(dtype=float)
     for parameter, column in match.columns.items():

@@ -79,12 +79,13 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
     rows["recording"], rows["vehicle"] = rows["recording"].astype(str), rows["vehicle"].astype(str)
     rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
     double = rows.duplicated(["recording", "vehicle", "t"])
-    parts, holes = [], 0
+    parts, holes, too_short = [], 0, 0
     for (_, _), track in rows[~double].groupby(["recording", "vehicle"], sort=False):
         pieces = np.split(np.arange(len(track)), np.flatnonzero(np.diff(track["t"].to_numpy()) > LONGEST_HOLE) + 1)
         holes += len(pieces) - 1
         for number, piece in enumerate(pieces):
             even = _on_the_clock(track.iloc[piece])
+            too_short += even is None
             if number and even is not None:
                 even["vehicle"] = even["vehicle"] + f"#{number + 1}"
             if even is not None:
@@ -94,6 +95,8 @@ def canonical(table: pd.DataFrame, notes: Sequence[str] = ()) -> Recordings:
         said.append(
             f"{holes} holes of more than {LONGEST_HOLE:g} s in tracks: each side of a hole is a track of its own."
         )
+    if too_short:
+        said.append(f"{too_short} tracks of less than two samples on the clock of {INTERVAL:g} s are left out.")
     if double.any():
         said.append(f"{int(double.sum())} samples with a time that their vehicle already had were left out.")
     if not parts:

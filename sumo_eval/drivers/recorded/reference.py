@@ -12,10 +12,11 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.events import Events, extract_events, lane_centres
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
-from sumo_eval.drivers.recorded.matching import MATCHES, match_of, matching_events
+from sumo_eval.drivers.recorded.matching import known_match, matching_events
 from sumo_eval.drivers.recorded.recordings import Recordings, read_csv
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.logical import Counterpart
 from sumo_eval.settings import DriverSettings
 from sumo_eval.trajectory import Trajectory
 
@@ -72,20 +73,23 @@ def _recorded(paths: tuple[Path, ...]) -> People:
     return People(recordings, extract_events(recordings), tracks=tracks, centres=lane_centres(table))
 
 
-def reference(concrete: ConcreteScenario, people: People, settings: DriverSettings) -> Reference:
+def reference(
+    concrete: ConcreteScenario, people: People, settings: DriverSettings, recorded: Counterpart | None = None
+) -> Reference:
     """Everybody who was recorded in a concrete scenario: named drives as they are, else events like it, nearest first.
 
     An event counts when each parameter is within its tolerance, and when its recording covers `settings.coverage` of
     the road or ends in standstill. A driver counts once. Positions begin at the ego's start; lateral ones are
-    stretched from the recorded lanes' width to the scenario's.
+    stretched from the recorded lanes' width to the scenario's. recorded: which events the scenario says it is met as.
     """
     named = _named_drives(concrete, people)
     if named is not None:
         return named
-    if people.events is None or concrete.scenario not in MATCHES:
+    match = known_match(concrete.scenario, recorded)
+    if people.events is None or match is None:
         return Reference((), ())
-    events = matching_events(people.events, concrete.scenario)
-    tolerance = dict(match_of(concrete.scenario).tolerance)
+    events = matching_events(people.events, concrete.scenario, recorded)
+    tolerance = dict(match.tolerance)
     for name, value in (settings.tolerance or {}).items():
         if name in tolerance:
             tolerance[name] = value

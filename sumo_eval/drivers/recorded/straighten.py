@@ -47,17 +47,14 @@ def straighten(table: pd.DataFrame) -> tuple[pd.DataFrame, tuple[str, ...]]:
             parts.append(laned.assign(recording=name))
             lanes = "lanes not visible, 3.5 m assumed" if width is None else f"lanes {width:.2f} m wide"
             notes.append(f"{name}: {stream['vehicle'].nunique()} vehicles along one path, {lanes}.")
-        if lost:
-            notes.append(
-                f"{recording}: {lost} vehicles that drive along no path of others or hardly move are left out."
-            )
+        notes += [f"{recording}: {number} {why}." for why, number in lost.items() if number]
     if not parts:
         raise InputError(f"At least one vehicle must move {SHORTEST_AXIS:g} m, got none that does.")
     return pd.concat(parts, ignore_index=True), tuple(notes)
 
 
-def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int]:
-    """The streams of a recording, the largest axis first, and the number of vehicles in none."""
+def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], dict[str, int]]:
+    """The streams of a recording, the largest axis first; what is left out, counted by why."""
     streams = []
     points = rows[["x", "y"]].to_numpy()
     moved = np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T)
@@ -78,7 +75,15 @@ def _streams(rows: pd.DataFrame) -> tuple[list[pd.DataFrame], int]:
         heading = (candidates["heading"].to_numpy() - course + np.pi) % (2 * np.pi) - np.pi
         streams.append(candidates.assign(x=s, y=d, heading=heading)[inside])
         left = {vehicle: None for vehicle in left if vehicle not in members}
-    return streams, int(rows["vehicle"].nunique() - sum(stream["vehicle"].nunique() for stream in streams))
+    vehicles, samples = set(rows["vehicle"]), sum(len(stream) for stream in streams)
+    still = sum(float(length) < SHORTEST_AXIS for length in lengths.to_numpy())
+    driving = {vehicle for stream in streams for vehicle in stream["vehicle"].unique()}
+    moving = rows["vehicle"].isin(driving)
+    return streams, {
+        f"vehicles that move less than {SHORTEST_AXIS:g} m are left out": int(still),
+        "vehicles that drive along no path are left out": len(vehicles) - int(still) - len(driving),
+        "samples of vehicles beside or beyond the path that they drive along are left out": int(moving.sum()) - samples,
+    }
 
 
 def _chained(longest: str, paths: dict[str, FloatArray]) -> FloatArray:

@@ -1,0 +1,73 @@
+"""From recordings to rates: `learn` logical scenarios from traffic, run a `campaign` over them."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import click
+
+from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.progress import Progress
+
+
+@click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder for the scenario files and the page."
+)
+@click.option("--format", "form", default="csv", show_default=True,
+              help="csv: tables that `humans import` wrote; or a format that it reads.")  # fmt: skip
+def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
+    """Learn logical scenarios from RECORDINGS: files with ranges, joint distribution and events per vehicle-km.
+
+    Every class of encounters (cut-in, overtaken and cut off, merging, cut-out, braking, approach, lane change with a
+    vehicle behind) becomes a scenario file, its events as CSV and as OpenSCENARIO value sets; a page shows the data
+    against the model.
+    """
+    from sumo_eval.drivers.recorded.importing import import_recordings
+    from sumo_eval.rates.learn_page import sentences, write_lesson
+    from sumo_eval.rates.learned import learn as learned_from
+
+    parts = (import_recordings(form, [path]) for path in recordings)
+    source = ", ".join(path.name for path in recordings)
+    with Progress() as progress:
+        lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
+    for sentence in sentences(lesson):
+        click.echo(sentence)
+    for path in write_lesson(lesson, out):
+        click.echo(str(path))
+
+
+@click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
+@click.argument("file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder for campaign.html and campaign.json."
+)
+@click.option("--budget", type=click.IntRange(min=40), help="Drives of an ADS in a scenario, instead of the file's.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate, instead of the file's.")
+def campaign(file: Path, out: Path, budget: int | None, workers: int | None) -> None:
+    """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
+
+    Points of every scenario are drawn where collisions are likely and met, and weighted back to how often they are met;
+    a scenario file says how often that is per vehicle-km ([met], as `learn` writes it).
+    """
+    from sumo_eval.rates.campaign import read_campaign, run_campaign
+    from sumo_eval.rates.campaign_page import sentences, write_campaign
+
+    settings = read_campaign(file)
+    if budget is not None:
+        settings = replace(settings, budget=budget)
+    if workers is not None:
+        settings = replace(settings, run=replace(settings.run, workers=workers))
+    with Progress() as progress:
+        found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
+    for sentence in sentences(found):
+        click.echo(sentence)
+    lost = sum(sum(part.not_evaluated.values()) for rate in found.rates for part in rate.parts)
+    if lost:
+        click.echo(f"{lost} drives could not be evaluated and count as without a collision.")
+    for path in write_campaign(found, out):
+        click.echo(str(path))
+    sys.exit(NOT_EVALUATED if lost else DONE)

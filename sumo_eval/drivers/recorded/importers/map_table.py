@@ -1,0 +1,59 @@
+"""Any table of positions on a map: a CSV file with a row a vehicle and instant, in SI units, centres, y to the left.
+
+Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-clockwise from x) or `heading_deg`,
+`speed`, `acceleration`, `length`, `width`, `class`, `driver`. What is missing follows from the motion, or is a car.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.importers.found import Found, files_in
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
+from sumo_eval.errors import InputError
+from sumo_eval.trajectory import Trajectory
+
+LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
+_KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
+
+
+def read(path: Path) -> list[Found]:
+    """The recordings of a file, or of every .csv file of a folder."""
+    return [_read_one(file) for file in files_in(path, "*.csv*")]
+
+
+def _read_one(path: Path) -> Found:
+    rows = read_table(path, ("vehicle", "t", "x", "y"))
+    checked_numbers(rows, ["t", "x", "y", *(name for name in _KNOWN if name in rows)], path)
+    notes = []
+    rows["recording"] = rows["recording"].astype(str) if "recording" in rows else path.name.split(".")[0]
+    rows["vehicle"] = rows["vehicle"].astype(str)
+    for name, size in (("length", LENGTH), ("width", WIDTH)):
+        if name not in rows:
+            rows[name] = size
+            notes.append(f"{path.name} has no {name} of the vehicles: {size:g} m are assumed.")
+    if "class" not in rows:
+        rows["class"] = "car"
+        notes.append(f"{path.name} has no classes: all are taken to be cars.")
+    if "heading_deg" in rows and "heading" not in rows:
+        rows["heading"] = np.radians(rows["heading_deg"])
+    rows = rows.sort_values(["recording", "vehicle", "t"], kind="stable", ignore_index=True)
+    rows = rows[~rows.duplicated(["recording", "vehicle", "t"])].reset_index(drop=True)
+    missing = [name for name in ("heading", "speed") if name not in rows]
+    if missing:
+        notes.append(f"{path.name} has no {' and no '.join(missing)}: from the motion.")
+        for name in missing:
+            rows[name] = np.nan
+        for (_, vehicle), track in rows.groupby(["recording", "vehicle"], sort=False):
+            try:
+                motion = Trajectory(track["t"], track["x"], track["y"])
+            except InputError as error:
+                raise InputError(f"Vehicle `{vehicle}` in {path}: {error}") from error
+            for name in missing:
+                rows.loc[track.index, name] = getattr(motion, name)
+    columns = ["recording", "vehicle", "t", "x", "y", "heading", "speed", "length", "width", "class"]
+    known = [name for name in ("acceleration", "driver") if name in rows]
+    return Found(pd.DataFrame(rows[[*columns, *known]]), planar=True, notes=tuple(notes))

@@ -1,0 +1,232 @@
+"""What was learnt from recordings, as one page, as JSON, in sentences and as the beginning of a campaign."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from sumo_eval.errors import InputError
+from sumo_eval.rates.learned import Learnt, Lesson
+from sumo_eval.rates.page import figure, interval, page, table, text
+from sumo_eval.rates.scenes import SCENES
+from sumo_eval.settings.random_streams import random_stream
+
+PAGE, PLAIN, CAMPAIGN = "learned.html", "learned.json", "campaign.toml"
+DRAWN: Final = 4096  # points of the model that its curves are drawn from
+BINS: Final = 40
+
+
+def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
+    """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return their paths."""
+    try:
+        (folder / PLAIN).write_text(json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (folder / PAGE).write_text(page("Scenarios learnt from recordings", parts(lesson)), encoding="utf-8")
+        (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
+    return folder / PAGE, folder / PLAIN, folder / CAMPAIGN
+
+
+def campaign_text(lesson: Lesson) -> str:
+    """A campaign file over every learnt scenario, with a reference driver to begin with."""
+    lines = ['name = "learned"', "seed = 1", "budget = 400      # drives of an ADS in a scenario, at most", ""]
+    for name, learnt in lesson.learnt.items():
+        if learnt.logical is not None:
+            lines += ["[[scenario]]", f'use = "{name}.toml"', ""]
+    lines += ["[[ads]]", 'name = "idm"', 'controller = "idm"', ""]
+    return "\n".join(lines)
+
+
+def plain(lesson: Lesson) -> dict[str, Any]:
+    """Everything that was learnt, in plain values."""
+    found = lesson.found
+    return {
+        "source": lesson.source,
+        "recordings": list(found.recordings),
+        "vehicles": found.vehicles,
+        "vehicle_km": found.kilometres,
+        "vehicle_hours": found.hours,
+        "speed_quantiles": dict(zip(("5 %", "50 %", "95 %"), found.speeds, strict=True)),
+        "lane_width": found.lane_width,
+        "notes": list(lesson.notes),
+        "classes": {name: _plain_class(learnt) for name, learnt in lesson.learnt.items()},
+    }
+
+
+def _plain_class(learnt: Learnt) -> dict[str, Any]:
+    met = learnt.encounters
+    known: dict[str, Any] = {
+        "events": met.events,
+        "per_vehicle_km": learnt.rate[0],
+        "per_vehicle_km_interval": list(learnt.rate[1:]),
+        "ghosts": met.ghosts,
+        "without_parameters": dict(met.left_out),
+        "against_a_constraint": learnt.outside,
+        "constants": dict(learnt.constants),
+        "left_out_of_the_distribution_evenly": learnt.thinned,
+    }
+    if learnt.logical is None or learnt.joint is None:
+        return known | {"file": None, "events_needed": learnt.needed}
+    quantiles = np.quantile(np.array(learnt.joint.events), [0.0, 0.05, 0.5, 0.95, 1.0], axis=0)
+    replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
+    return known | {
+        "file": f"{met.name}.toml",
+        "model": learnt.models[0].model,
+        "bandwidth": learnt.joint.factor,
+        "parameters": {
+            item.name: {
+                "unit": item.unit,
+                "low": item.low,
+                "high": item.high,
+                "recorded_quantiles": quantiles[:, j].tolist(),
+                "lower_end_interval": list(learnt.ends[item.name][0]),
+                "upper_end_interval": list(learnt.ends[item.name][1]),
+                "kolmogorov_held_out": learnt.models[0].kolmogorov[item.name],
+            }
+            for j, item in enumerate(learnt.logical.parameters)
+        },
+        "rank_correlations": [
+            {"of": list(pair), "value": values[0], "interval": list(values[1:])}
+            for pair, values in learnt.correlations.items()
+        ],
+        "held_out_log_likelihood": {item.model: item.log_likelihood for item in learnt.models},
+        "replay_error": {
+            "along": {"median": replay[0, 0], "90 %": replay[1, 0]},
+            "across": {"median": replay[0, 1], "90 %": replay[1, 1]},
+            "together": {"median": replay[0, 2], "90 %": replay[1, 2]},
+        },
+    }
+
+
+def sentences(lesson: Lesson) -> list[str]:
+    """What was found, a line a class."""
+    found = lesson.found
+    said = [
+        f"{len(found.recordings)} recordings, {found.vehicles} motor vehicles, {found.kilometres:.1f} vehicle-km in "
+        f"{found.hours:.2f} h; 5 to 95 % of speeds {interval(found.speeds[0], found.speeds[2])} m/s."
+    ]
+    for name, learnt in lesson.learnt.items():
+        met = learnt.encounters
+        line = f"{name}: {met.events} events, {learnt.rate[0]:.3g} ({interval(*learnt.rate[1:])}) per vehicle-km"
+        if learnt.logical is None:
+            said.append(f"{line}; {len(met.who)} with all parameters, {learnt.needed} are needed: no scenario file.")
+            continue
+        best = learnt.models[0]
+        said.append(
+            f"{line}; {len(learnt.replay)} fitted ({best.model}), held out {best.log_likelihood:.2f} nats an event, "
+            f"Kolmogorov distance at most {max(best.kolmogorov.values()):.3f}, replay error "
+            f"{float(np.median(learnt.replay[:, 2])):.2f} m (median)."
+        )
+    return said
+
+
+def parts(lesson: Lesson) -> list[str]:
+    """The page, piece by piece."""
+    found = lesson.found
+    rows = []
+    for name, learnt in lesson.learnt.items():
+        met = learnt.encounters
+        replay = "" if not len(learnt.replay) else f"{float(np.median(learnt.replay[:, 2])):.2f}"
+        best = learnt.models[0] if learnt.models else None
+        rows.append(
+            (name, met.events, f"{learnt.rate[0]:.3g}", interval(*learnt.rate[1:]), len(learnt.replay),
+             "" if best is None else f"{best.log_likelihood:.2f}",
+             "" if best is None else f"{max(best.kolmogorov.values()):.3f}", replay)
+        )  # fmt: skip
+    out = [
+        text(sentences(lesson)[0]),
+        text(f"Source: {lesson.source}. Lanes {found.lane_width:.2f} m apart."),
+        *(text(note) for note in lesson.notes),
+        table(
+            ("class", "events", "per vehicle-km", "95 % interval", "fitted", "held-out log-likelihood, nats an event",
+             "Kolmogorov distance, held out", "replay error, m (median)"), rows,
+        ),
+        text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
+             "to come independently. Who was on the road for only a part of an event is counted, but has no "
+             "parameters; the fitted ones are taken to stand for them."),
+        text("What is outside: other roads, weather and times of day than those recorded; encounters of no class here; "
+             "crossing traffic and people on foot; the sizes of bodies, which are those of a car in the files; and "
+             "whatever is rarer than these kilometres show: tails are the model's, not the data's."),
+    ]  # fmt: skip
+    first = True
+    for name, learnt in lesson.learnt.items():
+        out += [f'<h2 id="{name}">{name}</h2>', text(SCENES[name].about), *_class_parts(learnt)]
+        if learnt.joint is not None:
+            out.append(figure(_marginals(learnt), first=first))
+            first = False
+    return out
+
+
+def _class_parts(learnt: Learnt) -> list[str]:
+    met = learnt.encounters
+    out = [
+        text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
+             f"{learnt.outside} of them against a constraint of the scenario.")
+    ]  # fmt: skip
+    if met.left_out:
+        out.append(table(("without parameters because", "events"), met.left_out.items()))
+    if learnt.logical is None:
+        return [*out, text(f"{learnt.needed} events with all parameters are needed: no scenario file.", "note")]
+    best = learnt.models[0]
+    rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
+    parameters = [
+        (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):.3g}",
+         interval(*learnt.ends[item.name][0]), interval(*learnt.ends[item.name][1]),
+         f"{best.kolmogorov[item.name]:.3f}")
+        for j, item in enumerate(learnt.logical.parameters)
+    ]  # fmt: skip
+    out.append(
+        table(("parameter", "unit", "range in the file", "median", "lower end, 95 %", "upper end, 95 %",
+               "Kolmogorov distance, held out"), parameters)
+    )  # fmt: skip
+    if learnt.thinned:
+        out.append(text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
+    out += [text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
+    if learnt.correlations:
+        out.append(
+            table(("rank correlation of", "and", "value", "95 % interval"),
+                  [(*pair, f"{values[0]:.2f}", interval(values[1], values[2], 2))
+                   for pair, values in learnt.correlations.items()])
+        )  # fmt: skip
+    out.append(
+        table(("model", "held-out log-likelihood, nats an event", "largest Kolmogorov distance"),
+              [(item.model, f"{item.log_likelihood:.3f}",
+                f"{max(item.kolmogorov.values()):.3f}" if item.kolmogorov else "") for item in learnt.models])
+    )  # fmt: skip
+    middle, high = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
+    out.append(
+        table(("replay error, m", "median", "90 %"),
+              [(what, f"{middle[j]:.2f}", f"{high[j]:.2f}") for j, what in enumerate(("along", "across", "together"))])
+    )  # fmt: skip
+    return out
+
+
+def _marginals(learnt: Learnt) -> Any:
+    """Each parameter as recorded, and as the model has it."""
+    joint = learnt.joint
+    assert joint is not None
+    names = joint.names
+    across = min(len(names), 4)
+    down = -(-len(names) // across)
+    drawn = make_subplots(rows=down, cols=across, subplot_titles=names)
+    points = joint.draw(DRAWN, random_stream(0, "drawn", len(names)))
+    events = np.array(joint.events)
+    for j in range(len(names)):
+        place = {"row": j // across + 1, "col": j % across + 1}
+        edges = np.linspace(joint.low[j], joint.high[j], BINS + 1)
+        middle = (edges[1:] + edges[:-1]) / 2.0
+        for values, kind in ((events, "data"), (points, "model")):
+            height, _ = np.histogram(values[:, j], edges, density=True)
+            trace = (
+                go.Bar(x=middle, y=height, name=kind, marker={"color": "#9fc5dd"}, showlegend=j == 0)
+                if kind == "data"
+                else go.Scatter(x=middle, y=height, name=kind, line={"color": "#b23c00"}, showlegend=j == 0)
+            )
+            drawn.add_trace(trace, **place)
+    drawn.update_layout(template="plotly_white", height=240 * down + 60, bargap=0.0, margin={"t": 40, "b": 30})
+    return drawn

@@ -1,0 +1,242 @@
+"""How often points of a space are met, from events that were met: densities that keep how parameters go together.
+
+Two kinds over the same events, both cut to the box of the space:
+
+- kde: a Gaussian at each event, with the events' covariance times the squared bandwidth.
+- copula: each parameter by a one-dimensional KDE of its own, cut to its range; together by the correlation of their
+  normal scores (a Gaussian copula).
+
+scipy.stats is not needed: what is used of scipy is loaded when a density is asked for.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.trajectory import FloatArray
+
+JointKind = Literal["kde", "copula"]
+GRID = 1025  # places at which a copula's one-dimensional densities are kept
+MASS_DRAWS = 32_768  # by which the share of a KDE within its box is found
+LEAST_SHARE = 1e-9  # of probability: normal scores lie within +-6
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A density over parameters, from events.
+
+    names: parameters, in the order of the columns. events: rows. weights: how much each counts, one a row; none: alike.
+    low, high: the box it is cut to. bandwidth: kernel deviation over the data's own; None: Scott's n^(-1/(k+4)), where
+    a copula's k is 1. source: the file it was read from, for sentences.
+    """
+
+    kind: JointKind
+    names: tuple[str, ...]
+    events: tuple[tuple[float, ...], ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    bandwidth: float | None = None
+    source: str = ""
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, k = len(self.events), len(self.names)
+        owner = f"the joint distribution {self.source}".rstrip()
+        if n < k + 2:
+            raise must_be("The events", owner, f"at least {k + 2}", n)
+        rows = np.array(self.events)
+        if rows.shape != (n, k) or not np.isfinite(rows).all():
+            raise must_be("Each event", owner, f"{k} finite numbers", rows.shape)
+        if np.linalg.matrix_rank((rows - rows.mean(axis=0)) / np.maximum(rows.std(axis=0), 1e-12), tol=1e-6) < k:
+            raise InputError(f"The events of {owner} must vary in each of {', '.join(self.names)} on its own.")
+
+    @property
+    def factor(self) -> float:
+        """Kernel deviation over the data's own."""
+        if self.bandwidth is not None:
+            return self.bandwidth
+        k = len(self.names) if self.kind == "kde" else 1
+        return float(len(self.events) ** (-1.0 / (k + 4)))
+
+    def density(self, points: ArrayLike) -> FloatArray:
+        """Probability density (n,) at points (n, k), 0 outside the box.
+
+        A copula's integrates to 1 over the box, a KDE's to the share of it that lies within.
+        """
+        rows = np.asarray(points, dtype=np.float64).reshape(-1, len(self.names))
+        inside = np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)
+        found = np.zeros(len(rows))
+        if inside.any():
+            of = _kde_density if self.kind == "kde" else _copula_density
+            found[inside] = of(_prepared(self), rows[inside])
+        return found
+
+    def mass(self) -> float:
+        """Share of this density that lies within the box: 1 of a copula, which is cut by itself."""
+        return 1.0 if self.kind == "copula" else _share_inside(self)
+
+    def draw(self, count: int, stream: np.random.Generator) -> FloatArray:
+        """Points (count, k) of this density within the box."""
+        prepared = _prepared(self)
+        if self.kind == "copula":
+            return prepared.from_scores(stream.standard_normal((count, len(self.names))) @ prepared.root.T)
+        parts: list[FloatArray] = []
+        have = 0
+        while have < count:
+            chosen = stream.choice(len(self.events), size=2 * count, p=prepared.shares)
+            rows = prepared.rows[chosen] + stream.standard_normal((2 * count, len(self.names))) @ prepared.root.T
+            rows = rows[np.all((rows >= np.array(self.low)) & (rows <= np.array(self.high)), axis=1)]
+            if not len(rows):
+                raise InputError(f"No draw of the joint distribution {self.source} lies within the ranges.")
+            parts.append(rows)
+            have += len(rows)
+        return np.concatenate(parts)[:count]
+
+    def __str__(self) -> str:
+        what = "a Gaussian KDE" if self.kind == "kde" else "a Gaussian copula of one-dimensional KDEs"
+        where = f" of {self.source}" if self.source else ""
+        return f"{what} over {len(self.events)} recorded events{where} (bandwidth {self.factor:.3f})"
+
+
+class _Prepared(NamedTuple):
+    """rows (n, k), shares (n,) that sum to 1, root (k, k) of the kernel's covariance or of the scores' correlation.
+
+    Of a copula: grids, density and distribution of each parameter at `GRID` places, (k, GRID).
+    """
+
+    rows: FloatArray
+    shares: FloatArray
+    root: FloatArray
+    grids: FloatArray
+    densities: FloatArray
+    distributions: FloatArray
+
+    def scores(self, points: FloatArray) -> FloatArray:
+        """Normal scores (n, k) of points."""
+        from scipy.special import ndtri
+
+        shares = [np.interp(points[:, j], self.grids[j], self.distributions[j]) for j in range(points.shape[1])]
+        return np.asarray(ndtri(np.clip(np.column_stack(shares), LEAST_SHARE, 1.0 - LEAST_SHARE)))
+
+    def from_scores(self, scores: FloatArray) -> FloatArray:
+        """Points (n, k) that have these normal scores."""
+        from scipy.special import ndtr
+
+        shares = ndtr(scores)
+        columns = [np.interp(shares[:, j], self.distributions[j], self.grids[j]) for j in range(scores.shape[1])]
+        return np.column_stack(columns)
+
+
+@lru_cache(maxsize=64)
+def _share_inside(joint: Joint) -> float:
+    prepared = _prepared(joint)
+    stream = np.random.default_rng(len(joint.events))
+    chosen = stream.choice(len(joint.events), size=MASS_DRAWS, p=prepared.shares)
+    rows = prepared.rows[chosen] + stream.standard_normal((MASS_DRAWS, len(joint.names))) @ prepared.root.T
+    inside = np.all((rows >= np.array(joint.low)) & (rows <= np.array(joint.high)), axis=1)
+    return max(float(np.mean(inside)), 1e-4)
+
+
+@lru_cache(maxsize=512)
+def _prepared(joint: Joint) -> _Prepared:
+    rows = np.array(joint.events)
+    n, k = rows.shape
+    shares = np.full(n, 1.0 / n) if not joint.weights else np.array(joint.weights) / sum(joint.weights)
+    if joint.kind == "kde":
+        covariance = np.atleast_2d(np.cov(rows.T, aweights=shares)) * joint.factor**2
+        none = np.zeros((k, 0))
+        return _Prepared(rows, shares, np.asarray(np.linalg.cholesky(covariance), dtype=np.float64), none, none, none)
+    from scipy.special import ndtr, ndtri
+
+    grids, densities, distributions = (np.zeros((k, GRID)) for _ in range(3))
+    scores = np.zeros((n, k))
+    for j in range(k):
+        grids[j] = np.linspace(joint.low[j], joint.high[j], GRID)
+        width = joint.factor * _spread(rows[:, j])
+        away = (grids[j][:, None] - rows[:, j]) / width
+        whole = ndtr(away) @ shares
+        mass = max(whole[-1] - whole[0], 1e-12)
+        distributions[j] = (whole - whole[0]) / mass
+        densities[j] = np.exp(-0.5 * away**2) @ shares / (width * np.sqrt(2.0 * np.pi) * mass)
+        rank = np.argsort(np.argsort(rows[:, j], kind="stable"), kind="stable")
+        scores[:, j] = ndtri((rank + 0.5) / n)
+    root = np.asarray(np.linalg.cholesky(_correlation(scores, shares)), dtype=np.float64)
+    return _Prepared(rows, shares, root, grids, densities, distributions)
+
+
+def _correlation(scores: FloatArray, shares: FloatArray) -> FloatArray:
+    """Weighted correlation (k, k) of columns."""
+    centred = scores - shares @ scores
+    covariance = (centred * shares[:, None]).T @ centred
+    deviation = np.sqrt(np.diag(covariance))
+    return np.asarray(np.atleast_2d(covariance / np.outer(deviation, deviation)))
+
+
+def _spread(values: FloatArray) -> float:
+    """Deviation of values, by the quartiles where that is less: a tail must not smear the middle."""
+    low, high = np.quantile(values, [0.25, 0.75])
+    deviation = float(values.std(ddof=1))
+    return min(deviation, float(high - low) / 1.34) or deviation
+
+
+def _kde_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
+    k = points.shape[1]
+    whiten = np.linalg.inv(prepared.root)
+    centres = prepared.rows @ whiten.T
+    norm = np.abs(np.linalg.det(whiten)) / (2.0 * np.pi) ** (k / 2.0)
+    found = np.zeros(len(points))
+    for first in range(0, len(points), 4096):
+        white = points[first : first + 4096] @ whiten.T
+        squared = (white**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * white @ centres.T
+        found[first : first + 4096] = np.exp(-0.5 * np.maximum(squared, 0.0)) @ prepared.shares
+    return np.asarray(found * norm)
+
+
+def _copula_density(prepared: _Prepared, points: FloatArray) -> FloatArray:
+    scores = prepared.scores(points)
+    whitened = np.linalg.solve(prepared.root, scores.T).T
+    found = np.exp(0.5 * (scores**2 - whitened**2).sum(axis=1)) / np.abs(np.prod(np.diag(prepared.root)))
+    for j in range(points.shape[1]):
+        found = found * np.interp(points[:, j], prepared.grids[j], prepared.densities[j])
+    return np.asarray(found)
+
+
+def read_joint(
+    path: Path,
+    kind: JointKind,
+    names: Sequence[str],
+    box: tuple[Sequence[float], Sequence[float]],
+    bandwidth: float | None,
+) -> Joint:
+    """The joint distribution over the events in a CSV file with a column for each of `names`."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"The events {path} cannot be read: {error}.") from error
+    for name in names:
+        if not rows or name not in rows[0]:
+            raise InputError(f"The events {path} must have a column `{name}`.")
+    events = []
+    for number, row in enumerate(rows, start=2):
+        try:
+            events.append(tuple(float(row[name]) for name in names))
+        except (TypeError, ValueError):
+            raise InputError(f"Row {number} of the events {path} must have a number for each parameter.") from None
+    return Joint(kind, tuple(names), tuple(events), tuple(box[0]), tuple(box[1]), bandwidth, path.name)
+
+
+def of_values(joint: Joint, values: Mapping[str, ArrayLike]) -> FloatArray:
+    """The density at values by name, arrays that broadcast."""
+    columns = np.broadcast_arrays(*(np.asarray(values[name], dtype=np.float64) for name in joint.names))
+    shape = columns[0].shape
+    return joint.density(np.column_stack([column.ravel() for column in columns])).reshape(shape)

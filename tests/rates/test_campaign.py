@@ -1,0 +1,101 @@
+"""`sumo-eval campaign`: rare collisions are counted right, and rates are in the order that is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from rates.rare import estimate, logical
+from scipy.special import ndtri
+
+from sumo_eval.cli import main
+from sumo_eval.rates.importance import DEFENSIVE, estimated, how_met
+
+FILE = """
+name = "two drivers"
+seed = 2
+budget = 48
+
+[run]
+engine = "serial"
+
+[[scenario]]
+use = "front_vehicle_low_speed"
+per_km = 0.2
+
+[[ads]]
+name = "asleep"
+controller = "no_reaction"
+
+[[ads]]
+name = "awake"
+controller = "idm"
+"""
+
+
+def test_one_collision_in_a_million_encounters_is_found_with_400_drives():
+    found = estimate(1e-6, 400, 1)
+    assert found.drives <= 400
+    assert found.interval[0] <= 1e-6 <= found.interval[1]
+    assert found.interval[1] / found.interval[0] < 2.0
+    assert found.loss == pytest.approx(0.5 * found.probability)  # every collision of this scenario has L = 0.5
+
+
+@pytest.mark.campaign
+def test_intervals_of_one_in_a_million_hold_it():
+    held = sum(found.interval[0] <= 1e-6 <= found.interval[1] for found in (estimate(1e-6, 1000, s) for s in range(40)))
+    print(f"{held} of 40")
+    assert held >= 35  # of 95 %, less three deviations of a count of 40
+
+
+def test_a_density_of_what_is_met_integrates_to_one_and_is_nothing_where_nothing_can_be():
+    met = how_met(logical())
+    points = met.base(4000, np.random.default_rng(1))
+    assert np.mean(met.density(points) / met.base_density(points)) == pytest.approx(1.0, abs=1e-6)
+    assert met.density(np.array([[99.0, 15.0, 2.5]]))[0] == 0.0
+
+
+def test_without_a_collision_the_upper_limit_is_that_of_the_drives_drawn_as_points_are_met():
+    # 3.0 / (0.2 * 300): (1 - P)^60 = 5 % at P = 0.0487, and -ln(0.05) / 60 = 0.0499 is just above it.
+    none = estimated(np.empty(0), np.empty(0), 300, 1.0, 0, 500)
+    assert none.probability == 0.0
+    assert none.interval == pytest.approx((0.0, 2.9957 / (DEFENSIVE * 300)), rel=1e-4)
+
+
+def test_terms_that_are_alike_have_the_interval_of_a_share():
+    # 90 of 100 with weight 1e-6: the mean is 9e-7, its relative error sqrt(0.1 / 0.9 / 99) = 3.35 %.
+    found = estimated(np.full(90, 1e-6), np.full(90, 0.4), 100, 1.0, 90, 100)
+    assert found.probability == pytest.approx(9e-7)
+    assert found.deviation == pytest.approx(np.sqrt(0.1 / 0.9 / 99.0), rel=1e-6)
+    assert found.loss == pytest.approx(3.6e-7)
+
+
+def test_the_plane_of_the_rare_scenario_is_where_it_should_be():
+    assert -ndtri(1e-6) == pytest.approx(4.7534, abs=1e-4)
+
+
+def test_a_driver_who_sleeps_has_a_higher_rate_than_one_who_does_not(tmp_path):
+    file = tmp_path / "campaign.toml"
+    file.write_text(FILE)
+    result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    asleep, awake = json.loads((tmp_path / "out" / "campaign.json").read_text())["ads"]
+    assert awake["collisions"] < asleep["collisions"]
+    assert awake["collisions_interval"][1] > 0.0  # an upper limit, where none was seen
+    (part,) = asleep["by_scenario"]
+    # Doing nothing, every encounter ends in a collision: the lead is slower, and the road long enough for most.
+    assert part["collision_probability"] > 0.5
+    assert asleep["collisions"] == pytest.approx(2e5 * part["collision_probability"])
+    page = (tmp_path / "out" / "campaign.html").read_text()
+    assert "What is outside" in page
+    assert "as given" in page
+
+
+def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sentence(tmp_path):
+    file = tmp_path / "campaign.toml"
+    file.write_text(FILE.replace("per_km = 0.2\n", ""))
+    result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert "how often scenario `front_vehicle_low_speed` is met" in result.output + result.stderr
