@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from sumo_eval.wheel.tape import digest, drive_again, read_tape
 
 DRIVES: Final = "drives"  # the folder for `[drivers] cases`
 NAMED: Final = "cases.csv"
+MOST_OF_THEM: Final = 2.0 / 3.0  # of the people whose drives count: a point that fewer drove is too thin a reference
 COLUMNS: Final = ("driver", "t", "x", "y", "heading", "speed", "acceleration", "steering")
 
 
@@ -163,7 +165,7 @@ def evaluation_of(plan: Plan, people: int) -> str:
     """The run's evaluation with these people in place of its drivers, as TOML."""
     settings = read_settings(plan.run)
     drivers = replace(
-        settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES), least=max(people, 2),
+        settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES), least=max(math.ceil(MOST_OF_THEM * people), 2),
         too_thin="leave_out",
     )  # fmt: skip
     source = Path(read_manifest(plan.run)["source_folder"])
