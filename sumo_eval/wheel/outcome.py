@@ -165,7 +165,8 @@ def evaluation_of(plan: Plan, people: int) -> str:
     """The run's evaluation with these people in place of its drivers, as TOML."""
     settings = read_settings(plan.run)
     drivers = replace(
-        settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES), least=max(math.ceil(MOST_OF_THEM * people), 2),
+        settings.drivers, source="recorded", recordings=(), cases=str(plan.folder / DRIVES),
+        least=max(math.ceil(MOST_OF_THEM * people), 2),
         too_thin="leave_out",
     )  # fmt: skip
     source = Path(read_manifest(plan.run)["source_folder"])
