@@ -11,7 +11,7 @@ import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,6 +30,7 @@ from sumo_eval.wheel.tape import digest, drive_again, read_tape
 DRIVES: Final = "drives"  # the folder for `[drivers] cases`
 NAMED: Final = "cases.csv"
 MOST_OF_THEM: Final = 2.0 / 3.0  # of the people whose drives count: a point that fewer drove is too thin a reference
+_AGAIN: Final = ("ended, and driven again", "the drive broke off, and was driven again")
 COLUMNS: Final = ("driver", "t", "x", "y", "heading", "speed", "acceleration", "steering")
 
 
@@ -99,6 +100,13 @@ def collect(plan: Plan) -> Outcome:
     ])  # fmt: skip
     _write(plan.folder / "left_out.csv", ("participant", "case", "tape", "why"),
            [[it.participant, it.case, it.tape, it.why] for it in left])  # fmt: skip
+    names_of = [it.name for it in fields(Quality)]
+    out = {(it.participant, it.case): it.why for it in left if it.why not in _AGAIN}
+    _write(plan.folder / "quality.csv", ("participant", "case", *names_of, "left_out"), [
+        [person.code, key, *(entry["quality"].get(name) for name in names_of), out.get((person.code, key), "")]
+        for person in people for step, entry in person.done.items()
+        if (key := step.removeprefix("drive:")) != step
+    ])  # fmt: skip
     drivers = {row["file"].split("/")[0] for row in rows}
     found = Outcome(len(people), len(drivers), len(rows), tuple(left), len(ratings), (
         place, plan.folder / "ratings.csv", plan.folder / "left_out.csv", plan.folder / "evaluation.toml"))  # fmt: skip
@@ -140,8 +148,7 @@ def _broken_off(person: Participant) -> list[Left]:
         if path.name in named or path.name in ("journal.jsonl",):
             continue
         try:
-            over = read_tape(path).came_of_it is not None
-            why = "ended, and driven again" if over else "the drive broke off, and was driven again"
+            why = _AGAIN[read_tape(path).came_of_it is None]
         except InputError as error:
             why = said(error)
         found.append(Left(person.code, path.stem.rpartition("-")[0], path.name, why))

@@ -154,6 +154,9 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Pl
         ("P02", "the drive broke off, and was driven again"), ("P03", "ended before its end"),
     ]  # fmt: skip
     assert len(rows_of(plan.folder / "drives" / "cases.csv")) == 5
+    quality = rows_of(plan.folder / "quality.csv")
+    assert [row["left_out"] for row in quality if row["left_out"]] == ["ended before its end"]
+    assert {row["end"] for row in quality} == {"road_end", "quit"}
     answers = rows_of(plan.folder / "answers.csv")
     assert {row["question"] for row in answers} == {"agrees", "effort", "score"} - {"agrees"}
     before = (plan.folder / "drives" / "cases.csv").read_bytes()
