@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import sys
 import threading
 import time
@@ -107,11 +108,34 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
     assert {row[3] for row in read_tape(path).rows} == {"stick"}
 
 
+def chosen(browser: Page, kind: str) -> None:
+    """Drive with this from now on."""
+    browser.run(f"""(() => {{ const choice = document.querySelector('.veil select');
+        choice.value = {kind!r}; choice.dispatchEvent(new Event('change')); }})()""")
+
+
+def device(browser: Page, axes: list[float]) -> None:
+    """A steering wheel with two pedals that rest at 1."""
+    browser.run(f"window.device = {{ id: 'wheel', connected: true, axes: {axes}, buttons: [{{ value: 0 }}] }}")
+
+
 @needs_chromium
-def test_keys_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path) -> None:
-    """In real time: left is pressed and let go; the window loses the focus, nothing moves; then it goes on."""
+def test_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path) -> None:
+    """In real time: left is pressed and let go; the window loses the focus, nothing moves; then it goes on with a
+    steering wheel, calibrated before: at 2 % of its way to the left, of 450 degrees, it is turned by 0.157 rad.
+    """
 
     def keys(browser: Page) -> None:
+        browser.run("Navigator.prototype.getGamepads = () => [window.device]")
+        chosen(browser, "wheel")
+        assert browser.run("document.querySelector('.veil button.main').disabled")
+        browser.run("document.querySelector('.veil button.calibrate').click()")
+        for axes in ([0, 1, 1], [-1, 1, 1], [1, 1, 1], [0, -1, 1], [0, 1, -1]):  # rest, left, right, throttle, brake
+            device(browser, axes)
+            browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("document.querySelector('.veil h2').textContent === 'Drive'")
+        assert not browser.run("document.querySelector('.veil button.main').disabled")
+        chosen(browser, "keys")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("sumoDrive.state[1] > 0.2")
         for kind in ("keyDown", "keyUp"):
@@ -124,6 +148,8 @@ def test_keys_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path)
         time.sleep(0.3)
         assert browser.run("sumoDrive.state[0]") == before
         assert len(browser.picture()) > 5_000
+        device(browser, [-0.02, 1, 1])
+        chosen(browser, "wheel")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
         assert browser.problems == []
@@ -131,8 +157,13 @@ def test_keys_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path)
     path = tmp_path / "drive.jsonl"
     assert driven(path, keys, paced=True).end_reason == "time_limit"
     tape = read_tape(path)
-    assert {row[4] for row in tape.rows} == {0, 1}
-    assert max(row[1] for row in tape.rows) > 0.05
+    pressed = {row[4] for row in tape.rows if row[3] == "keys"}
+    assert pressed == {0, 1}
+    assert max(row[1] for row in tape.rows if row[3] == "keys") > 0.05
+    wheel = [row for row in tape.rows if row[3] == "wheel"]
+    assert wheel[-1][5] == pytest.approx(math.radians(0.02 * 450.0))
+    assert wheel[-1][1] == wheel[-1][5]
+    assert wheel[-1][6:8] == (0, 0)
     assert [(it["note"], it["why"]) for it in tape.notes if it["note"] == "pause"] == [("pause", "hidden")]
     assert len(tape.rows) == 60
     assert tape.came_of_it is not None
