@@ -12,29 +12,50 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 
 
 @click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
-@click.argument("what", metavar="SCENARIO|TAPE.jsonl")
+@click.argument("what", metavar="SCENARIO|STUDY.toml|TAPE.jsonl")
 @click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="A parameter (default: mid-range).")
 @click.option("--rate", type=int, default=50, show_default=True, help="Steps a second: 20, 50 or 100.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("drives"), show_default=True, help="Folder.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="Of 127.0.0.1; 0: any.")
+@click.option("--collect", is_flag=True, help="Of a study: write its folder anew from what was recorded; no browser.")
 @click.option("--no-browser", is_flag=True, help="Print the address and open nothing.")
-def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, no_browser: bool) -> None:
-    """Drive SCENARIO yourself, in 3-D, in the browser (extra `drive`).
+def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, collect: bool, no_browser: bool) -> None:
+    """Drive SCENARIO yourself, in 3-D, in the browser; or run a STUDY with participants (extra `drive`).
 
-    A TAPE, the record of a drive, is driven again and compared with what came of it, byte by byte: exit status 1 where
-    they differ.
+    A study writes the folder that `[drivers] cases` takes, ratings for `humans opinion`, and an evaluation that takes
+    the people in place of the drivers. A TAPE, the record of a drive, is driven again and compared with what came of
+    it, byte by byte: exit status 1 where they differ.
     """
     from sumo_eval.scenario.catalogue import find
+    from sumo_eval.settings.toml_file import read_toml
 
     if what.endswith(".jsonl"):
         sys.exit(_again(Path(what)))
     from sumo_eval.wheel.trip import concrete_of, opened, settings_at, trips
+
+    is_study = what.endswith(".toml") and "consent" in read_toml(Path(what), "file")
+    if collect:
+        if not is_study:
+            raise click.UsageError("`--collect` is for a study file, one with a `consent`.")
+        _collect(Path(what))
+        return
 
     def told(address: str) -> None:
         click.echo(f"Drive here, on this machine only: {address}")
         if not no_browser:
             click.launch(address)
 
+    if is_study:
+        from sumo_eval.wheel.plan import read_study
+        from sumo_eval.wheel.study import study
+
+        plan = read_study(Path(what))
+        settings_at(plan.settings.rate)
+        try:
+            asyncio.run(opened("Drive", port, lambda window: study(window, plan, click.echo), told))
+        finally:
+            _collect(Path(what))
+        return
     logical = find(what, Path.cwd())
     concrete, settings = concrete_of(logical, _numbers(values)), settings_at(rate)
     where = (Path.cwd() / what).resolve() if what.endswith((".toml", ".xosc")) else what
@@ -45,6 +66,22 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, n
             lambda window: trips(window, logical, concrete, settings, out, str(where)),
             told,
         )
+    )
+
+
+def _collect(path: Path) -> None:
+    """Write what a study has come to, and say it."""
+    from sumo_eval.wheel.outcome import collect
+    from sumo_eval.wheel.plan import read_study
+
+    found = collect(read_study(path))
+    for sentence in found.sentences():
+        click.echo(sentence)
+    for file in found.files:
+        click.echo(str(file))
+    click.echo(
+        f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
+        f"sumo-eval humans opinion RUN {found.files[1]}"
     )
 
 

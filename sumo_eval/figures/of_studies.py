@@ -62,7 +62,7 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
 
 
 def opinion(run: Path, *, width: str) -> Figure:
-    """The paper's Fig. 11: scores against people's mean opinion, one panel a score, with Spearman's rho.
+    """The paper's Fig. 11: scores against people's mean opinion, a panel a score, with Spearman's rho and its interval.
 
     Raises InputError where nobody has been asked (`sumo-eval humans opinion`).
     """
@@ -79,6 +79,8 @@ def opinion(run: Path, *, width: str) -> Figure:
             ax.scatter([dot["opinion"] for dot in panel["dots"]], [dot["share"] * most for dot in panel["dots"]],
                        s=12, c=INK, linewidths=0)  # fmt: skip
             rho = "no correlation: fewer than 3" if panel["rho"] is None else f"rho {panel['rho']:.2f}"
+            if panel["interval"] is not None:
+                rho += f", {panel['interval'][0]:.2f}..{panel['interval'][1]:.2f}"
             ax.set_title(f"{panel['name']} ({rho})")
             ax.set_xlim(0.5, 10.5)
             ax.set_xlabel("mean opinion (1-10)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,20 @@ def rank_correlation(scores: ArrayLike, opinions: ArrayLike) -> Agreement:
         return Agreement(float("nan"), float("nan"), first.size)
     found = stats.spearmanr(first, second)
     return Agreement(float(found.statistic), float(found.pvalue), first.size)
+
+
+def rank_interval(rho: float, n: int, level: float = 0.95) -> tuple[float, float] | None:
+    """Interval of Spearman's rho of n pairs: tanh(atanh rho -+ z sqrt((1 + rho^2/2) / (n - 3))).
+
+    None under 4 pairs, for |rho| = 1, and where rho is nan: nothing is known of its spread then.
+
+    Source: Bonett and Wright, Psychometrika 65, 23 (2000).
+    """
+    if n < 4 or not abs(rho) < 1.0:
+        return None
+    half = float(stats.norm.ppf(0.5 + level / 2.0)) * math.sqrt((1.0 + rho * rho / 2.0) / (n - 3))
+    middle = math.atanh(rho)
+    return math.tanh(middle - half), math.tanh(middle + half)
 
 
 def concordance(ratings: ArrayLike) -> Agreement:

@@ -25,7 +25,6 @@ from types import ModuleType
 from typing import Any, cast
 
 from sumo_eval.errors import InputError, said
-from sumo_eval.record.hygiene import end_strangers
 
 _KIND = "forkserver" if sys.platform == "linux" else "spawn"  # never forked from this one: it has threads and state
 _START_TIME = 120.0  # s for a child to begin; it takes milliseconds, and seconds while the simulator is being loaded
@@ -119,14 +118,11 @@ def wake_forkserver() -> None:
     _signal_forkserver(signal.SIGCONT)
 
 
-def end_orphans() -> None:
-    """End what a supervisor that was killed has left: it has become a child of the process that makes the children.
-
-    Whoever else is a child of that one was asked for by this process.
-    """
+def forkserver() -> tuple[int | None, set[int | None]]:
+    """The process that makes the children, None where there is none, and its children that this process asked for."""
     pid: int | None = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
-    if pid is not None and _KIND == "forkserver":
-        end_strangers(pid, {process.pid for process in multiprocessing.process._children})  # type: ignore[attr-defined]
+    known = {process.pid for process in multiprocessing.process._children}  # type: ignore[attr-defined]  # active_children() would take ends in
+    return (pid if _KIND == "forkserver" else None), known
 
 
 def _end_forkserver() -> None:

@@ -30,11 +30,12 @@ from types import TracebackType
 from typing import Any, Generic, Literal, TypeVar
 
 from sumo_eval.errors import InputError
-from sumo_eval.record.children import child_context, end_orphans, is_gone, started
+from sumo_eval.record.children import child_context, forkserver, is_gone, started
 from sumo_eval.record.frames import NONCE_BYTES, FrameError, FrameReader, Message, Ticket, frame
 from sumo_eval.record.hygiene import (
     MEGABYTE,
     Report,
+    end_strangers,
     keep_open,
     kill_below,
     read_report,
@@ -390,8 +391,9 @@ class _Child:
             kill_below(self._process.pid)
             self._process.kill()
             is_gone(self._process, _LEAVE_TIME)
-        if not self._has_reported():
-            end_orphans()
+        server, known = forkserver()
+        if server is not None and not self._has_reported():  # then what it has left became a child of that one
+            end_strangers(server, known)
         self._read_output()
         for pipe in (self._orders, self._results, self._output, self._report):
             pipe.close()

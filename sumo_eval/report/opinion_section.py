@@ -21,9 +21,15 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     path = folder / OPINION
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
-        rows, rho = told["rows"], told["correlations"]
+        rows, rho, ends = told["rows"], told["correlations"], told.get("intervals", {})
         panels = [
-            {"name": name, "most": f"{most:g}", "rho": rho[name], "dots": _dots(rows, name, most)}
+            {
+                "name": name,
+                "most": f"{most:g}",
+                "rho": rho[name],
+                "interval": ends.get(name),
+                "dots": _dots(rows, name, most),
+            }
             for name, most in _MOST.items()
             if name in rho
         ]

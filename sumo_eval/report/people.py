@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
+from sumo_eval.errors import InputError, said
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
 from sumo_eval.results import CaseResult, Evaluation
+
+STUDY: Final = "study.json"
+"""Beside the drives of a study: who took part, what was left out and why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +51,34 @@ def people_context(evaluation: Evaluation) -> dict[str, Any]:
         "mode": evaluation.settings.method.anthropomorphic.mode,
         "rows": people_rows(evaluation),
         "worst": worst_cases(evaluation),
+        "study": study_sentences(evaluation),
         "exposures": [(name, exposure_sentence(found)) for name, found in evaluation.exposures.items()],
     }
+
+
+def study_sentences(evaluation: Evaluation) -> list[str]:
+    """Who took part in the study that the drivers come from, and what was left out and why; none without a study.
+
+    Raises InputError where what the study left in its folder can no longer be read.
+    """
+    cases = evaluation.settings.drivers.cases
+    if not cases:
+        return []
+    path = Path(str(evaluation.manifest.get("source_folder", "."))) / cases / STUDY
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+        left = [f"{it['participant']}, {it['case']}: {it['why']}." for it in told["left_out"]]
+        everybody = f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
+        return [
+            f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them count, "
+            f"{len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules of quality.",
+            *left,
+        ]
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` writes it "
+                         "anew.") from error  # fmt: skip
 
 
 def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
@@ -86,20 +118,20 @@ def _weighted(cases: Sequence[CaseResult], name: str) -> float | None:
 
 def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
     """What must be known before the numbers are believed."""
-    said = []
+    told = []
     thin = sum(bool(case.reference_note) for case in cases)
     outside = sum(bool(case.exposure_note) for case in cases)
     bimodal = sum(case.bimodal for case in cases)
     unusual = sum(case.manoeuvre_share == 0.0 for case in cases)
     if thin:
-        said.append(f"Reference too thin in {count(thin, 'case')}.")
+        told.append(f"Reference too thin in {count(thin, 'case')}.")
     if outside:
-        said.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
+        told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
-        said.append(f"Drivers fall into two groups in {count(bimodal, 'case')}: one Gaussian spans both.")
+        told.append(f"Drivers fall into two groups in {count(bimodal, 'case')}: one Gaussian spans both.")
     if unusual:
-        said.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
-    return tuple(said)
+        told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
+    return tuple(told)
 
 
 def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:

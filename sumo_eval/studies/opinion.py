@@ -12,7 +12,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.method.agreement import Agreement, concordance, rank_correlation
+from sumo_eval.method.agreement import Agreement, concordance, rank_correlation, rank_interval
 from sumo_eval.results import Evaluation
 from sumo_eval.studies.tables import aligned
 
@@ -103,7 +103,8 @@ def opinion_lines(opinion: Opinion) -> list[str]:
         lines.append(
             f"{name}: fewer than 3 rated scores, no correlation."
             if found is None
-            else f"{name}: Spearman's rho {found.value:z.3f} over {found.n} rated scores (p = {found.p_value:z.3g})."
+            else f"{name}: Spearman's rho {found.value:z.3f}{_interval(found)} over {found.n} rated scores "
+            f"(p = {found.p_value:z.3g})."
         )
     between = opinion.concordance
     lines.append(
@@ -120,6 +121,9 @@ def opinion_json(opinion: Opinion) -> dict[str, Any]:
     return {
         "rows": [asdict(row) for row in opinion.rows],
         "correlations": {name: found.value if found else None for name, found in opinion.correlations.items()},
+        "intervals": {
+            name: rank_interval(found.value, found.n) if found else None for name, found in opinion.correlations.items()
+        },
         "concordance": opinion.concordance.value if opinion.concordance else None,
     }
 
@@ -153,6 +157,11 @@ def write_opinion_plot(opinion: Opinion, path: Path) -> None:
         figure.write_html(path, include_plotlyjs=True)
     except OSError as error:
         raise InputError(f"The plot {path} cannot be written: {error}.") from error
+
+
+def _interval(found: Agreement) -> str:
+    ends = rank_interval(found.value, found.n)
+    return "" if ends is None else f" [{ends[0]:z.2f}, {ends[1]:z.2f}]"
 
 
 def _number(value: float | None) -> str:

@@ -86,6 +86,8 @@ class Seat:
         if not self._paced:
             begun = clock.perf_counter()
             while desk.newest.seen < self._tick and not desk.leaves:
+                if desk.holds:
+                    self._hold()
                 if clock.perf_counter() - begun > self._patience:
                     desk.leaves = "nobody answers"
                 clock.sleep(0.0005)

@@ -70,6 +70,10 @@ class Writer:
     def end(self, came_of_it: Mapping[str, Any]) -> None:
         """The drive is over."""
         self._line({"end": dict(came_of_it)})
+        self.close()
+
+    def close(self) -> None:
+        """What stands on the tape is all there will be."""
         self._file.close()
 
     def _line(self, value: Any) -> None:

@@ -73,7 +73,11 @@ async def one_drive(
     """Let the person drive, and keep the tape with what came of it."""
     settings = concrete.simulation(settings)
     writer = Writer(path, head(concrete, settings, **more))
-    recording, time = await window.drive(concrete, settings, writer, dict(view))
+    try:
+        recording, time = await window.drive(concrete, settings, writer, dict(view))
+    except BaseException:
+        writer.close()  # the tape has broken off
+        raise
     quality = quality_of(recording, read_tape(path), concrete, time)
     writer.end(
         {"reason": recording.end_reason, "error": recording.error or time["left"] or None, "digest": digest(recording),

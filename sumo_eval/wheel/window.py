@@ -77,9 +77,13 @@ class Window:
         )  # fmt: skip
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    def stop(self) -> None:
+        """End the drive that is under way, if there is one: its tape is closed like that of any other."""
         if self._desk is not None:
             self._desk.leaves = self._desk.leaves or "the server was stopped"
+
+    async def __aexit__(self, *_: object) -> None:
+        self.stop()
         assert self._server is not None
         self._server.close()
         with suppress(TimeoutError):
@@ -249,9 +253,15 @@ class Window:
 
         await self.show({**view, "show": "drive", "countdown": self._countdown})
         try:
-            recording, seat = await asyncio.to_thread(
-                drive_person, concrete, settings, desk, writer, publish, paced=self._paced
+            drive = asyncio.ensure_future(
+                asyncio.to_thread(drive_person, concrete, settings, desk, writer, publish, paced=self._paced)
             )
+            try:
+                recording, seat = await asyncio.shield(drive)
+            except asyncio.CancelledError:  # by Ctrl-C: the loop runs in a thread of its own, and ends first
+                self.stop()
+                await drive
+                raise
         finally:
             self._desk = None
         return recording, timing(seat.late, seat.behind, self._telling) | {"left": seat.left}

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from sumo_eval.errors import InputError
-from sumo_eval.method.agreement import concordance, rank_correlation
+from sumo_eval.method.agreement import concordance, rank_correlation, rank_interval
 
 
 def test_spearmans_rho_by_hand():
@@ -32,3 +32,10 @@ def test_too_little_is_refused():
         rank_correlation([1.0, 2.0], [1.0, 2.0])
     with pytest.raises(InputError, match="at least 2 raters"):
         concordance([[1.0, 2.0, 3.0]])
+
+
+def test_the_interval_of_rho_is_bonett_and_wrights() -> None:
+    """rho 0.5, n 28: atanh 0.5 = 0.54931, half 1.95996 sqrt(1.125 / 25) = 0.41577; tanh of 0.13354 and 0.96508."""
+    ends = rank_interval(0.5, 28)
+    assert ends == pytest.approx((0.13275, 0.74653), abs=1e-5)
+    assert rank_interval(1.0, 28) is rank_interval(float("nan"), 28) is rank_interval(0.5, 3) is None

@@ -192,6 +192,45 @@ def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_
         assert said == ("quit" if name == "quit" else "An input must be a list of 7.")
 
 
+def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on(tmp_path: Path) -> None:
+    """Closed at step 20, opened again: that state is there, the drive goes on to its end, the tape has the pause."""
+    path = tmp_path / "drive.jsonl"
+
+    async def body() -> None:
+        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+            view = drive_view(CONCRETE, SETTINGS, "drive", ())
+            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+            assert await steps(await known(window), stop_at=20) == 20
+            await asyncio.sleep(0.1)
+            assert await steps(await known(window), stop_at=10**6, until=drive) > 100
+            recording, quality = await drive
+            assert (recording.end_reason, quality.pauses) == ("road_end", 1)
+
+    asyncio.run(body())
+    door = simulate(CONCRETE, AtTheDoor(), SETTINGS)
+    assert read_tape(path).came_of_it["digest"] == digest(door)  # type: ignore[index]
+    assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
+
+
+async def steps(peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None) -> int:
+    """Drive until a step, or until the drive is over; then the window is closed. The last step that was seen."""
+    seen = -1
+    while until is None or not until.done():
+        try:
+            message = json.loads(await asyncio.wait_for(peer.recv(), 0.5))
+        except TimeoutError:
+            continue
+        if message.get("show") == "drive":
+            await peer.send('{"ready": true}')
+        if "state" in message:
+            seen = message["state"][0]
+            if seen >= stop_at:
+                break
+            await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+    await peer.close()
+    return seen
+
+
 class Gone:
     def act(self, seen: object) -> Command:
         raise LeftTheWheelError("x")

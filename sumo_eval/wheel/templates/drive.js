@@ -517,5 +517,6 @@ const sumoDrive = (() => {
     get interval() { return drive && drive.space ? drive.space.interval() : null; },
     get resolution() { return drive && drive.space ? drive.space.resolution() : null; },
     get shown() { return shown; },
+    get wanted() { return drive && drive.view.wanted; },
   };
 })();

@@ -1,0 +1,39 @@
+"""`sumo-eval drive` given what it cannot use: one sentence, exit status 2."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere_at_all"], "nowhere_at_all"),
+        (["cut_in", "--rate", "30"], "one of 20, 50, 100 Hz, got 30"),
+        (["cut_in", "--set", "gap"], "NAME=VALUE with a number"),
+        (["cut_in", "--set", "gapp=3"], "Did you mean `gap`"),
+        (["cut_in", "--set", "gap=1e9"], "gap"),
+        (["nothing.jsonl"], "nothing.jsonl cannot be read"),
+        (["nothing.toml"], "nothing.toml"),
+    ],
+)
+def test_what_it_cannot_use_gets_a_sentence(arguments: list[str], words: str) -> None:
+    done = CliRunner().invoke(main, ["drive", *arguments, "--no-browser", "--port", "0"])
+    assert done.exit_code == 2
+    assert words in done.output
+    assert "Traceback" not in done.output
+
+
+def test_without_websockets_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "websockets"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    done = CliRunner().invoke(main, ["drive", "cut_in", "--no-browser", "--port", "0", "--out", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "needs the extra `drive`" in done.output

@@ -1,0 +1,170 @@
+"""The page in a browser: a driver at its gamepad is the same driver at the harness's own door, to the bit."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets")
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import CHROMIUM, Page
+from test_window import LOGICAL, SETTINGS
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.observation import Observation
+from sumo_eval.cosim.vehicle_model import Command
+from sumo_eval.trajectory import Recording
+from sumo_eval.wheel.hands import Given, Hands
+from sumo_eval.wheel.page import drive_view, page, sheet
+from sumo_eval.wheel.tape import digest, read_tape
+from sumo_eval.wheel.trip import concrete_of, one_drive
+from sumo_eval.wheel.window import Window
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+FAR = concrete_of(LOGICAL, {"ego_speed": 20.0, "obstacle_speed": 15.0, "gap": 120.0})
+SHORT = replace(FAR, time_limit=3.0)
+PAD = """
+    const axes = [0, 0], buttons = Array.from({ length: 8 }, () => ({ value: 0 }));
+    Navigator.prototype.getGamepads = () => {
+      if (sumoDrive.state) {
+        const [, , , [, y, heading, speed]] = sumoDrive.state;
+        axes[0] = -(0.1 * (3.5 - y) - 0.15 * speed * heading);
+        buttons[7].value = speed < 21 ? 0.5 : 0;
+      }
+      return [{ id: "pad", connected: true, axes, buttons }];
+    };
+    const choice = document.querySelector(".veil select");
+    choice.value = "pad";
+    choice.dispatchEvent(new Event("change"));
+"""
+"""A gamepad that nobody holds, before the browser's own."""
+
+
+class AtTheDoor:
+    """Who holds that gamepad, as an ADS."""
+
+    def __init__(self) -> None:
+        self._hands = Hands(SETTINGS.vehicle, SETTINGS.step)
+
+    def act(self, seen: Observation) -> Command:
+        me = seen.ego
+        value = -(0.1 * (3.5 - me.y) - 0.15 * me.speed * me.heading)
+        alive = 0.0 if abs(value) < 0.06 else (1.0 if value > 0.0 else -1.0) * (abs(value) - 0.06) / (1 - 0.06)
+        given = Given("stick", 0, min(max(-alive, -1.0), 1.0), 0.5 if me.speed < 21 else 0.0, 0.0)
+        return self._hands.command(given, me.speed)
+
+
+def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int] = (500, 400)) -> Recording:
+    """What comes of a drive while a browser shows it. at_the_browser: what is done there."""
+    window: list[Window] = []
+    ready = threading.Event()
+
+    async def body() -> Recording:
+        async with Window(page("Drive"), countdown=0.0, paced=paced) as made:
+            window.append(made)
+            ready.set()
+            recording, _ = await one_drive(made, SHORT, SETTINGS, path, drive_view(SHORT, SETTINGS, "Drive", ("Go.",)))
+            await made.show(sheet("Over"))
+            await asyncio.sleep(0.5)
+            return recording
+
+    with ThreadPoolExecutor(1) as pool:
+        drive = pool.submit(asyncio.run, body())
+        assert ready.wait(30.0)
+        with Page(path.parent / "profile", *size) as browser:
+            try:
+                browser.open(window[0].address, "typeof sumoDrive !== 'undefined' && sumoDrive.state")
+                at_the_browser(browser)
+                return drive.result(60.0)
+            finally:
+                window[0].stop()
+
+
+@needs_chromium
+def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp_path: Path) -> None:
+    """Each step waits for an answer to its own state, so there is no input tick between the two at all."""
+
+    def pad(browser: Page) -> None:
+        assert browser.run("location.hash") == ""  # the token is in no history
+        browser.run(f"(() => {{ {PAD} }})()")
+        browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("document.documentElement.dataset.shown === 'sheet'")
+        assert browser.problems == []
+
+    path = tmp_path / "drive.jsonl"
+    found, door = driven(path, pad, paced=False), simulate(SHORT, AtTheDoor(), SETTINGS)
+    assert found.end_reason == door.end_reason == "time_limit"
+    assert found.ego.y[-1] > 1.0
+    assert digest(found) == digest(door)
+    assert {row[3] for row in read_tape(path).rows} == {"stick"}
+
+
+def chosen(browser: Page, kind: str) -> None:
+    """Drive with this from now on."""
+    browser.run(f"""(() => {{ const choice = document.querySelector('.veil select');
+        choice.value = {kind!r}; choice.dispatchEvent(new Event('change')); }})()""")
+
+
+def device(browser: Page, axes: list[float]) -> None:
+    """A steering wheel with two pedals that rest at 1."""
+    browser.run(f"window.device = {{ id: 'wheel', connected: true, axes: {axes}, buttons: [{{ value: 0 }}] }}")
+
+
+@needs_chromium
+def test_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp_path: Path) -> None:
+    """In real time: left is pressed and let go; the window loses the focus, nothing moves; then it goes on with a
+    steering wheel, calibrated before: at 2 % of its way to the left, of 450 degrees, it is turned by 0.157 rad.
+    """
+
+    def keys(browser: Page) -> None:
+        browser.run("Navigator.prototype.getGamepads = () => [window.device]")
+        chosen(browser, "wheel")
+        assert browser.run("document.querySelector('.veil button.main').disabled")
+        browser.run("document.querySelector('.veil button.calibrate').click()")
+        for axes in ([0, 1, 1], [-1, 1, 1], [1, 1, 1], [0, -1, 1], [0, 1, -1]):  # rest, left, right, throttle, brake
+            device(browser, axes)
+            browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("document.querySelector('.veil h2').textContent === 'Drive'")
+        assert not browser.run("document.querySelector('.veil button.main').disabled")
+        chosen(browser, "keys")
+        browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("sumoDrive.state[1] > 0.2")
+        for kind in ("keyDown", "keyUp"):
+            browser.call("Input.dispatchKeyEvent", type=kind, code="ArrowLeft", key="ArrowLeft")
+            time.sleep(0.3)
+        browser.run("window.dispatchEvent(new Event('blur'))")
+        browser.wait("!document.querySelector('.veil').hidden")
+        time.sleep(0.2)
+        before = browser.run("sumoDrive.state[0]")
+        time.sleep(0.3)
+        assert browser.run("sumoDrive.state[0]") == before
+        assert len(browser.picture()) > 5_000
+        device(browser, [-0.02, 1, 1])
+        chosen(browser, "wheel")
+        browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("document.documentElement.dataset.shown === 'sheet'")
+        assert browser.problems == []
+
+    path = tmp_path / "drive.jsonl"
+    assert driven(path, keys, paced=True).end_reason == "time_limit"
+    tape = read_tape(path)
+    pressed = {row[4] for row in tape.rows if row[3] == "keys"}
+    assert pressed == {0, 1}
+    assert max(row[1] for row in tape.rows if row[3] == "keys") > 0.05
+    wheel = [row for row in tape.rows if row[3] == "wheel"]
+    assert wheel[-1][5] == pytest.approx(math.radians(0.02 * 450.0))
+    assert wheel[-1][1] == wheel[-1][5]
+    assert wheel[-1][6:8] == (0, 0)
+    assert [(it["note"], it["why"]) for it in tape.notes if it["note"] == "pause"] == [("pause", "hidden")]
+    assert len(tape.rows) == 60
+    assert tape.came_of_it is not None
+    assert tape.came_of_it["time"]["frames"] > 0

@@ -1,0 +1,22 @@
+"""Orders that are balanced, and study files that say what they mean."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+
+import pytest
+
+from sumo_eval.wheel.plan import balanced_orders
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])
+def test_everything_stands_everywhere_and_follows_everything_equally_often(n: int) -> None:
+    rows = balanced_orders(n)
+    assert len(rows) == (n if n % 2 == 0 else 2 * n)
+    assert all(sorted(row) == list(range(n)) for row in rows)
+    for place in range(n):
+        assert set(Counter(row[place] for row in rows).values()) == {len(rows) // n}
+    after = Counter(pair for row in rows for pair in itertools.pairwise(row))
+    assert len(after) == n * (n - 1)
+    assert len(set(after.values())) <= 1

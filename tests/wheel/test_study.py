@@ -1,0 +1,190 @@
+"""A study from the first code to the scores: participants over the real window, without a browser, step by step."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("websockets")
+from test_window import known
+from websockets.exceptions import ConnectionClosed
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.report.people import study_sentences
+from sumo_eval.studies.opinion import compare_opinion, read_ratings
+from sumo_eval.wheel.outcome import collect
+from sumo_eval.wheel.page import page
+from sumo_eval.wheel.plan import Plan, read_study
+from sumo_eval.wheel.study import participants, study
+from sumo_eval.wheel.window import Window
+
+RUN = """
+name = "base"
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+method = "grid"
+levels = { ego_speed = 2, lead_speed = 3 }
+[[ads]]
+name = "follower"
+controller = "idm"
+[[ads]]
+name = "asleep"
+controller = "no_reaction"
+[drivers]
+count = 2
+[run]
+workers = 1
+"""
+STUDY = """
+name = "afternoon"
+run = "run"
+consent = "I agree to be measured."
+count = 2
+rate = 20
+[practice]
+seconds = 3.0
+[[question]]
+key = "effort"
+text = "How much effort was it?"
+"""
+
+
+class CrashError(Exception):
+    """The browser goes away in the middle."""
+
+
+async def participant(window: Window, code: str, *, leaves_at: int | None = None, quits: str = "") -> list[str]:
+    """Answer every sheet and drive gently until the thanks. leaves_at: the step of the first real drive at which the
+    window is closed for good. quits: title of a drive that is ended.
+    """
+    peer = await known(window)
+    titles: list[str] = []
+    number, view = 0, {}
+    with suppress(ConnectionClosed):
+        async for text in peer:
+            message = json.loads(text)
+            if "state" in message:
+                state = message["state"]
+                if quits and view["title"].startswith(quits) and state[0] > 5:
+                    await peer.send('{"quit": true}')
+                    continue
+                if leaves_at is not None and view["title"].startswith("Drive") and state[0] >= leaves_at:
+                    raise CrashError
+                x, speed = state[3][0], state[3][3]
+                ahead = min((it[1] - x - 4.5 - 2.5 * (speed - it[3]) for it in state[4] if it[1] > x), default=1e3)
+                pedal = -0.3 if ahead < 4.0 + 1.2 * speed else 0.05
+                number += 1
+                given = ["stick", 0, 0.0, max(pedal, 0.0), max(-pedal, 0.0)]
+                await peer.send(json.dumps({"input": [number, state[0], *given]}))
+                continue
+            view = message
+            titles.append(view.get("title", view["show"]))
+            if view["show"] == "drive":
+                await peer.send('{"ready": true}')
+            elif view["show"] == "sheet":
+                if view["title"] == "Thank you":
+                    await peer.send('{"answers": {"button": "end"}}')
+                    break
+                given = {
+                    "button": view["buttons"][-1][0] if quits and "ended" in view["title"] else view["buttons"][0][0]
+                }
+                for it in view.get("questions", ()):
+                    mark = 3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
+                    given[it["key"]] = {"scale": mark, "yes": True, "code": code}[it["kind"]]
+                await peer.send(json.dumps({"answers": given}))
+    return titles
+
+
+def take_part(plan: Plan, code: str, **more: Any) -> list[str]:
+    async def body() -> list[str]:
+        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+            team = asyncio.create_task(study(window, plan, lambda line: None))
+            try:
+                return await asyncio.wait_for(participant(window, code, **more), 120.0)
+            except CrashError:
+                return []
+            finally:
+                if more.get("leaves_at") is not None:
+                    window.stop()
+                    team.cancel()
+                with suppress(asyncio.CancelledError):
+                    await asyncio.wait_for(team, 30.0)
+
+    return asyncio.run(body())
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "base.toml").write_text(RUN)
+    (folder / "study.toml").write_text(STUDY)
+    sumo_eval.evaluate(folder / "base.toml", out=folder / "run")
+    return read_study(folder / "study.toml")
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Plan, tmp_path: Path) -> None:
+    """Three people, two cases: one by one to the end, one who comes back after a crash, one who ends a drive."""
+    titles = take_part(plan, "P01")
+    assert titles[:2] == ["Welcome", "Before you begin"]
+    assert [it for it in titles if it.startswith("Drive ")].count("Drive 1 of 2") == 2  # the drive, and its question
+    take_part(plan, "P02", leaves_at=9)
+    begun = participants(plan)[1]
+    assert not [step for step in begun.done if step.startswith("drive:")]
+    assert "Before you begin" not in take_part(plan, "P02")  # what was done is done
+    take_part(plan, "P03", quits="Drive 2")
+    orders = [[step for step in person.done if step.startswith("drive:")] for person in participants(plan)]
+    assert orders[0] == list(reversed(orders[1])) == orders[2]
+
+    found = collect(plan)
+    assert (found.people, found.with_drives, found.drives, found.ratings) == (3, 3, 5, 6)
+    assert sorted((it.participant, it.why) for it in found.left) == [
+        ("P02", "the drive broke off, and was driven again"), ("P03", "ended before its end"),
+    ]  # fmt: skip
+    assert len(rows_of(plan.folder / "drives" / "cases.csv")) == 5
+    quality = rows_of(plan.folder / "quality.csv")
+    assert [row["left_out"] for row in quality if row["left_out"]] == ["ended before its end"]
+    assert [row["end"] for row in quality].count("quit") == 1
+    assert all(row["pauses"] == "0" for row in quality)
+    answers = rows_of(plan.folder / "answers.csv")
+    assert {row["question"] for row in answers} == {"agrees", "effort", "score"} - {"agrees"}
+    before = (plan.folder / "drives" / "cases.csv").read_bytes()
+    assert collect(plan) == found
+    assert (plan.folder / "drives" / "cases.csv").read_bytes() == before
+
+    evaluation = sumo_eval.evaluate(plan.folder / "evaluation.toml", out=tmp_path / "with_people")
+    driven = [case for case in evaluation.cases if case.recorded_drivers]
+    assert {case.ads for case in driven} == {"follower", "asleep"}
+    assert all(case.recorded_drivers == case.drivers for case in driven)
+    opinion = compare_opinion(evaluation, read_ratings(plan.folder / "ratings.csv"))
+    assert {(row.ads, row.raters) for row in opinion.rows} == {("follower", 3), ("asleep", 3)}
+    sentences = study_sentences(evaluation)
+    assert "3 people took part in the study afternoon; 5 drives by 3 of them count, 2 are left out" in sentences[0]
+    assert sentences[1:] == [f"{it.participant}, {it.case}: {it.why}." for it in found.left]
+
+
+def test_a_study_file_with_a_mistake_gets_a_sentence(plan: Plan) -> None:
+    path = plan.run.parent / "wrong.toml"
+    for text, words in (
+        (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),
+        (STUDY + '[[question]]\nkey = "x"\ntext = "?"\nafter = "lunch"\n', "'drive' or 'replay'"),
+        (STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'), "Unknown case of the run"),
+        (STUDY.replace("count = 2", 'ads = ["followr"]'), "Did you mean `follower`"),
+        (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_study(path)
+        assert words in str(caught.value)
