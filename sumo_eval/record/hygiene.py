@@ -137,7 +137,7 @@ def adopt_orphans() -> None:
     _prctl(_SET_SUBREAPER, 1)
 
 
-def end_strangers(pid: int, known: Collection[int]) -> None:
+def end_strangers(pid: int, known: Collection[int | None]) -> None:
     """End every child of a process that is not known, with all that is below it."""
     for _ in range(_KILLS):
         strangers = [child for child in _children(pid) if child not in known]
