@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.cosim.doors.controller import SHIPPED, find_controller
 from sumo_eval.cosim.loop import arrays
-from sumo_eval.cosim.world import World, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.world import World, map_played_rows, move_rows, see_rows, stop_rows
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
 from sumo_eval.record.progress import Progress, quiet
@@ -52,6 +52,7 @@ def load_played() -> None:
     assert world.players is not None
     world.play(0.05, 0, closely=True)
     world.wake(0.05)
+    map_played_rows(world.others, world.line)
 
 
 def are_ready() -> bool:
