@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -119,16 +120,21 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             people = compare_with_people(  # step 4: D_i
                 logical, compared, judged, store, settings, spread, progress
             )
+            nobody = not logical.has_drivers and not compared
             left_out = drivers_left_out(logical, store)
             plausible = plausible_people(logical, store, method.plausibility)
-            there = point_terms(logical, zones, store, severity)  # step 5: U, L, Ug, r, and U0 beside the paper
+            there = point_terms(  # step 5: U, L, Ug, r, and U0 beside the paper
+                logical, zones, store, severity, method.collision
+            )
             combined: list[ScenarioResult] = []
             tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
                 measured = drive_measures(
-                    facts, store, plausible.people
+                    facts, store, plausible.people, logical.road.lane_width
                 )  # beside the paper: TTC, DRAC, PET, plausibility ...
-                rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
+                rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity, method.collision)
+                if nobody:
+                    rows = [replace(row, human_likeness=None) for row in rows]
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
                 notes = (
                     *left_out,
@@ -138,7 +144,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     *beyond_range(facts, severity),
                 )
                 tables.append(rows)
-                combined.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
+                combined.append(  # step 6: C, D, S; A, H, S+
+                    combine(name, logical.name, rows, method, notes, people=not nobody)
+                )
             present = {
                 fact.case: compared[fact.point].drivers
                 for facts in drives.values()

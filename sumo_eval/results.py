@@ -45,7 +45,9 @@ class CaseResult:
     which is 0 for a safe case with a collision that the ideal vehicle avoids.
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
-    delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound.
+    delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound. largest_offset
+    m, overshoot m, over_line_time s and settling_time s: how the lane was kept. struck_from_behind: a vehicle that
+    reacts ran into the ego's rear and is at fault; such a case is not `collided`.
 
     Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
     few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
@@ -108,6 +110,11 @@ class CaseResult:
     mixture_similarity: float | None = None
     plausibility: float | None = None
     human_likeness: float | None = None
+    struck_from_behind: bool = False
+    largest_offset: float | None = None
+    overshoot: float | None = None
+    over_line_time: float | None = None
+    settling_time: float | None = None
 
     @property
     def voids_index(self) -> bool:
@@ -120,7 +127,7 @@ class CaseResult:
     @property
     def counts_for_index(self) -> bool:
         """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
-        return self.zone == "safe" and not self.collided
+        return self.zone == "safe" and not self.collided and not self.struck_from_behind
 
     @property
     def avoidable(self) -> bool:
@@ -147,7 +154,7 @@ class CaseResult:
 class NotComputed:
     """Why there is no mean over the safe cases, D or H. collisions: how many in the safe zone left none."""
 
-    why: Literal["collisions", "no_safe_case", "nothing_compared", "no_exposure"]
+    why: Literal["collisions", "no_safe_case", "nothing_compared", "no_exposure", "no_drivers"]
     collisions: int = 0
 
 
@@ -229,6 +236,13 @@ class WorstAndBest:
 
 
 @dataclass(frozen=True, slots=True)
+class StruckFromBehind:
+    """Cases in which a vehicle that reacts ran into the ego's rear, the other's fault: they are no collision here."""
+
+    cases: int
+
+
+@dataclass(frozen=True, slots=True)
 class GentlerThanIdeal:
     """Collisions in which the ADS was gentler than the ideal vehicle."""
 
@@ -252,6 +266,7 @@ ScoreNote = (
     | PlausibleTo
     | CasesMissing
     | WorstAndBest
+    | StruckFromBehind
     | GentlerThanIdeal
     | IdealCollidesToo
 )
@@ -311,6 +326,7 @@ class ScenarioResult:
     human_likeness_interval: tuple[float, float] | None = None
     s_plus_interval: tuple[float, float] | None = None
     unavoidable_collisions: int = 0
+    struck_from_behind: int = 0
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 

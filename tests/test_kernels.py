@@ -22,8 +22,8 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 PACKAGE = Path(sumo_eval.__file__).parent
-ADS = ("idm", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157", "eu_2022_1426",
-       "eu_2022_1426_bus", "no_reaction", "ideal_braking", "people")  # fmt: skip
+ADS = ("idm", "attentive", "lane_changer", "careful_driver", "careful_driver_aeb", "fsm", "rss", "reg157",
+       "eu_2022_1426", "eu_2022_1426_bus", "no_reaction", "ideal_braking", "people")  # fmt: skip
 SCENARIOS = {
     "cut_in": 331,
     "front_vehicle_cut_out": 67,

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
-from sumo_eval.ads.perception import bumper_gap, lead_in_path
-from sumo_eval.cosim.compiled import Compiled, records, unknown
+from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
+from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.world import Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
@@ -181,18 +181,23 @@ def follow(
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 _MEMORY = np.dtype([*fields("desired_speed", "curvature"), ("path", PATH), *flags("began")])
 
+_PARAMETERS = np.dtype([*PARAMETERS, *flags("watches")])
 _KNOWN = fields("last_speed")
 
 
 @kernel
 def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, scenario: Any) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, in the middle of the step,
-    along the lane's centre.
+    along the lane's centre. Who watches takes whoever comes into the path for the lead, if that one is nearer.
     """
     if memory.began == 0:
         memory.began, memory.desired_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
     lead = lead_in_path(me, others)
+    if p.watches:
+        coming = coming_into_path(me, others)
+        if coming >= 0 and (lead < 0 or others[coming].x < others[lead].x):
+            lead = coming
     gap, lead_speed, braking = math.inf, 0.0, 0.0
     if lead >= 0:
         gap, lead_speed = bumper_gap(me, others[lead]), others[lead].along
@@ -230,6 +235,7 @@ class Idm(Compiled):
     """
 
     loop = staticmethod(idm_rows)
+    watches = False
 
     def __init__(self, parameters: IdmParameters | None = None) -> None:
         self.parameters = parameters or IdmParameters()
@@ -238,5 +244,19 @@ class Idm(Compiled):
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
         """Memory, what is remembered of the others, parameters."""
         count = len(together)
-        parameters = records([each.parameters for each in together], PARAMETERS)
+        parameters = np.zeros(count, _PARAMETERS)
+        for name, _ in PARAMETERS:
+            parameters[name] = [getattr(each.parameters, name) for each in together]
+        parameters["watches"] = [each.watches for each in together]
         return np.zeros(count, _MEMORY), unknown(count, others, _KNOWN), parameters
+
+
+class Attentive(Idm):
+    """ADS `attentive`: the IDM that brakes for who will be in its path, above all for people who cross the road.
+
+    Whoever is ahead and moves towards the path, seen past what stands nearer, is the lead as soon as both would be in
+    the same place within a second of each other (`perception.coming_into_path`); who crosses in time before or behind
+    the ego is left to go. A reference driver of ours; no regulation names one for people on foot.
+    """
+
+    watches = True

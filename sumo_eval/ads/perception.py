@@ -13,6 +13,8 @@ from typing import Any
 from sumo_eval.kernels import kernel
 
 LEAST_GAP = 2.0  # m to a vehicle that hides the road ahead: the least distance of the following gaps of UN R157
+COURTESY = 1.0  # s between an ego and somebody who crosses its path, below which it yields
+CROSSES = 0.1  # m/s towards the path, below which nobody crosses
 
 
 @kernel
@@ -43,6 +45,29 @@ def lead_in_path(me: Any, others: Any) -> int:
     for j in range(len(others)):
         other = others[j]
         if other.x > me.x and (nearest < 0 or other.x < others[nearest].x) and lateral_overlap(me, other) > 0.0:
+            nearest = j
+    return nearest
+
+
+@kernel
+def coming_into_path(me: Any, others: Any) -> int:
+    """Index of the nearest one ahead who comes into the strip of road that the ego's body sweeps straight ahead while
+    the ego is there, or within `COURTESY` of it, both at the speeds that they have, -1: nobody. Who is hidden to more
+    than half by a nearer one is not seen.
+    """
+    nearest = -1
+    for j in range(len(others)):
+        other = others[j]
+        if not other.x > me.x or (nearest >= 0 and other.x >= others[nearest].x):
+            continue
+        apart, reach = other.y - me.y, me.half_width + other.half_width
+        towards = -other.across if apart > 0.0 else other.across
+        closing, gap = me.along - other.along, bumper_gap(me, other)
+        if abs(apart) < reach or towards < CROSSES or closing <= 0.0 or gap < 0.0:
+            continue
+        enters, leaves = (abs(apart) - reach) / towards, (abs(apart) + reach) / towards
+        here, gone = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
+        if enters < gone + COURTESY and here < leaves + COURTESY and is_visible(me, others, j, 0.5):
             nearest = j
     return nearest
 

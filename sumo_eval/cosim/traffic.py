@@ -12,18 +12,34 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sumo_eval.cosim.contact import within_a_turn
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import STRAIGHT, World
 from sumo_eval.scenario.bodies import VULNERABLE
+from sumo_eval.scenario.road.reference_line import curvatures
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 _ASIDE = -500.0  # m, y of a shadow that nobody is to see
 _AS_TOLD = 0.05  # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
+_AS_TOLD_ON_A_BEND = 0.1  # m: on top of that, lanes are polygons of 1 m
 _DEGREES = 180.0 / math.pi
+
+
+def _of_all(world: World, number: NDArray[np.intp], name: str) -> Any:
+    """One field of vehicles by their number: the ego of a row, then its others, then the next row."""
+    if name == "before":
+        return {
+            key: _joined(world.egos["before"], world.others["before"], key)[number] for key in ("x", "heading", "speed")
+        }
+    return _joined(world.egos, world.others, name)[number]
+
+
+def _joined(egos: Any, others: Any, key: str) -> FloatArray:
+    return np.concatenate([egos[key][:, None], others[key]], axis=1).ravel()
 
 
 class Traffic(Stage):
@@ -40,19 +56,24 @@ class Traffic(Stage):
     def keep(self, world: World) -> None:
         """From now on these rows, in this order."""
         cases = world.rows.tolist()
-        self._reacting = [
+        reacting = [
             (row, j, self.names[case][1 + j])
             for row, case in enumerate(cases)
             for j, is_model in enumerate(self._models[case])
             if is_model
         ]
-        self._walks = [walks for case in cases for walks in self._on_foot[case]]
+        rows, columns = [row for row, *_ in reacting], [j for _, j, *_ in reacting]
+        self._reacting = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
+        self._reacting_names = np.array([name for *_, name in reacting], dtype=object)
+        self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
         self._shadow_of = [
             shadow_name(self.names[case][j]) if self._shadows and has_shadow(world.cases[case], j) else ""
             for case in cases
             for j in range(1 + len(self._models[case]))
         ]
+        self._has_shadow = np.array([bool(name) for name in self._shadow_of])
         super().keep(world)
+        self._lanes = [[f"{edge}_{lane}" for lane in range(self._road.lanes)] for edge in self._edge]
 
     def take_charge(self, world: World) -> None:
         """Make SUMO obey where it does not drive itself."""
@@ -80,88 +101,180 @@ class Traffic(Stage):
         if self.as_read:
             super().tell(world, count)
             return
-        calls, road, names, width = self.calls, self._road, self._flat, self._width
-        least, most = road.right_edge + BESIDE, road.left_edge - BESIDE
-        over = world.settings.seen_over_line
-        end = road.length + road.run_out
-        for vehicle, x, y, angle, speed in world.tell[:count, :5].tolist():
-            number = int(vehicle)
-            row, j = divmod(number, width)
-            name, edge = names[number], self._edge[row]
-            body = world.egos[row] if j == 0 else world.others[row, j - 1]
-            was = body["before"]
-            half = 0.5 * float(body["length"])
-            begin = float(was["x"]) + half * math.cos(float(was["heading"]))
-            calls.setSpeed(name, speed)
-            if self._walks[number] or not (
-                least < y < most and 0.0 <= begin < end - FASTEST * world.settings.step * 0.1
-            ):
-                calls.moveToXY(name, edge, -1 if road.network else 0, x, y, angle, self._keep)
-                if self._shadow_of[number] in self._seen:
-                    self._hide(self._shadow_of[number])
-                continue
-            heading = (STRAIGHT - angle) / _DEGREES
-            along = speed * math.cos(heading)
-            lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
-            calls.moveTo(name, f"{edge}_{lane}", begin)
-            calls.setLateralLanePosition(name, y - road.lane_width * lane)
-            calls.setSpeed(name, max(along, 0.0))
-            shadow = self._shadow_of[number]
-            if not shadow:
-                continue
-            wide = 0.5 * float(body["width"]) * abs(math.cos(heading)) + half * abs(math.sin(heading))
-            other = self._lane_beside(float(body["y"]), wide, lane, over)
-            if other < 0:
+        if not count:
+            return
+        told = world.tell[:count]
+        number = told[:, 0].astype(np.intp)
+        was = _of_all(world, number, "before")
+        half = 0.5 * _of_all(world, number, "length")
+        if self._bent:
+            y, along = told[:, 6], told[:, 7]
+            heading = _of_all(world, number, "heading")
+            before = np.array([self._told.get(self._flat[n], v) for n, v in zip(number.tolist(), along, strict=True)])
+            begin = told[:, 5] - 0.5 * (before + along) * self._step
+        else:
+            y, heading = told[:, 2], (STRAIGHT - told[:, 3]) / _DEGREES
+            along = told[:, 4] * np.cos(heading)
+            begin = was["x"] + half * np.cos(was["heading"])
+        on_lanes = self._on_lanes_from(number, begin, y, heading)
+        lane = np.clip(np.round(y / self._road.lane_width), 0, self._road.lanes - 1).astype(np.intp)
+        wide = 0.5 * _of_all(world, number, "width") * np.abs(np.cos(heading))
+        wide += half * np.abs(np.sin(heading))
+        centre = _of_all(world, number, "y")
+        beside = np.where(
+            on_lanes & self._has_shadow[number],
+            self._lanes_beside(centre, wide, lane, world.settings.seen_over_line), -1,
+        )  # fmt: skip
+        if not on_lanes.all():
+            for k in np.flatnonzero(~on_lanes).tolist():
+                _, x, north, angle, speed = told[k, :5].tolist()
+                self._put_anywhere(int(number[k]), x, north, angle, speed)
+        self._put_on_lanes(
+            np.flatnonzero(on_lanes).tolist(), number.tolist(), lane.tolist(), begin.tolist(), y.tolist(),
+            np.maximum(along, 0.0).tolist(), beside.tolist(), was["speed"].tolist(),
+        )  # fmt: skip
+
+    def _on_lanes_from(
+        self, number: NDArray[np.intp], begin: FloatArray, y: FloatArray, heading: FloatArray
+    ) -> BoolArray:
+        """Who of those told can be put on a lane: not who walks, is beside them, comes the other way, or drives off."""
+        road = self._road
+        inside = (y > road.right_edge + BESIDE) & (y < road.left_edge - BESIDE) & (np.cos(heading) > 0.0)
+        inside &= (begin >= 0.0) & (begin < road.length + road.run_out - FASTEST * self._step * 0.1)
+        return np.asarray(inside & ~self._walks[number])
+
+    def _lanes_beside(self, y: FloatArray, wide: FloatArray, lane: NDArray[np.intp], over: float) -> NDArray[np.intp]:
+        """The lane beside its own into which each body reaches further than the setting says, -1 without one."""
+        width, lanes = self._road.lane_width, self._road.lanes
+        left = (y + wide > width * (lane + 0.5) + over) & (lane + 1 < lanes)
+        right = (y - wide < width * (lane - 0.5) - over) & (lane > 0)
+        return np.where(left, lane + 1, np.where(right, lane - 1, -1))
+
+    def _put_anywhere(self, number: int, x: float, y: float, angle: float, speed: float) -> None:
+        calls, name = self.calls, self._flat[number]
+        calls.setSpeed(name, speed)
+        calls.moveToXY(
+            name, self._edge[number // self._width], -1 if self._road.network else 0, x, y, angle, self._keep
+        )
+        if self._shadow_of[number] in self._seen:
+            self._hide(self._shadow_of[number])
+
+    def _put_on_lanes(
+        self, chosen: list[int], number: list[int], lane: list[int], begin: list[float], y: list[float],
+        along: list[float], beside: list[int], before: list[float],
+    ) -> None:  # fmt: skip
+        """Put vehicles and their shadows where they are at the step's begin, with the speed that they have at its end.
+
+        The lists are of all that are told; chosen: places in them.
+        """
+        move, aside, set_speed = self.calls.moveTo, self.calls.setLateralLanePosition, self.calls.setSpeed
+        width = self._road.lane_width
+        for k in chosen:
+            name, lanes = self._flat[number[k]], self._lanes[number[k] // self._width]
+            move(name, lanes[lane[k]], begin[k])
+            aside(name, y[k] - width * lane[k])
+            set_speed(name, along[k])
+            if self._bent:
+                self._told[name] = along[k]
+            shadow = self._shadow_of[number[k]]
+            if beside[k] < 0:
                 if shadow in self._seen:
                     self._hide(shadow)
                 continue
             if shadow not in self._seen:
-                calls.setPreviousSpeed(shadow, float(was["speed"]))
+                self.calls.setPreviousSpeed(shadow, before[k])
                 self._seen.add(shadow)
-            calls.moveTo(shadow, f"{edge}_{other}", begin)
-            calls.setLateralLanePosition(shadow, y - road.lane_width * other)
-            calls.setSpeed(shadow, max(along, 0.0))
-
-    def _lane_beside(self, y: float, wide: float, lane: int, over: float) -> int:
-        """The lane beside its own into which a body reaches further than the setting says, -1 without one."""
-        width = self._road.lane_width
-        if y + wide > width * (lane + 0.5) + over and lane + 1 < self._road.lanes:
-            return lane + 1
-        if y - wide < width * (lane - 0.5) - over and lane > 0:
-            return lane - 1
-        return -1
+            move(shadow, lanes[beside[k]], begin[k])
+            aside(shadow, y[k] - width * beside[k])
+            set_speed(shadow, along[k])
 
     def read(self, world: World) -> None:
         """Where SUMO has driven those that react."""
         if self.as_read:
             super().read(world)
-        calls, others, step = self.calls, world.others, world.settings.step
-        if self.compares(world.steps):
+        others = world.others
+        if self.compares(world.steps) and not self._bent:
             for row in self._live.tolist():
                 for j in np.flatnonzero(others["present"][row]).tolist():
                     if others["told"][row, j] == 2:
-                        world.shown[row, j, :2] = calls.getPosition(self._flat[row * self._width + 1 + j])
-        for row, j, name in self._reacting:
-            other = others[row, j]
-            if not world.egos["live"][row] or not other["present"]:
-                continue
-            other["told"] = 1
-            try:
-                x, y = calls.getPosition(name)
-                angle, speed = calls.getAngle(name), calls.getSpeed(name)
-            except self.traci.TraCIException:
-                x, y, angle, speed = NOWHERE, 0.0, STRAIGHT, 0.0
-            if x <= NOWHERE or not BACKWARDS < speed < FASTEST:
-                other["present"] = 0
-                world.note(int(world.rows[row]), "actor_left_the_network", world.time + step, world.time + step)
-                continue
-            heading = within_a_turn((STRAIGHT - angle) / _DEGREES) if angle != STRAIGHT else 0.0
-            half = 0.5 * float(other["length"])
-            other["x"], other["y"] = x - half * math.cos(heading), y - half * math.sin(heading)
-            other["heading"], other["across"] = heading, 0.0
-            other["acceleration"] = (speed - float(other["speed"])) / step
-            other["speed"] = speed
-            other["front_x"], other["front_y"] = x, y
+                        world.shown[row, j, :2] = self.calls.getPosition(self._flat[row * self._width + 1 + j])
+        rows, columns = self._reacting
+        there = (world.egos["live"][rows] == 1) & (others["present"][rows, columns] == 1)
+        rows, columns, names = rows[there], columns[there], self._reacting_names[there].tolist()
+        if not names:
+            return
+        try:
+            shown = self._shown(names)
+        except self.traci.TraCIException:  # one of them has left the network
+            shown = np.concatenate([self._shown_or_nowhere(name) for name in names])
+        speed = shown[:, 3]
+        gone = (shown[:, 0] <= NOWHERE) | ~((speed > BACKWARDS) & (speed < FASTEST))
+        others["told"][rows, columns] = 1
+        for k in np.flatnonzero(gone).tolist():
+            others["present"][rows[k], columns[k]] = 0
+            now = world.time + world.settings.step
+            world.note(int(world.rows[rows[k]]), "actor_left_the_network", now, now)
+        self._take(world, rows[~gone], columns[~gone], shown[~gone])
+
+    def _shown(self, names: list[str]) -> FloatArray:
+        """x, y, angle and speed of vehicles; on a bend the place along its lane, as SUMO's drivers know it, (n, 4)."""
+        calls, found = self.calls, np.full((len(names), 4), STRAIGHT)
+        found[:, 3] = list(map(calls.getSpeed, names))
+        if self._bent:
+            found[:, 0] = list(map(calls.getLanePosition, names))
+            return found
+        found[:, :2] = list(map(calls.getPosition, names))
+        if self.as_read:  # else nobody can have taken it out of its lane
+            found[:, 2] = list(map(calls.getAngle, names))
+        return found
+
+    def _shown_or_nowhere(self, name: str) -> FloatArray:
+        try:
+            return self._shown([name])
+        except self.traci.TraCIException:
+            return np.array([[NOWHERE, 0.0, STRAIGHT, 0.0]])
+
+    def _take(self, world: World, rows: NDArray[np.intp], columns: NDArray[np.intp], shown: FloatArray) -> None:
+        """Write to the world where those that react are."""
+        others, at = world.others, (rows, columns)
+        half, speed = 0.5 * others["length"][at], shown[:, 3]
+        if self._bent:  # a metre of lane is 1 - curvature y metres of ground
+            inner = 1.0 - curvatures(self._road.line, shown[:, 0]) * others["y"][at]
+            others["x"][at], others["heading"][at], speed = shown[:, 0] - half / inner, 0.0, speed * inner
+        else:
+            heading = np.radians((STRAIGHT - shown[:, 2] + 180.0) % 360.0 - 180.0)
+            others["x"][at], others["y"][at] = (
+                shown[:, 0] - half * np.cos(heading),
+                shown[:, 1] - half * np.sin(heading),
+            )
+            others["heading"][at] = heading
+            others["front_x"][at], others["front_y"][at] = shown[:, 0], shown[:, 1]
+        others["across"][at] = 0.0
+        others["acceleration"][at] = (speed - others["speed"][at]) / world.settings.step
+        others["speed"][at] = speed
+
+    def compare(self, world: World) -> None:
+        """A case in which SUMO shows something else than it was told has come to its end."""
+        if not self._bent:
+            super().compare(world)
+            return
+        for row in self._live.tolist():
+            for j in range(self._width):
+                body = world.egos[row] if j == 0 else world.others[row, j - 1]
+                name = self._flat[row * self._width + j]
+                if world.egos["reason"][row] or (j and not (body["present"] and body["told"] == 2)):
+                    continue
+                if name not in self._told or not self._on_some_lane(name):
+                    continue
+                inner = 1.0 - float(curvatures(self._road.line, body["x"])) * float(body["y"])
+                ahead = 0.5 * float(body["length"]) * math.cos(float(body["heading"])) / inner
+                off = self.calls.getLanePosition(name) - float(body["x"]) - ahead
+                if not abs(off) <= _AS_TOLD_ON_A_BEND:  # which also finds a nan
+                    who = "the ego" if j == 0 else f"vehicle `{world.cases[int(world.rows[row])].actors[j - 1].name}`"
+                    world.fail(row, "sim_error", f"SUMO put {who} {off:.3f} m along its lane from where it was told.")
+
+    def _on_some_lane(self, name: str) -> bool:
+        return bool(self.calls.getLaneIndex(name) >= 0)
 
     def remove(self, world: World, row: int) -> None:
         """Take the vehicles of a case that has ended off their road, while others go on."""

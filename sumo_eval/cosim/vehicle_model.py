@@ -1,8 +1,9 @@
-"""The ego as a machine: a kinematic single-track model that turns commands into motion within physical limits.
+"""The ego as a machine: a single-track model that turns commands into motion within physical limits.
 
 Within one step the acceleration is piecewise linear in time (brakes build up, drive rises) and the motion along the
 path is its exact integral, so that stopping distances and impact speeds do not depend on the step. The path within a
-step is a circular arc with the step's mean road wheel angle.
+step is a circular arc with the step's mean road wheel angle. That is the kinematic model: its tyres do not slip, which
+is honest below about 0.4 g across. The dynamic one has side slip and a yaw rate of its own (`moved_dynamic`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,11 @@ from sumo_eval.kernels import kernel
 from sumo_eval.settings import VehicleSettings
 
 GRAVITY = 9.81  # m/s2
+KINEMATIC_UP_TO = 0.4 * GRAVITY  # m/s2 across, up to which tyres may be taken not to slip
+_SLOWEST_SLIP = (
+    2.0  # m/s, below which the dynamic model rolls as the kinematic one: its slip angles divide by the speed
+)
+_PARTS = 10  # of a step, in each of which the dynamic model is integrated once
 _GRANTED = 1e-9  # m/s2, a request met as closely as this is granted
 _SAME = 1e-12  # m/s2, accelerations closer than this are one
 
@@ -77,9 +83,13 @@ Clipped = tuple[str, float, float]
 
 LIMITED = (
     "steering_angle", "steering_rate", "lateral_friction", "acceleration", "friction", "speed", "acceleration_rate",
+    "beyond_kinematic",
 )  # fmt: skip
 """What the vehicle model may have to limit, by the number of its clip."""
-(_STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED, _ACCELERATION_RATE) = range(7)
+(
+    _STEERING_ANGLE, _STEERING_RATE, _LATERAL_FRICTION, _ACCELERATION, _FRICTION, _SPEED, _ACCELERATION_RATE,
+    _BEYOND_KINEMATIC,
+) = range(8)  # fmt: skip
 
 
 def advance(
@@ -123,6 +133,8 @@ def moved(
         end = curvature = lateral = 0.0
     else:
         end, curvature, lateral = _steer(speed, acceleration, wheel, wanted, steering, limits, step, time, clips)
+        if lateral > KINEMATIC_UP_TO:
+            count_clip(clips, _BEYOND_KINEMATIC, time, lateral, KINEMATIC_UP_TO)
     target = _limit_acceleration(wanted, lateral, limits, time, clips)
     after, faster, distance = drive(speed, acceleration, target, limits, step)
     if faster > limits.max_speed:
@@ -133,6 +145,96 @@ def moved(
         count_clip(clips, _ACCELERATION_RATE, time, target, after)
     x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
     return x, y, heading, faster, after, end
+
+
+@kernel
+def side_force(linear: float, limit: float) -> float:
+    """Force of an axle's tyres across, N: linear at first, never above its limit: limit tanh(linear / limit)."""
+    return limit * math.tanh(linear / limit) if limit > 0.0 else 0.0
+
+
+@kernel
+def slip_rates(
+    speed: float, slip: float, yaw_rate: float, wheel: float, acceleration: float, limits: Any, grip: float
+) -> tuple[float, float, float]:
+    """Rates of side slip, rad/s, and yaw rate, rad/s2, of the dynamic single-track model; and the largest share that
+    linear tyres would use of an axle's limit.
+
+    wheel: angle of the front wheels on the road, rad. grip: friction coefficient that limits forces; with inf tyres
+    stay linear, and the rates are those of the single-track model of commonroad-vehicle-models (Althoff, Koschi,
+    Manzinger: CommonRoad, IV 2017): F = mu C Fz alpha with the load transfer of the acceleration. Forces across have
+    what the friction circle leaves them beside the acceleration.
+    """
+    front = limits.front_share * limits.wheelbase
+    rear = limits.wheelbase - front
+    load_front = limits.mass * (GRAVITY * rear - acceleration * limits.centre_height) / limits.wheelbase
+    load_rear = limits.mass * (GRAVITY * front + acceleration * limits.centre_height) / limits.wheelbase
+    stiffness = limits.friction * limits.cornering_stiffness
+    alpha_front = wheel - slip - front * yaw_rate / speed
+    alpha_rear = rear * yaw_rate / speed - slip
+    linear_front, linear_rear = stiffness * load_front * alpha_front, stiffness * load_rear * alpha_rear
+    used = 0.0
+    if not math.isinf(grip):
+        along = acceleration / GRAVITY
+        left = math.sqrt(max(grip * grip - along * along, 0.0))
+        limit_front, limit_rear = left * load_front, left * load_rear
+        used = 1.0 if left == 0.0 else max(abs(linear_front) / limit_front, abs(linear_rear) / limit_rear)
+        linear_front, linear_rear = side_force(linear_front, limit_front), side_force(linear_rear, limit_rear)
+    yaw_acceleration = (front * linear_front - rear * linear_rear) / limits.yaw_inertia
+    return (linear_front + linear_rear) / (limits.mass * speed) - yaw_rate, yaw_acceleration, used
+
+
+@kernel
+def moved_dynamic(
+    x: float, y: float, heading: float, speed: float, acceleration: float, wheel: float, slip: float, yaw_rate: float,
+    wanted: float, steering: float, limits: Any, step: float, time: float, clips: Any,
+) -> tuple[float, float, float, float, float, float, float, float]:  # fmt: skip
+    """x, y, heading, speed, acceleration, steering wheel angle, side slip, rad, and yaw rate, rad/s, one `step` later.
+
+    Arguments as in `moved`. Steering, drive and brakes have the kinematic model's limits but for the tyres', which here
+    let go by themselves. Side slip, yaw and place are integrated by Heun's method in ten parts of the step; speed and
+    distance along the path are the exact ones of `drive`.
+    """
+    stop = math.radians(limits.max_steering_wheel_angle_deg)
+    end = _limit_steering(wheel, steering, stop, limits, step, time, clips)
+    target = _limit_acceleration(wanted, speed * yaw_rate, limits, time, clips)
+    after, faster, distance = drive(speed, acceleration, target, limits, step)
+    if faster > limits.max_speed:
+        count_clip(clips, _SPEED, time, faster, limits.max_speed)
+        after, faster = 0.0, limits.max_speed
+        distance = 0.5 * (speed + faster) * step
+    elif abs(after - target) > _GRANTED and faster > 0.0:
+        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+    if speed < _SLOWEST_SLIP or faster < _SLOWEST_SLIP:
+        curvature = _curvature(0.5 * (wheel + end), limits)
+        x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
+        bend = _curvature(end, limits)
+        behind = (1.0 - limits.front_share) * limits.wheelbase
+        return x, y, heading, faster, after, end, math.atan(behind * bend), faster * bend
+    ahead = (0.5 - limits.front_share) * limits.wheelbase  # of the middle between the axles, the centre of gravity
+    x, y = x + ahead * math.cos(heading), y + ahead * math.sin(heading)
+    part, way = step / _PARTS, distance / _PARTS
+    most = 0.0
+    for k in range(_PARTS):
+        share, next_share = k / _PARTS, (k + 1) / _PARTS
+        v, v2 = speed + share * (faster - speed), speed + next_share * (faster - speed)
+        turned = (wheel + share * (end - wheel)) / limits.steering_ratio
+        turned2 = (wheel + next_share * (end - wheel)) / limits.steering_ratio
+        slipping, turning, used = slip_rates(v, slip, yaw_rate, turned, acceleration, limits, limits.friction)
+        most = max(most, used)
+        slip2, yaw2 = slip + part * slipping, yaw_rate + part * turning
+        slipping2, turning2, used = slip_rates(v2, slip2, yaw2, turned2, after, limits, limits.friction)
+        before, course = yaw_rate, heading + slip
+        slip += 0.5 * part * (slipping + slipping2)
+        yaw_rate += 0.5 * part * (turning + turning2)
+        heading += 0.5 * part * (before + yaw_rate)
+        course = 0.5 * (course + heading + slip)
+        x, y = x + way * math.cos(course), y + way * math.sin(course)
+    if most > 1.0:
+        held = limits.friction * GRAVITY
+        count_clip(clips, _LATERAL_FRICTION, time, most * held, held)
+    x, y = x - ahead * math.cos(heading), y - ahead * math.sin(heading)
+    return x, y, heading, faster, after, end, slip, yaw_rate
 
 
 @kernel

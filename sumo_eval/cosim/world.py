@@ -23,7 +23,7 @@ from sumo_eval.cosim.contact import Body, between, describe, keeps_apart, share_
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.impossible import BESIDE
 from sumo_eval.cosim.sumo.session import NOWHERE
-from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved
+from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved, moved_dynamic
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
 from sumo_eval.scenario.motion import (
@@ -71,13 +71,13 @@ EGO = np.dtype(
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
         *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
-        ("map", _MAP), *fields("lane_y"),
+        ("map", _MAP), *fields("lane_y", "slip", "yaw_rate"),
     ]
 )  # fmt: skip
 """The ego of a case. The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
 stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of the step at which
 it touched number `struck`. samples: how many there are. begun: the step of the world at which the case began.
-lane_y: where it began, across the road, m."""
+lane_y: where it began, across the road, m. slip, yaw_rate: of the dynamic vehicle model, rad and rad/s."""
 
 OTHER = np.dtype(
     [
@@ -101,6 +101,7 @@ _ROAD = [*fields("length", "right_edge", "left_edge", "lane_width"), *flags("lan
 _LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg", "max_steering_wheel_rate_deg",
     "friction", "max_acceleration", "max_deceleration", "brake_build_up", "drive_jerk", "max_speed", "brake_jerk",
+    "dynamic", "mass", "yaw_inertia", "front_share", "centre_height", "cornering_stiffness",
 )  # fmt: skip
 SCENARIO = np.dtype(
     [
@@ -116,6 +117,9 @@ REASONS: tuple[EndReason | None, ...] = (
     "sim_error",
 )  # fmt: skip
 _CONTACT, _STANDSTILL, _ROAD_END, _OFF_ROAD, _TIME_LIMIT, _DECIDED, _ADS_ERROR, _ADS_TIMEOUT, _SIM_ERROR = range(1, 10)
+
+_TO_ITS_END: tuple[EndReason, ...] = ("road_end", "time_limit")
+"""Why cases end in which everything could happen that was to: a condition that never held then is worth a word."""
 
 WHATS = (*LIMITED, "actor_off_its_script")
 _OFF_SCRIPT = len(LIMITED)
@@ -456,6 +460,14 @@ def move_rows(
 @kernel
 def _drive(ego: Any, at: Any, wanted: float, steering: float, limits: Any, step: float, clips: Any) -> None:
     """Move an ego by the vehicle model. at: what holds its place on the map."""
+    if limits.dynamic > 0.0:
+        (
+            at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, ego.slip, ego.yaw_rate,
+        ) = moved_dynamic(
+            at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, ego.slip, ego.yaw_rate, wanted, steering,
+            limits, step, ego.time, clips,
+        )  # fmt: skip
+        return
     at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering = moved(
         at.x, at.y, at.heading, ego.speed, ego.acceleration, ego.steering, wanted, steering, limits, step, ego.time,
         clips,
@@ -644,8 +656,14 @@ def see_rows(
 
 
 @rows
-def tell_played_rows(egos: Records, others: Records, plays: Records, tell: FloatArray, told: int, closely: int) -> int:
-    """Write what SUMO has to hear of the played vehicles to `tell`, behind `told` rows of it; how many it then has."""
+def tell_played_rows(
+    egos: Records, others: Records, plays: Records, tell: FloatArray, told: int, closely: int, line: Records
+) -> int:
+    """Write what SUMO has to hear of the played vehicles to `tell`, behind `told` rows of it; how many it then has.
+
+    On a road that bends they are put on the map as well.
+    """
+    bent = len(line) > 0
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
@@ -654,12 +672,29 @@ def tell_played_rows(egos: Records, others: Records, plays: Records, tell: Float
             other.told = 1
             if plays[i][j].model or other.present == 0:
                 continue
-            _put_front(other, other)
-            if closely:
+            if bent:
+                inner = put_on_map(other, line)
+            if bent and closely:
                 other.told = 2
-                _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, other)
+                along = (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)) / inner
+                _tell_on_bend(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)
                 told += 1
+            elif not bent:
+                _put_front(other, other)
+                if closely:
+                    other.told = 2
+                    _tell(tell, told, i * (1 + len(others[i])) + 1 + j, other, other)
+                    told += 1
     return told
+
+
+@rows
+def map_played_rows(others: Records, line: Records) -> None:
+    """Put the played vehicles on the map of a road that bends."""
+    for i in range(len(others)):
+        for j in range(len(others[i])):
+            if others[i][j].played:
+                put_on_map(others[i][j], line)
 
 
 # -- all of it ---------------------------------------------------------------------------------------------------------
@@ -724,7 +759,7 @@ class World:
                 self.others["heading"][i] = [actor.heading for actor in case.actors]
             self.others["before"]["heading"] = self.others["heading"]
             self._stay_before()
-            begin_play_rows(self.egos, self.others, *self.players, self._stack)
+            begin_play_rows(self.egos, self.others, *self.players, self._stack, self.line)
         begin_rows(self.egos, self.others, self.moves, self.seen, self.samples, self.scenario, self.line)
         self.going = n
 
@@ -738,14 +773,16 @@ class World:
         if self.players is None:
             return told
         plays, acts, pieces, table, _ = self.players
-        play_rows(self.egos, self.others, plays, acts, pieces, table, now)
-        return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely)))
+        play_rows(self.egos, self.others, plays, acts, pieces, table, now, self.line)
+        return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely), self.line))
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
         if self.players is not None:
             before = self.steps * self.settings.step
-            wake_rows(self.egos, self.others, *self.players, now, before, self._stack)
+            wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
+            if len(self.line):
+                map_played_rows(self.others, self.line)
 
     @property
     def time(self) -> float:
@@ -811,19 +848,19 @@ class World:
         ego, case = self.egos[row], int(self.rows[row])
         self.egos["live"][row] = 0
         self.going -= 1
-        if self.players is not None:
+        reason = REASONS[int(ego["reason"])]
+        assert reason is not None
+        if self.players is not None and reason in _TO_ITS_END:
             waiting = self.players.acts["state"][row] == WAITS
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0)
                 self.notes[case]["trigger_never_fired"].count = count
         concrete, vehicle = self.cases[case], self.settings.vehicle
-        reason = REASONS[int(ego["reason"])]
-        assert reason is not None
         actors = concrete.actors
         hit = self._collision(row, actors) if reason == "contact" else None
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
-            self.note(case, "struck_from_behind", hit.relative_speed, hit.relative_speed)
+            self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
         counts = self.others["samples"][row].tolist()
         self.ended[case] = partial(
             Recording,
@@ -834,6 +871,13 @@ class World:
             self._clips(row, case),
         )
         return case
+
+    def _in_its_lane_for(self, row: int) -> float:
+        """How long the middle of the ego has been in the lane in which it now is, s."""
+        count, width = int(self.egos["samples"][row]), float(self.scenario["road"]["lane_width"][0])
+        time, y = self.samples[row, 0, :count, 0], self.samples[row, 0, :count, 2]
+        elsewhere = np.flatnonzero(np.round(y / width) != np.round(y[-1] / width))
+        return float(time[-1] - time[elsewhere[-1]] if len(elsewhere) else time[-1])
 
     def recordings(self, wall_time: float) -> list[Recording | Alone]:
         """What each case left behind, or why it has to be driven alone. wall_time: of all of them, s."""

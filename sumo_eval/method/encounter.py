@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
-from sumo_eval.scenario.undisturbed import tracks
+from sumo_eval.scenario.undisturbed import meetings
 from sumo_eval.settings import VehicleSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -52,29 +52,8 @@ def _of(
     fastest = max(concrete.ego.speed for concrete in placed)
     slowest_begin = logical.time_limit or _LONGEST
     until = min(slowest_begin, _LONGEST, max(delays) + fastest / settings.deceleration + _waits(logical, placed))
-    found = tracks(placed, [size] * len(placed), STEP, until, (settings.deceleration, search.obstacle, delays))
-    ego, other = found.egos, found.others[:, search.obstacle]
-    body = np.array([(it.actors[search.obstacle].length, it.actors[search.obstacle].width) for it in placed])
-    heading = other[:, :, 2]
-    c, s = np.cos(heading), np.sin(heading)
-    long = 0.5 * (body[:, 0, None] * np.abs(c) + body[:, 1, None] * np.abs(s))
-    wide = 0.5 * (body[:, 0, None] * np.abs(s) + body[:, 1, None] * np.abs(c))
-    along = other[:, :, 3] * c - other[:, :, 4] * s
-    across = other[:, :, 3] * s + other[:, :, 4] * c
-    ahead = other[:, :, 0] - ego[:, :, 0]
-    in_way = np.abs(other[:, :, 1] - ego[:, :, 1]) < wide + 0.5 * size[1]
-    gap = ahead - long - 0.5 * size[0]
-    closing = ego[:, :, 3] - along
-    touching = in_way & (np.abs(ahead) <= long + 0.5 * size[0])
-    hit = touching.any(axis=1)
-    first = np.argmax(touching, axis=1)
-    rows = np.arange(len(points))
-    relative = np.hypot(closing[rows, first], across[rows, first])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        counts = in_way & (gap > 0.0) & (closing > 0.0)
-        inverse = np.where(counts, closing / gap, 0.0).max(axis=1)
-    nearest = np.where(in_way & (gap > 0.0), gap, np.inf).min(axis=1)
-    return np.where(hit, np.inf, inverse), np.where(hit, relative, 0.0), nearest
+    met = meetings(placed, [size] * len(placed), STEP, until, settings.deceleration, search.obstacle, delays)
+    return met[:, 0], met[:, 1], met[:, 2]
 
 
 def _waits(logical: LogicalScenario, placed: Sequence[ConcreteScenario]) -> float:

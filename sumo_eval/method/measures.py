@@ -84,6 +84,38 @@ def measures(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Colli
     )
 
 
+IN_THE_MIDDLE = 0.15
+"""m from the lane's middle that count as in it (Autoware's UC-PLN-003-0001)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LaneKeeping:
+    """How an ego kept the lane in which it began. largest_offset: m from the lane's middle, to either side. overshoot:
+    m beyond the middle, on the other side than the first offset beyond 0.15 m; 0 if it never left the middle by more.
+    over_line_time: s during which its body reached over a line of the lane. settling_time: s after which it stayed
+    within 0.15 m of the middle; inf where it did not come to that.
+    """
+
+    largest_offset: float
+    overshoot: float
+    over_line_time: float
+    settling_time: float
+
+
+def lane_keeping(ego: Trajectory, lane_width: float) -> LaneKeeping:
+    """How the ego kept the lane whose middle is nearest at its start, by its samples; lane_width: m."""
+    offset = ego.y - lane_width * np.round(ego.y[0] / lane_width)
+    reach = np.abs(offset) + 0.5 * (ego.width * np.abs(np.cos(ego.heading)) + ego.length * np.abs(np.sin(ego.heading)))
+    steps = np.diff(ego.time, append=ego.time[-1])
+    away = np.flatnonzero(np.abs(offset) > IN_THE_MIDDLE)
+    overshoot, settling = 0.0, 0.0
+    if len(away):
+        first = away[0]
+        overshoot = max(0.0, float(np.max(-np.sign(offset[first]) * offset[first:])))
+        settling = float(ego.time[away[-1] + 1]) if away[-1] + 1 < len(offset) else np.inf
+    return LaneKeeping(float(np.abs(offset).max()), overshoot, float(steps[reach > 0.5 * lane_width].sum()), settling)
+
+
 def smooth_motion(drive: Trajectory) -> SmoothMotion:
     """A drive's derivatives, made alike for recorded people, whose positions are noisy, and for simulated vehicles.
 

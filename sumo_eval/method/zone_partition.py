@@ -44,6 +44,8 @@ SEED = 20220  # restarts of the search and its sample of training points; a cons
 SEARCH_POINTS = 350  # the hyperparameters are searched on at most so many training points, the GP uses all of them
 OWN_GRID_POINTS = 1_500  # larger grids of own steps are thinned: a GP's cost grows with the cube
 MOST_POINTS = 5_000  # training points a user may bring
+SEARCHED_GRID = 8_000  # points of the dense grid where every one of them is a search of its own, at most
+SEARCHED_WINDOW = 1e-3  # unit-box lengths to which the most dangerous point is found there
 PASSING_SCALE = 10.0  # m, about two cars: how fast "has passed" becomes "is safe"
 TARGET_TOLERANCE = 0.1  # share of a training value by which the GP may miss it
 LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguishable from "does not matter"
@@ -234,7 +236,8 @@ def partition(
     notes = list(thinned) if points is None else []
     training = _mesh(axes) if points is None else _user_points(logical, points)
 
-    refined = _refine(axes, settings.grid_points)
+    searched = logical.search is not None
+    refined = _refine(axes, min(settings.grid_points, SEARCHED_GRID) if searched else settings.grid_points)
     grid = _mesh(refined)
     unit = logical.to_unit(grid)
     feasible = logical.feasible(grid)
@@ -303,14 +306,18 @@ class BoundaryError:
     feasible: float
 
 
-def boundary_error(zones: ZonePartition, n: int = 50_000) -> BoundaryError:
+def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     """Compare a partition with the criterion itself (max ITTC >= ITTC*) at n evenly spread points of the box.
+
+    n: 50,000 where nobody says; 2,000 where every point is a search of its own.
 
     Max ITTC is in closed form where the scenario has one, else searched over time.
 
     The points are the additive recurrence x_i = frac(1/2 + i / phi^(1..k)). A regular grid would share its lines with
     the training grid: one partition measures 0.08 % on 40^3 of its points and 0.18 % on 53^3.
     """
+    if n is None:
+        n = 50_000 if zones.logical.search is None else 2_000
     if n < 1:
         raise must_be("`n`", "`boundary_error`", "at least 1", n)
     k = len(zones.logical.parameters)
@@ -384,6 +391,8 @@ def _criticality(
     Where the other comes into the ego's way later, the gap is the one left when it does, of either sign.
     """
     n = len(points)
+    if logical.margin is not None:
+        return _by_margin(logical.margin(logical.columns(points)))
     if logical.search is not None:
         return encounter(logical, points, settings)
     if logical.approach is None:  # no zone can be defined: everything is safe
@@ -408,6 +417,15 @@ def _criticality(
         delay=approach.delay,
     )
     return np.broadcast_to(inverse, n), np.broadcast_to(impact, n), np.broadcast_to(approach.gap, n)
+
+
+def _by_margin(margin: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where a scenario says how much is left to spare of a limit: hazardous where nothing is, worst where most lacks.
+
+    The lack, m, stands in the place of the impact speed by which the most dangerous point is found.
+    """
+    lacks = np.asarray(margin <= 0.0)
+    return np.where(lacks, np.inf, 0.0), np.where(lacks, -margin, 0.0), np.asarray(margin)
 
 
 def _gap_at_conflict(approach: Approach, settings: ZoneSettings) -> FloatArray:
@@ -466,6 +484,8 @@ def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSet
     free road between them, and before that y is the larger of this and of the squared-time target. Without p the target
     would jump from the hardest hit to perfectly safe, and no smooth surface follows a jump.
     """
+    if logical.margin is not None:
+        return np.asarray(np.tanh(logical.margin(logical.columns(points)) / PASSING_SCALE))
     inverse, impact, _ = _criticality(logical, points, settings)
     if logical.approach is None:
         return squared_time_target(inverse, impact, settings)
@@ -705,7 +725,8 @@ class _DangerSearch:
         """
         best = self._worst(np.concatenate([members, self._members(zone, others)]))
         k = len(self.logical.parameters)
-        offsets = _mesh([np.linspace(-1.0, 1.0, {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k)
+        searched = self.logical.search is not None
+        offsets = _mesh([np.linspace(-1.0, 1.0, 3 if searched else {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k)
         width = self.cell
         for _ in range(200):
             centre = self.logical.to_unit(best)
@@ -714,7 +735,7 @@ class _DangerSearch:
             if np.array_equal(worst, best):
                 width *= 0.4
             best = worst
-            if width < 1e-12:
+            if width < (SEARCHED_WINDOW if searched else 1e-12):
                 break
         return dict(zip(self.logical.names, self._rounded(zone, best).tolist(), strict=True))
 
@@ -732,10 +753,13 @@ class _DangerSearch:
         return np.asarray(points[np.lexsort((*points.T[::-1], *keys))[0]])
 
     def _rounded(self, zone: int, best: FloatArray) -> FloatArray:
-        """The most dangerous point, to 1e-7 of the box, in the fewest digits that still lie within the zone."""
+        """The most dangerous point, to 1e-7 of the box (`SEARCHED_WINDOW` where it is searched), in the fewest digits
+        that still lie within the zone.
+        """
+        close = SEARCHED_WINDOW if self.logical.search is not None else 1e-7
         for digits in range(10):
             short = np.clip(np.round(best, digits), self.logical.low, self.logical.high)
-            near = np.all(np.abs(self.logical.to_unit(short) - self.logical.to_unit(best)) < 1e-7)
+            near = np.all(np.abs(self.logical.to_unit(short) - self.logical.to_unit(best)) < close)
             if near and len(self._members(zone, short[None, :])):
                 return short
         return best

@@ -273,7 +273,8 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     spaces = _spaces(evaluation, source, shard)
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
     synthetic = evaluation.drivers.source == "synthetic"
-    humans = sum(len(space.safe) for space in spaces) * (evaluation.drivers.count if synthetic else 0)
+    known = sum(len(space.safe) for space in spaces if space.logical.has_drivers)
+    humans = known * (evaluation.drivers.count if synthetic else 0)
     recorded = 0
     if folder is not None and (folder / run_folder.FACTS).is_file():
         with open_store(folder / run_folder.FACTS) as store:

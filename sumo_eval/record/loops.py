@@ -19,7 +19,7 @@ import numpy as np
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import SHIPPED, find_controller, knows_the_scripts
 from sumo_eval.cosim.doors.entry import split_entry
-from sumo_eval.cosim.world import EGO, MOVER, World, described, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.world import EGO, MOVER, World, described, map_played_rows, move_rows, see_rows, stop_rows
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
 from sumo_eval.record.cases import Case
@@ -93,6 +93,7 @@ def _load_played() -> None:
     assert world.players is not None
     world.play(0.05, 0, closely=True)
     world.wake(0.05)
+    map_played_rows(world.others, world.line)
 
 
 def _load_rule(ads: Compiled) -> None:

@@ -88,8 +88,8 @@ class Planner:
             yield with_fingerprint(case, self.settings.simulation, "", self.harness)
 
     def humans(self, space: Space) -> Iterator[Case]:
-        """Every synthetic driver at every safe point."""
-        for number in space.safe:
+        """Every synthetic driver at every safe point of a scene that they know."""
+        for number in space.safe if space.logical.has_drivers else ():
             yield from self.synthetic(number, space.concrete(number), self.settings.drivers.count)
 
     def synthetic(self, number: int, concrete: ConcreteScenario, count: int) -> Iterator[Case]:
@@ -159,7 +159,8 @@ def record(
     work.do(stages)
     for space in spaces:
         if settings.drivers.source == "synthetic":
-            drivers, safe = {f"driver_{index:02d}" for index in range(settings.drivers.count)}, set(space.safe)
+            drivers = {f"driver_{index:02d}" for index in range(settings.drivers.count)}
+            safe = set(space.safe) if space.logical.has_drivers else set()
             found = store.names("human", space.logical.name)
             _forget(store, (case for case, point, who in found if point not in safe or who not in drivers))
         elif settings.drivers.source == RECORDED:
@@ -191,7 +192,7 @@ def _reference_stage(space: Space, plan: Planner, role: Role) -> _Stage:
 
 def _drivers_stage(space: Space, plan: Planner) -> _Stage:
     name = space.logical.name
-    total = len(space.safe) * plan.settings.drivers.count
+    total = len(space.safe) * plan.settings.drivers.count * space.logical.has_drivers
     return _Stage(f"{name}: drivers", name, "human", plan.humans(space), total)
 
 
@@ -229,7 +230,7 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
             known.add(case.key)
             if not store.holds(case):
                 store.add(Outcome(case, "ok", Recording(drive, {}, None, "recorded"), log=who))
-        if settings.too_thin == "fill" and len(found.drives) < settings.least:
+        if settings.too_thin == "fill" and len(found.drives) < settings.least and space.logical.has_drivers:
             fill += plan.synthetic(number, concrete, settings.least - len(found.drives))
         work.check()
         progress(f"{name}: recorded drivers", done, len(safe))

@@ -27,6 +27,7 @@ from sumo_eval.results import (
     PlausibleTo,
     ScenarioResult,
     ScoreNote,
+    StruckFromBehind,
     ThinReferences,
     WorstAndBest,
 )
@@ -99,6 +100,9 @@ MEASURES = (
     ("max_deceleration", "strongest deceleration", "m/s²"),
     ("max_jerk", "largest jerk", "m/s³"),
     ("delta_v", "delta-v at contact", "m/s"),
+    ("largest_offset", "largest offset from the lane's middle", "m"),
+    ("overshoot", "overshoot beyond the lane's middle", "m"),
+    ("over_line_time", "time over a line of the lane", "s"),
 )
 """The criticality measures of a case: (field of CaseResult, words, unit)."""
 
@@ -484,6 +488,8 @@ def _reason(found: NotComputed | None, what: str) -> str:
             return f"{count(number, 'collision')} in the safe zone"
         case NotComputed("no_safe_case"):
             return "no case lies in the safe zone"
+        case NotComputed("no_drivers"):
+            return "no drivers for it: the synthetic ones do not know this scene, and none are recorded in it"
         case NotComputed("nothing_compared"):
             return "no safe case could be evaluated and compared with drivers"
         case NotComputed("no_exposure"):
@@ -605,6 +611,11 @@ def score_note(note: ScoreNote) -> str:
                 if interval is not None
             ]
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
+        case StruckFromBehind(cases):
+            return (
+                f"In {count(cases, 'case')} a vehicle that reacts ran into the ego's rear: the other's fault, counted "
+                "apart, and no collision to C and A (`method.collision.rear_end`)."
+            )
         case GentlerThanIdeal(collisions):
             return f"In {count(collisions, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1."
         case IdealCollidesToo(collisions, of):

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.errors import InputError, must_be
+from sumo_eval.errors import must_be
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act
@@ -347,14 +347,6 @@ class EgoBody:
     width: float
 
 
-def straight_only(owner: str) -> str:
-    """A sentence on what a road that bends cannot have."""
-    return (
-        f"The road of {owner} must be straight where a vehicle follows, waits for a condition, has a path or heading, "
-        "or comes in a stream: only brakes, lane changes and moves sideways at given times are laid along a bend."
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class ConcreteScenario:
     """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start.
@@ -376,8 +368,6 @@ class ConcreteScenario:
         names = ["ego", *(actor.name for actor in self.actors)]
         if len(set(names)) < len(names):
             raise must_be("The names of the vehicles", f"scenario `{self.scenario}`", "distinct", ", ".join(names))
-        if self.road.bent and self.lively:
-            raise InputError(straight_only(f"scenario `{self.scenario}`"))
 
     @property
     def lively(self) -> bool:

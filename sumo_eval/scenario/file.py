@@ -31,7 +31,6 @@ from sumo_eval.scenario.concrete import (
     Model,
     Road,
     Start,
-    straight_only,
 )
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
@@ -49,6 +48,7 @@ from sumo_eval.scenario.logical import (
     ZoneCoordinates,
     uniform_exposure,
 )
+from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import Spread, drawn
@@ -251,9 +251,13 @@ class EndTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class ZoneTable(Checked):
-    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6)."""
+    """What the zones are computed from: the approach to one vehicle under ideal braking (Eqs. 1-6), or a margin."""
 
-    obstacle: Annotated[str, About("the vehicle that is in the way")]
+    obstacle: Annotated[str, About("the vehicle that is in the way")] = ""
+    margin: Annotated[
+        Formula | None,
+        About("instead of all else here: what is left to spare of a limit that is known; hazardous from 0 down", "m"),
+    ] = None
     delay: Annotated[Formula, About("before ideal braking begins", "s")] = 0.0
     gap: Annotated[Formula | None, About("bumper to bumper at the start; default: the obstacle's", "m")] = None
     conflict_begin: Annotated[Formula, About("before it the obstacle is not in the way", "s")] = 0.0
@@ -380,6 +384,10 @@ class ScenarioFile(Checked):
     end: Annotated[EndTable, About("when a case is over")] = field(default_factory=EndTable)
     sample: Annotated[tuple[SampleTable, ...], About("prescribed points")] = ()
     default_sample: Annotated[str, About("grid, or the name of a sample")] = "grid"
+    people: Annotated[
+        Literal["drivers", "none"],
+        About("none: no synthetic driver knows this scene, so without recorded ones there is no D and no H"),
+    ] = "drivers"
 
 
 _ADAPTER = TypeAdapter(ScenarioFile)
@@ -470,8 +478,17 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     for row in points.tolist():
         concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
         _check_place(logical, concrete.ego, concrete.actors, concrete.label)
+        limit = math.inf if logical.time_limit is None else logical.time_limit
+        for actor, index in never_begin(concrete, limit):
+            name = actor.acts[index].name or f"number {index + 1}"
+            raise InputError(
+                f"The condition of manoeuvre {name} of vehicle `{actor.name}` of scenario `{logical.name}` at "
+                f"{concrete.label} can never hold, whoever drives: the manoeuvre would never begin."
+            )
     if logical.approach is not None:
         logical.approach(logical.columns(points))
+    if logical.margin is not None:
+        logical.margin(logical.columns(points))
 
 
 _BESIDE = 300.0  # m beside the road at which somebody may still be who comes from there, or stands there
@@ -804,6 +821,20 @@ class Coordinates:
 
 
 @dataclass(frozen=True, slots=True)
+class Margin:
+    """Values by name (arrays) -> what is left to spare of a limit, m: hazardous where that is 0 or less."""
+
+    definitions: Definitions
+    expression: Expression
+
+    def __call__(self, values: Values) -> FloatArray:
+        """The margin at every point, m."""
+        shape = np.broadcast_shapes(*(np.shape(value) for value in values.values()))
+        known = self.definitions.extend(values)
+        return np.broadcast_to(np.asarray(self.expression.value(known), dtype=np.float64), shape)
+
+
+@dataclass(frozen=True, slots=True)
 class SearchRule:
     """What zones are searched from where somebody is played: the number of the obstacle among the others, and the delay
     between its first move and ideal braking; from the start on where it makes none.
@@ -931,8 +962,7 @@ class _Builder:
         told_by = [*(quantity.expression for quantity in placed), *(it for when in triggers for it in when.expressions)]
         lively = bool(streams) or any(item.lively for item in vehicles)
         self._all_used(parameters, definitions, told_by)
-        if lively and road.bent:
-            raise InputError(straight_only(self.where))
+        margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,
             about=table.about or table.name,
@@ -951,8 +981,9 @@ class _Builder:
                 streams=streams,
                 lane_width=road.lane_width,
             ),
-            approach=None if lively or table.zone == "none" else self._zone(definitions, vehicles),
-            search=self._search(definitions, vehicles) if lively and table.zone != "none" else None,
+            approach=None if lively or margin or table.zone == "none" else self._zone(definitions, vehicles),
+            search=self._search(definitions, vehicles) if lively and not margin and table.zone != "none" else None,
+            margin=margin,
             exposure=Exposure(parameters, density, definitions, joint) if told else uniform_exposure,
             exposure_about=_exposure_about(spread, density, joint),
             recorded=self._recorded(parameters),
@@ -962,6 +993,7 @@ class _Builder:
             zone_coordinates=self._coordinates(definitions),
             samples=tuple(self._sample(item, parameters) for item in table.sample),
             default_sample=table.default_sample,
+            has_drivers=table.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
         )
 
@@ -1087,7 +1119,8 @@ class _Builder:
     def _all_used(self, parameters: Sequence[Parameter], definitions: Definitions, told_by: list[Expression]) -> None:
         """A parameter that nothing depends on would only repeat cases. InputError naming it."""
         table = self.table
-        texts = [] if table.zone == "none" else [table.zone.delay, table.zone.gap, table.zone.conflict_begin]
+        zone = table.zone
+        texts = [] if zone == "none" else [zone.delay, zone.gap, zone.conflict_begin, zone.margin]
         expressions = [*told_by, *(number(text, self.where) for text in texts if text is not None)]
         expressions += [number(text, self.where) for item in table.sample for text in item.set.values()]
         needed = definitions.needed_by(*expressions)
@@ -1223,6 +1256,19 @@ class _Builder:
             passing_length=math.inf if zone.passing_length is None else zone.passing_length,
             **parts,
         )
+
+    def _margin(self, definitions: Definitions) -> Margin | None:
+        zone = self.table.zone
+        if zone == "none" or zone.margin is None:
+            if zone != "none" and not zone.obstacle:
+                raise InputError(f"[zone] of {self.where} must have an `obstacle`, or a `margin`.")
+            return None
+        for key, default in (("obstacle", ""), ("delay", 0.0), ("gap", None), ("conflict_begin", 0.0),
+                             ("passing_length", None)):  # fmt: skip
+            if getattr(zone, key) != default:
+                raise InputError(f"[zone] of {self.where} has no `{key}` beside `margin`, which says all.")
+        expression = self._number(zone.margin, "`zone.margin`")
+        return Margin(definitions.needed_by(expression), expression)
 
     def _search(self, definitions: Definitions, vehicles: Sequence[Vehicle]) -> SearchRule:
         zone = self.table.zone

@@ -155,12 +155,14 @@ class LogicalScenario:
 
     place: values of one point -> (ego's start, the other vehicles).
     approach: values by name (arrays) -> `Approach`, what the zones are computed from. search: instead, where scripts
-    depend on what happens. Neither: no zone can be defined, and everything is safe.
+    depend on what happens. margin: instead, values by name (arrays) -> what is left to spare of a limit that is known,
+    m, hazardous from 0 down. None of them: no zone can be defined, and everything is safe.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
     parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
     every report. recorded: the events of recordings that it is met as; met: how often it was; None: nobody says.
+    has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones make a D.
     """
 
     name: str
@@ -183,6 +185,8 @@ class LogicalScenario:
     notes: tuple[str, ...] = ()
     recorded: Counterpart | None = None
     met: Met | None = None
+    margin: Callable[[Values], FloatArray] | None = None
+    has_drivers: bool = True
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)

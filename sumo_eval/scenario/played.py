@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.motion import along_heading, lateral, lateral_acceleration, lateral_speed
+from sumo_eval.scenario.road.reference_line import line_at
 
 Records = NDArray[Any]
 
@@ -166,8 +167,12 @@ def on_line(play: Any, table: Any, s: float) -> tuple[float, float, float]:
 
 
 @kernel
-def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float) -> None:
-    """Put a played vehicle where it is at a time."""
+def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float, line: Any) -> None:
+    """Put a played vehicle where it is at a time. line: the road's, of no knots if it is straight.
+
+    On a bend its place and its line are along and across the road, as scripts are: a metre along the road's line is
+    1 - curvature y metres of ground, so heading and speed are those over the ground.
+    """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
     aside, across, sideways = 0.0, 0.0, 0.0
@@ -182,10 +187,28 @@ def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float
     other.x, other.y = x, y
     if play.slides or across == 0.0:
         other.heading, other.speed, other.across, other.acceleration = heading, v, across, a
-        return
-    other.heading, other.across = heading + math.atan2(across, v), 0.0
-    other.speed = math.sqrt(v * v + across * across)
-    other.acceleration = along_heading(v, across, a, sideways)
+    else:
+        other.heading, other.across = heading + math.atan2(across, v), 0.0
+        other.speed = math.sqrt(v * v + across * across)
+        other.acceleration = along_heading(v, across, a, sideways)
+    if len(line):
+        _over_ground(other, line)
+
+
+@kernel
+def _over_ground(other: Any, line: Any) -> None:
+    """Turn heading and speeds along and across the line into those over the ground."""
+    _, _, _, curvature = line_at(line, other.x)
+    inner = 1.0 - curvature * other.y
+    c, s = math.cos(other.heading) * inner, math.sin(other.heading)
+    stretched = math.sqrt(c * c + s * s)
+    c, s = c / stretched, s / stretched
+    along = inner * (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading))
+    left = other.speed * math.sin(other.heading) + other.across * math.cos(other.heading)
+    if other.heading != 0.0:
+        other.heading = math.atan2(s, c)
+    other.speed, other.across = along * c + left * s, left * c - along * s
+    other.acceleration *= stretched
 
 
 # -- conditions --------------------------------------------------------------------------------------------------------
@@ -437,7 +460,7 @@ def _path_ended(play: Any, acts: Any, pieces: Any, table: Any, before: float, no
 @kernel
 def wake(
     ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any, now: float, before: float,
-    stack: Any,
+    stack: Any, line: Any,
 ) -> int:  # fmt: skip
     """Look at every waiting move of a case at the end of a step; how many began. Who has begun is placed anew."""
     count = 0
@@ -456,7 +479,7 @@ def wake(
         begun = begin_due(play, acts[j], pieces[j], table[j], now)
         _path_ended(play, acts[j], pieces[j], table[j], before, now)
         if begun:
-            place(others[j], play, acts[j], pieces[j], table[j], now)
+            place(others[j], play, acts[j], pieces[j], table[j], now, line)
             count += begun
     return count
 
@@ -467,20 +490,21 @@ def wake(
 @rows
 def begin_play_rows(
     egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
-    stack: NDArray[np.float64],
+    stack: NDArray[np.float64], line: Records,
 ) -> None:  # fmt: skip
     """Begin what begins at the start of the cases, where every vehicle is as it starts."""
     for i in range(len(egos)):
-        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], 0.0, 0.0, stack)
+        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], 0.0, 0.0, stack, line)
         for j in range(len(others[i])):
             if plays[i][j].model == 0:
-                place(others[i][j], plays[i][j], acts[i][j], pieces[i][j], table[i][j], 0.0)
+                place(others[i][j], plays[i][j], acts[i][j], pieces[i][j], table[i][j], 0.0, line)
 
 
 @rows
 def play_rows(
-    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, now: float
-) -> None:
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, now: float,
+    line: Records,
+) -> None:  # fmt: skip
     """Move the played vehicles of every live case to the time `now`, s."""
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
@@ -490,19 +514,19 @@ def play_rows(
             if play.model:
                 continue
             begin_due(play, acts[i][j], pieces[i][j], table[i][j], now)
-            place(others[i][j], play, acts[i][j], pieces[i][j], table[i][j], now)
+            place(others[i][j], play, acts[i][j], pieces[i][j], table[i][j], now, line)
 
 
 @rows
 def wake_rows(
     egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
-    now: float, before: float, stack: NDArray[np.float64],
+    now: float, before: float, stack: NDArray[np.float64], line: Records,
 ) -> None:  # fmt: skip
     """Look at the conditions of every live case at the end of a step from `before` to `now`, s."""
     for i in range(len(egos)):
         if egos[i].live == 0 or egos[i].reason != 0:
             continue
-        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, before, stack)
+        wake(egos[i], others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, before, stack, line)
 
 
 class Players(NamedTuple):

@@ -7,27 +7,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sumo_eval.kernels import rows
+from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.played import (
     BEGUN,
     DEEPEST,
+    Players,
     Records,
     begin_due,
     place,
     players,
     wake,
 )
+from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.trajectory import FloatArray
 
 _STATE = [(name, "f8") for name in ("x", "y", "heading", "speed", "across")]
 _EGO = np.dtype(
-    [*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("start_x", "f8"), ("start_speed", "f8")]
-)
+    [
+        *_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("start_x", "f8"), ("start_y", "f8"),
+        ("start_speed", "f8"), ("brakes_from", "f8"),
+    ]
+)  # fmt: skip
 _OTHER = np.dtype([*_STATE, ("length", "f8"), ("width", "f8"), ("before", _STATE), ("acceleration", "f8")])
 CHANNELS = ("x", "y", "heading", "speed", "across")
 
@@ -44,79 +49,151 @@ class Tracks(NamedTuple):
 
 
 def tracks(
-    concretes: Sequence[ConcreteScenario],
-    bodies: Sequence[tuple[float, float]],
-    step: float,
-    until: float,
-    braking: tuple[float, int, Sequence[float]] | None = None,
+    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float, until: float
 ) -> Tracks:
-    """Tracks of cases with as many others each.
+    """Tracks of cases with as many others each, while the egos keep their speed. bodies: of each, length and width."""
+    n, m, count = len(concretes), len(concretes[0].actors), _looks(until, step)
+    egos, others, found = _begun(concretes, bodies)
+    way, theirs = np.zeros((n, count, 5)), np.zeros((n, m, count, 5))
+    _run_rows(egos, others, *found, way, theirs, step, np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line))
+    return Tracks(way, theirs, found.plays["first_begin"].copy())
 
-    bodies: length and width of each ego, m. braking: deceleration m/s2, number of the other at whose first move, plus a
-    delay (s, one a case), the ego begins to brake to a standstill; from the start on where that one waits for nothing.
+
+def meetings(
+    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]], step: float, until: float,
+    deceleration: float, obstacle: int, delays: Sequence[float],
+) -> FloatArray:  # fmt: skip
+    """What becomes of each case if its ego brakes ideally: largest inverse TTC, 1/s, impact speed, m/s, and the
+    smallest gap while the obstacle is in the ego's way, m: (n, 3).
+
+    The ego brakes to a standstill with `deceleration` m/s2 from the first move of the other number `obstacle` plus its
+    delay (s, one a case) on; from the start on where that one waits for nothing. The inverse TTC is inf where both
+    touch. step: s between two looks.
     """
-    n, m, count = len(concretes), len(concretes[0].actors), max(math.ceil(until / step - 1e-9), 1) + 1
+    egos, others, found = _begun(concretes, bodies)
+    met = np.zeros((len(concretes), 3))
+    _meet_rows(
+        egos, others, *found, met, _looks(until, step), step, deceleration, obstacle,
+        np.array(delays, dtype=np.float64), np.zeros((DEEPEST, 3)), knots_of(concretes[0].road.line),
+    )  # fmt: skip
+    return met
+
+
+def _looks(until: float, step: float) -> int:
+    return max(math.ceil(until / step - 1e-9), 1) + 1
+
+
+def _begun(
+    concretes: Sequence[ConcreteScenario], bodies: Sequence[tuple[float, float]]
+) -> tuple[Records, Records, Players]:
+    """Everybody at the start."""
+    n, m = len(concretes), len(concretes[0].actors)
     egos, others = np.zeros(n, _EGO), np.zeros((n, m), _OTHER)
     for i, (concrete, (length, width)) in enumerate(zip(concretes, bodies, strict=True)):
         ego = concrete.ego
-        pose = (ego.x, ego.y, 0.0, ego.speed, 0.0)
-        egos[i] = (*pose, length, width, pose, ego.x, ego.speed)
+        pose = (ego.x, ego.y, ego.heading, ego.speed, 0.0)
+        egos[i] = (*pose, length, width, pose, ego.x, ego.y, ego.speed, math.inf)
         for j, actor in enumerate(concrete.actors):
             pose = (actor.start.x, actor.start.y, actor.heading, actor.start.speed, 0.0)
             others[i, j] = (*pose, actor.length, actor.width, pose, 0.0)
-    found = players([concrete.actors for concrete in concretes])
-    deceleration, obstacle, delays = braking or (0.0, -1, [0.0] * n)
-    way, theirs = np.zeros((n, count, 5)), np.zeros((n, m, count, 5))
-    _run_rows(
-        egos, others, *found, way, theirs, step, deceleration, obstacle, np.array(delays, dtype=np.float64),
-        np.zeros((DEEPEST, 3)),
-    )  # fmt: skip
-    return Tracks(way, theirs, found.plays["first_begin"].copy())
+    return egos, others, players([concrete.actors for concrete in concretes])
+
+
+@kernel
+def _braking_from(play: Any, acts: Any, delay: float) -> float:
+    """When ideal braking begins, s; inf while the obstacle waits."""
+    if not math.isinf(play.first_begin):
+        return float(play.first_begin + delay)
+    for q in range(play.acts):
+        if acts[q].state != BEGUN:
+            return math.inf
+    return delay
+
+
+@kernel
+def _look(
+    ego: Any, others: Any, plays: Any, acts: Any, pieces: Any, table: Any, program: Any, now: float, before: float,
+    deceleration: float, stack: Any, line: Any,
+) -> None:  # fmt: skip
+    """Move a case from one look to the next."""
+    was = ego.before
+    was.x, was.y, was.heading, was.speed = ego.x, ego.y, ego.heading, ego.speed
+    t = now - ego.brakes_from
+    way = ego.start_speed * now
+    if t > 0.0 and deceleration > 0.0:
+        braked = min(t, ego.start_speed / deceleration)
+        ego.speed = ego.start_speed - deceleration * braked
+        way = ego.start_speed * ego.brakes_from + 0.5 * braked * (ego.start_speed + ego.speed)
+    if ego.heading == 0.0:
+        ego.x = ego.start_x + way
+    else:  # it began sideways, and holds its wheel straight
+        ego.x = ego.start_x + way * math.cos(ego.heading)
+        ego.y = ego.start_y + way * math.sin(ego.heading)
+    for j in range(len(others)):
+        other, play = others[j], plays[j]
+        last = other.before
+        last.x, last.y, last.heading = other.x, other.y, other.heading
+        last.speed, last.across = other.speed, other.across
+        if play.model:
+            other.x = play.x + play.v * now
+            continue
+        begin_due(play, acts[j], pieces[j], table[j], now)
+        place(other, play, acts[j], pieces[j], table[j], now, line)
+    wake(ego, others, plays, acts, pieces, table, program, now, before, stack, line)
 
 
 @rows
 def _run_rows(
     egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
-    way: FloatArray, theirs: FloatArray, step: float, deceleration: float, obstacle: int, delays: FloatArray,
-    stack: FloatArray,
+    way: FloatArray, theirs: FloatArray, step: float, stack: FloatArray, line: Records,
 ) -> None:  # fmt: skip
     """Fill the tracks of every row."""
     for i in range(len(egos)):
         ego = egos[i]
-        brakes_from = math.inf
         for k in range(way.shape[1]):
-            now, before = k * step, max(k - 1, 0) * step
-            was = ego.before
-            was.x, was.y, was.heading, was.speed = ego.x, ego.y, ego.heading, ego.speed
-            if obstacle >= 0 and math.isinf(brakes_from):
-                play = plays[i][obstacle]
-                waits = 0
-                for q in range(play.acts):
-                    if acts[i][obstacle][q].state != BEGUN:
-                        waits = 1
-                if waits == 0 or not math.isinf(play.first_begin):
-                    first = play.first_begin if not math.isinf(play.first_begin) else 0.0
-                    brakes_from = first + delays[i]
-            t = now - brakes_from
-            if t > 0.0 and deceleration > 0.0:
-                braked = min(t, ego.start_speed / deceleration)
-                ego.speed = ego.start_speed - deceleration * braked
-                ego.x = ego.start_x + ego.start_speed * brakes_from + 0.5 * braked * (ego.start_speed + ego.speed)
-            else:
-                ego.x = ego.start_x + ego.start_speed * now
-            for j in range(len(others[i])):
-                other, play = others[i][j], plays[i][j]
-                last = other.before
-                last.x, last.y, last.heading = other.x, other.y, other.heading
-                last.speed, last.across = other.speed, other.across
-                if play.model:
-                    other.x = play.x + play.v * now
-                    continue
-                begin_due(play, acts[i][j], pieces[i][j], table[i][j], now)
-                place(other, play, acts[i][j], pieces[i][j], table[i][j], now)
-            wake(ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, before, stack)
+            _look(
+                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], k * step, max(k - 1, 0) * step, 0.0,
+                stack, line,
+            )  # fmt: skip
             way[i, k, 0], way[i, k, 1], way[i, k, 2], way[i, k, 3] = ego.x, ego.y, ego.heading, ego.speed
             for j in range(len(others[i])):
                 other = others[i][j]
                 theirs[i, j, k, 0], theirs[i, j, k, 1], theirs[i, j, k, 2] = other.x, other.y, other.heading
                 theirs[i, j, k, 3], theirs[i, j, k, 4] = other.speed, other.across
+
+
+@rows
+def _meet_rows(
+    egos: Records, others: Records, plays: Records, acts: Records, pieces: Records, table: Records, program: Records,
+    met: FloatArray, looks: int, step: float, deceleration: float, obstacle: int, delays: FloatArray,
+    stack: FloatArray, line: Records,
+) -> None:  # fmt: skip
+    """What becomes of every row: nothing more once its ego stands, has touched the obstacle, or is past it for good."""
+    for i in range(len(egos)):
+        ego, other = egos[i], others[i][obstacle]
+        met[i, 0], met[i, 1], met[i, 2] = 0.0, 0.0, math.inf
+        for k in range(looks):
+            now = k * step
+            if math.isinf(ego.brakes_from):
+                ego.brakes_from = _braking_from(plays[i][obstacle], acts[i][obstacle], delays[i])
+            _look(
+                ego, others[i], plays[i], acts[i], pieces[i], table[i], program[i], now, max(k - 1, 0) * step,
+                deceleration, stack, line,
+            )  # fmt: skip
+            c, s = math.cos(other.heading), math.sin(other.heading)
+            reach = 0.5 * (ego.length + other.length * abs(c) + other.width * abs(s))
+            wide = 0.5 * (ego.width + other.length * abs(s) + other.width * abs(c))
+            ahead = other.x - ego.x
+            closing = ego.speed - (other.speed * c - other.across * s)
+            if abs(other.y - ego.y) < wide:
+                if abs(ahead) <= reach:
+                    across = other.speed * s + other.across * c
+                    met[i, 0], met[i, 1] = math.inf, math.sqrt(closing * closing + across * across)
+                    break
+                gap = ahead - reach
+                if gap > 0.0:
+                    met[i, 2] = min(met[i, 2], gap)
+                    if closing > 0.0:
+                        met[i, 0] = max(met[i, 0], closing / gap)
+            if ego.speed <= 0.0 and ego.brakes_from < now and closing <= 0.0:
+                break

@@ -17,7 +17,7 @@ from sumo_eval.method.collision_avoidance import (
     collision_weight,
     impact_severity,
 )
-from sumo_eval.method.measures import CriticalityMeasures, measures
+from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, lane_keeping, measures
 from sumo_eval.method.plausibility import Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
@@ -35,6 +35,7 @@ from sumo_eval.results import (
     NotComputed,
     ScenarioResult,
     ScoreNote,
+    StruckFromBehind,
     WorstAndBest,
     ZoneResult,
 )
@@ -43,6 +44,9 @@ from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray
+
+STRUCK_FROM_BEHIND = "struck_from_behind"
+"""The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
 
 
 def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[ScoreNote, ...]:
@@ -72,13 +76,23 @@ class PointTerms:
     no_reaction_severity: float | None
 
 
+def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
+    """Whether a case's collision is the other's fault: one that reacts has run into the rear of an ego that had been in
+    that lane for long enough. The clip of such a collision holds how long that was.
+    """
+    if fact.collision is None or settings.rear_end == "counts":
+        return False
+    enough = min(settings.others_fault_after, fact.collision.time - 1e-6)  # who began in the lane had been there before
+    return any(clip.what == STRUCK_FROM_BEHIND and clip.applied >= enough for clip in fact.clips)
+
+
 def point_terms(
-    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity
+    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity, settings: CollisionSettings
 ) -> dict[int, PointTerms]:
     """r, Ug and U0 of every concrete scenario of a run, by point. severity: what stands in the place of U."""
     values = {fact.point: fact.values for fact in store.facts("ideal", logical.name)}
     ideal, unreacting = (
-        {fact.point: _reference_severity(fact, severity) for fact in store.facts(role, logical.name)}
+        {fact.point: _reference_severity(fact, severity, settings) for fact in store.facts(role, logical.name)}
         for role in ("ideal", "no_reaction")
     )
     weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
@@ -94,10 +108,13 @@ class DriveMeasures:
 
     criticality: CriticalityMeasures
     plausibility: float
+    lane: LaneKeeping
 
 
-def drive_measures(facts: Sequence[Fact], store: Store, people: Quantiles) -> dict[str, DriveMeasures]:
-    """The criticality measures and the plausibility among some people of every evaluated case, by case."""
+def drive_measures(
+    facts: Sequence[Fact], store: Store, people: Quantiles, lane_width: float
+) -> dict[str, DriveMeasures]:
+    """The criticality measures, the plausibility among some people and the lane keeping of every evaluated case."""
     measured = {}
     for fact in facts:
         if fact.status in EVALUATED:
@@ -106,6 +123,7 @@ def drive_measures(facts: Sequence[Fact], store: Store, people: Quantiles) -> di
             measured[fact.case] = DriveMeasures(
                 measures(ego, actors, fact.collision),
                 plausibility(extremes_of(ego, actors, fact.collision), people),
+                lane_keeping(ego, lane_width),
             )
     return measured
 
@@ -123,8 +141,10 @@ def _severity(fact: Fact, severity: Severity) -> float | None:
     return None if fact.collision is None else severity.of(fact.collision, fact.case)
 
 
-def _reference_severity(fact: Fact, severity: Severity) -> float | None:
+def _reference_severity(fact: Fact, severity: Severity, settings: CollisionSettings) -> float | None:
     """Ug or U0: U of a reference's drive, 0 where it avoids, None where it could not be evaluated."""
+    if struck_by_other(fact, settings):
+        return 0.0
     return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
 
 
@@ -147,12 +167,14 @@ def tabulate(
     points: Mapping[int, PointTerms],
     measured: Mapping[str, DriveMeasures],
     chosen: Severity,
+    settings: CollisionSettings,
 ) -> list[CaseResult]:
     """One row a case. indexes, measured: by case. points: by point. chosen: what stands in the place of U."""
     rows = []
     for fact, dangerous in zip(facts, hazardous, strict=True):
         index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
-        severity, ideal = _severity(fact, chosen), there.ideal_severity
+        struck = struck_by_other(fact, settings)
+        severity, ideal = None if struck else _severity(fact, chosen), there.ideal_severity
         likeness = index.likeness if index else None
         rows.append(
             CaseResult(
@@ -170,12 +192,13 @@ def tabulate(
                 simulated_time=fact.simulated_time,
                 latency_mean=fact.latency_mean,
                 latency_max=fact.latency_max,
-                collided=hit is not None,
+                collided=hit is not None and not struck,
+                struck_from_behind=struck,
                 impact_speed=hit.relative_speed if hit else None,
                 overlap=hit.overlap if hit else None,
                 side=hit.side if hit else None,
                 severity=severity,
-                loss=_loss(fact),
+                loss=None if struck else _loss(fact),
                 ideal_severity=ideal,
                 no_reaction_severity=there.no_reaction_severity,
                 weight=there.weight,
@@ -203,7 +226,16 @@ def _judged(row: CaseResult, index: AnthropomorphicIndex | None, found: DriveMea
         likeness = 0.0
     elif row.counts_for_index and index is not None and index.likeness is not None:
         likeness = index.likeness.value * found.plausibility
-    return replace(_with_measures(row, found.criticality), plausibility=found.plausibility, human_likeness=likeness)
+    lane = found.lane
+    return replace(
+        _with_measures(row, found.criticality),
+        plausibility=found.plausibility,
+        human_likeness=likeness,
+        largest_offset=lane.largest_offset,
+        overshoot=lane.overshoot,
+        over_line_time=lane.over_line_time,
+        settling_time=_finite(lane.settling_time),
+    )
 
 
 def _with_measures(row: CaseResult, found: CriticalityMeasures) -> CaseResult:
@@ -227,9 +259,18 @@ def _finite(value: float) -> float | None:
 
 
 def combine(
-    ads: str, scenario: str, cases: Sequence[CaseResult], method: MethodSettings, notes: Sequence[ScoreNote] = ()
+    ads: str,
+    scenario: str,
+    cases: Sequence[CaseResult],
+    method: MethodSettings,
+    notes: Sequence[ScoreNote] = (),
+    *,
+    people: bool = True,
 ) -> ScenarioResult:
-    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them."""
+    """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them.
+
+    people: whether there is anybody to compare with; where not, nothing is missing without D and H.
+    """
     notes = list(notes)
     terms = case_terms(cases, method)
     values = point_values(terms, method)
@@ -239,17 +280,22 @@ def combine(
     safe_hits, voiding = sum(case.collided for case in safe), sum(case.voids_index for case in safe)
     missing = {case.case for case in cases if not case.evaluated or case.ideal_severity is None}
     missing |= {case.case for case in cases if case.no_reaction_severity is None}
-    if not voiding:
+    if not voiding and people:
         missing |= {case.case for case in safe if case.counts_for_index and case.index is None}
     c_interval = _c_interval(cases, method)
-    d_interval = _d_interval(safe) if safe and not voiding else None
+    d_interval = _d_interval(safe) if safe and not voiding and people else None
     s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
     others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
+    if not people:
+        others = {name: ends for name, ends in others.items() if name not in ("human_likeness", "s_plus")}
     if missing:
         where = Counter(case.zone for case in cases if case.case in missing)
         notes.append(CasesMissing(tuple(sorted(where.items()))))
     if s_interval:
         notes.append(WorstAndBest(c_interval, d_interval, s_interval))
+    struck = sum(case.struck_from_behind for case in cases)
+    if struck:
+        notes.append(StruckFromBehind(struck))
     beaten = sum(case.beats_ideal for case in hits)
     if beaten:
         notes.append(GentlerThanIdeal(beaten))
@@ -263,7 +309,7 @@ def combine(
         scenario=scenario,
         c=c,
         d=d,
-        d_reason=None if d is not None else _without_mean(safe, voiding, [case.index for case in safe]),
+        d_reason=None if d is not None else _without_mean(safe, voiding, [case.index for case in safe], people=people),
         s=total.total,
         c_points=total.c_points,
         d_points=total.d_points,
@@ -276,6 +322,7 @@ def combine(
         unavoidable_collisions=sum(case.unavoidable for case in hits),
         caused_collisions=sum(case.caused for case in hits),
         collision_probability=_or_nan(values["collision_probability"]),
+        struck_from_behind=struck,
         off_road=statuses["off_road"],
         not_evaluated=len(missing),
         notes=tuple(notes),
@@ -286,7 +333,9 @@ def combine(
         avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human,
-        h_reason=None if human is not None else _without_mean(safe, 0, [case.human_likeness for case in safe]),
+        h_reason=None
+        if human is not None
+        else _without_mean(safe, 0, [case.human_likeness for case in safe], people=people),
         s_plus=values["s_plus"],
         a_points=plus.a_points,
         h_points=plus.h_points,
@@ -298,8 +347,12 @@ def combine(
     )
 
 
-def _without_mean(safe: Sequence[CaseResult], voiding: int, values: Sequence[float | None]) -> NotComputed:
+def _without_mean(
+    safe: Sequence[CaseResult], voiding: int, values: Sequence[float | None], *, people: bool
+) -> NotComputed:
     """Why there is no mean of these values over the safe cases. voiding: collisions that leave none."""
+    if not people:
+        return NotComputed("no_drivers")
     if voiding:
         return NotComputed("collisions", voiding)
     if not safe:

@@ -152,6 +152,18 @@ class CollisionSettings(Checked):
         float | None, Positive, Le(120.0), About("age of who is hit, for injury risks; default: the curve's own", "a")
     ] = None
     ego_mass: Annotated[float, Positive, About("mass of the ego, for severities of one's own", "kg")] = 1500.0
+    rear_end: Annotated[
+        Literal["apart", "counts"],
+        About(
+            "a vehicle that reacts and runs into the ego's rear: the other's collision, counted apart from C and A, or "
+            "one that counts as any other"
+        ),
+    ] = "apart"
+    others_fault_after: Annotated[
+        float,
+        NotNegative,
+        About("only where the ego had been in that lane so long, or from the start on, is it the other's", "s"),
+    ] = 3.0
     other_mass: Annotated[float, Positive, About("mass of what it hits, for severities of one's own", "kg")] = 1500.0
 
     def __post_init__(self) -> None:

@@ -64,6 +64,7 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
         place=_Filled(logical.place, held),
         approach=None if logical.approach is None else _Filled(logical.approach, held),
         search=None if logical.search is None else HeldSearch(logical.search, held),
+        margin=None if logical.margin is None else _Filled(logical.margin, held),
         exposure=_Filled(logical.exposure, held),
         zone_coordinates=None,  # one of them may be constant on the slice
         samples=(),

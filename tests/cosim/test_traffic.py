@@ -58,7 +58,51 @@ def test_one_that_is_too_near_runs_into_the_ego_from_behind() -> None:
     found = simulate(scene(rear("IDM", gap=1.0, speed=33.0)), lambda observation: -9.0, TWENTY)
     assert found.collision is not None
     assert (found.collision.other, found.collision.side) == ("rear", "rear")
-    assert "struck_from_behind" in {clip.what for clip in found.clips}
+    clip = next(clip for clip in found.clips if clip.what == "struck_from_behind")
+    assert clip.requested == found.collision.relative_speed
+    assert clip.applied == pytest.approx(found.collision.time)  # it never left its lane
+
+
+def cuts_in(observation: Any) -> tuple[float, float]:
+    time = observation.time
+    return -9.0 if time > 1.8 else 0.0, 0.5 if 1.0 < time < 1.7 else -0.5 if 1.7 <= time < 2.2 else 0.0
+
+
+def test_how_long_the_ego_had_been_in_the_lane_in_which_it_is_struck() -> None:
+    # it crosses the line, y = 1.75 m, and brakes, with the other 15 m/s faster and 15 m behind
+    found = simulate(scene(rear("IDM", 40.0, 3.5, speed=35.0), speed=20.0), cuts_in, TWENTY)
+    assert found.collision is not None
+    assert found.collision.side == "rear"
+    crossed = found.ego.time[np.argmax(found.ego.y > 1.75)]
+    clip = next(clip for clip in found.clips if clip.what == "struck_from_behind")
+    assert clip.applied == pytest.approx(found.collision.time - crossed, abs=0.11)
+
+
+@pytest.mark.parametrize("radius", [1e6, 250.0])
+def test_law_on_a_bend_vehicles_react_and_wait_as_on_a_straight_road(radius: float) -> None:
+    content = {
+        "name": "t", "parameter": [{"name": "v", "unit": "m/s", "low": 10.0, "high": 30.0, "step": 10.0}],
+        "ego": {"speed": "v"}, "end": {"x": 600.0, "time": 6.0}, "zone": "none",
+        "vehicle": [
+            {"name": "walker", "body": "pedestrian", "x": 150.0, "y": -4.0, "speed": 0.0, "heading": 90.0,
+             "manoeuvre": [{"do": "accelerate", "when": "ttc(ego, walker) < 4", "speed": 1.0, "acceleration": 2.0}]},
+            {"name": "lead", "x": 100.0, "speed": "v",
+             "manoeuvre": [{"do": "brake", "when": "time > 1", "deceleration": 3.0}]},
+            {"name": "rear", "gap_behind": 15.0, "speed": "v", "manoeuvre": [{"do": "follow", "model": "IDM"}]},
+        ],
+    }  # fmt: skip
+    bent = {**content, "road": {"line": [{"length": 1400.0, "radius": radius}]}}
+    straight, found = (simulate(scenario_from(it, "t", Path()).concrete(v=15.0), "idm") for it in (content, bent))
+    assert found.error is None
+    # the reference line is the middle of the right lane: there everything is as on a straight road
+    least, far = (1e-3, 1e-6) if radius > 1e5 else (0.2, 0.15)
+    count = min(len(straight.ego), len(found.ego))
+    for name, track in [("ego", found.ego), *found.actors.items()]:
+        other = straight.ego if name == "ego" else straight.actors[name]
+        assert np.abs(track.x[:count] - other.x[:count]).max() < least, name
+        assert np.abs(track.y[:count] - other.y[:count]).max() < max(far, 1e-3), name
+    assert found.actors["rear"].speed.min() < 14.0
+    assert found.actors["walker"].y.max() > -3.0
 
 
 def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order() -> None:

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given, settings
@@ -9,11 +10,15 @@ from hypothesis import strategies as st
 
 from sumo_eval.cosim.vehicle_model import (
     GRAVITY,
+    KINEMATIC_UP_TO,
+    LIMITED,
     Command,
     EgoState,
     advance,
     drive,
     grip_steering_wheel_angle,
+    moved_dynamic,
+    slip_rates,
 )
 from sumo_eval.settings import VehicleSettings
 
@@ -282,3 +287,69 @@ def test_law_moving_and_turning_the_world_moves_nothing_else(state, command, ste
     assert there.speed == here.speed
     assert there.x == pytest.approx(dx + here.x * math.cos(turn) - here.y * math.sin(turn), abs=1e-6)
     assert there.y == pytest.approx(dy + here.x * math.sin(turn) + here.y * math.cos(turn), abs=1e-6)
+
+
+# --- beyond the kinematic model ---------------------------------------------------------------------------------------
+
+
+def test_a_bend_above_0_4_g_is_beyond_the_kinematic_model_and_says_so():
+    # 20 m/s on 1 / R: 400 / R = 0.4 g at R = 101.9 m; road wheel atan(2.7 / R), times 16
+    for radius, beyond in ((105.0, False), (98.0, True)):
+        wheel = 16.0 * math.atan(2.7 / radius)
+        _, clips = advance(EgoState(0.0, 0.0, 0.0, 20.0, 0.0, wheel), Command(0.0, wheel), CAR, 0.05)
+        assert ("beyond_kinematic" in {clip[0] for clip in clips}) == beyond
+        assert all(clip[2] == KINEMATIC_UP_TO for clip in clips if clip[0] == "beyond_kinematic")
+
+
+FOOT, POUND = 0.3048, 4.4482216152605
+BMW = SimpleNamespace(
+    friction=1.0489, cornering_stiffness=21.92 / 1.0489, wheelbase=FOOT * (3.793293 + 4.667707),
+    front_share=3.793293 / (3.793293 + 4.667707), centre_height=FOOT * 2.01355, mass=POUND / FOOT * 74.91452,
+    yaw_inertia=POUND * FOOT * 1321.416,
+)  # fmt: skip
+"""Vehicle 2 of commonroad-vehicle-models."""
+
+
+def test_slip_and_yaw_rates_of_linear_tyres_are_the_published_ones():
+    # test_st of commonroad-vehicle-models: x_st, u and f_st, whose last two are the rates of yaw rate and of slip
+    steer, speed, yaw, slip = 0.0197545248559617, 15.7216236334290116, 0.0529001056654038, 0.0033012170610298
+    slipping, turning, used = slip_rates(speed, slip, yaw, steer, 5.3536773276413925, BMW, math.inf)
+    assert turning == pytest.approx(0.6435589397748606, abs=1e-12)
+    assert slipping == pytest.approx(0.0313297971641291, abs=1e-12)
+    assert used == 0.0
+
+
+DYNAMIC = VehicleSettings(model="dynamic")
+
+
+def drive_dynamic(speed, wheel, duration, step=0.05, wanted=0.0):
+    clips = [SimpleNamespace(count=0, first=0.0, requested=0.0, applied=0.0) for _ in LIMITED]
+    state = (0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(round(duration / step)):
+        state = moved_dynamic(*state, wanted, wheel, DYNAMIC, step, 0.0, clips)
+    return state, {name for name, clip in zip(LIMITED, clips, strict=True) if clip.count}
+
+
+def test_a_gentle_bend_of_the_dynamic_model_has_the_steady_yaw_rate_of_the_linear_one():
+    # yaw rate = v delta / (L + K v^2), K = m (l_r / (C F_zr share ...)): equal stiffness over load: K = 0, neutral
+    wheel = 16.0 * math.radians(0.3)
+    (*_, yaw_rate), clips = drive_dynamic(20.0, wheel, 6.0)
+    assert yaw_rate == pytest.approx(20.0 * math.radians(0.3) / 2.7, rel=0.01)
+    assert not clips
+
+
+def test_tyres_of_the_dynamic_model_let_go_at_the_friction_circle_and_the_step_matters_little():
+    wheel = 16.0 * math.radians(8.0)
+    courses = []
+    for steps in range(1, 41):
+        (_, _, heading, _, _, _, slip, _), clips = drive_dynamic(25.0, wheel, 0.05 * steps)
+        courses.append(heading + slip)
+    across = [25.0 * (b - a) / 0.05 for a, b in itertools.pairwise(courses)]  # m/s2: v times the turn of its course
+    assert "lateral_friction" in clips
+    assert 0.9 * GRIP < max(across) <= 1.001 * GRIP
+    fine, _ = drive_dynamic(15.0, 16.0 * math.radians(2.0), 2.0, step=0.01)
+    coarse, _ = drive_dynamic(15.0, 16.0 * math.radians(2.0), 2.0, step=0.05)
+    assert math.dist(fine[:2], coarse[:2]) < 0.1
+    stop, _ = drive_dynamic(10.0, 0.0, 3.0, wanted=-9.0)
+    straight, _ = run(EgoState(0.0, 0.0, 0.0, 10.0), Command(-9.0), 0.05, 3.0)
+    assert stop[0] == pytest.approx(straight[-1].x, abs=1e-9)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from twins.measures import plain_measures
 
-from sumo_eval.method.measures import measures, velocity_change
+from sumo_eval.method.measures import lane_keeping, measures, velocity_change
 from sumo_eval.trajectory import Collision, Trajectory
 
 law = settings(derandomize=True, deadline=None, max_examples=40)
@@ -216,3 +216,16 @@ def test_a_contact_from_behind_is_no_gap_ahead():
     found = measures(ego, {"chaser": chaser}, hit)
     assert math.isnan(found.min_gap)
     assert found.delta_v == 3.0
+
+
+def test_lane_keeping_by_hand():
+    # 0.3 m to the left, back over the middle to 0.1 m on the right, 0.05 m left from 4 s on; 1.8 m wide in 3.5 m
+    time = np.arange(6.0)
+    y = np.array([0.0, 0.3, 1.0, -0.1, 0.05, 0.0])
+    found = lane_keeping(Trajectory(time, 10.0 * time, y, speed=np.full(6, 10.0), length=4.5, width=1.8), 3.5)
+    assert (found.largest_offset, found.overshoot) == (1.0, 0.1)
+    assert found.settling_time == 3.0
+    assert found.over_line_time > 0.0
+    straight = lane_keeping(Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5)
+    assert straight.largest_offset == pytest.approx(0.1)
+    assert (straight.overshoot, straight.over_line_time, straight.settling_time) == (0.0, 0.0, 0.0)

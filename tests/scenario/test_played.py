@@ -202,16 +202,43 @@ def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
 
 
 @pytest.mark.parametrize(
-    "move",
+    ("when", "held"),
     [
-        {"do": "follow", "model": "IDM"},
-        {"do": "accelerate", "speed": 26.0, "acceleration": 3.0},
-        {"do": "brake", "deceleration": 4.0, "when": "gap(ego, lead) < 50"},
+        ("time > 21", False),  # the case lasts 20 s
+        ("x(ego) > 700", False),  # the ego's road ends at 600 m
+        ("y(ego) > 6 or time * 2 - 30 > 5", True),  # from 17.5 s on
+        ("distance(ego, lead) + 1 < 1", False),
+        ("min(ttc(ego, lead), 3) < 0 and time > 1", False),
+        ("ended(lead, keep)", False),  # which lasts for ever
+        ("gap(ego, lead) < -1000", True),  # nobody knows
     ],
 )
-def test_what_is_no_function_of_time_alone_is_refused_on_a_road_that_bends(move: dict[str, Any]) -> None:
-    lead = {"name": "lead", "x": 150.0, "speed": 20.0, "manoeuvre": [move]}
-    road = {"line": [{"length": 1400.0, "radius": 250.0}]}
-    with pytest.raises(InputError, match="The road of t must be straight where a vehicle follows"):
-        scenario_from({**BASE, "vehicle": [lead], "road": road}, "t", Path())
-    scenario_from({**BASE, "vehicle": [{**lead, "manoeuvre": []}], "road": road}, "t", Path())
+def test_a_condition_that_can_never_hold_is_refused_before_anybody_drives(when: str, held: bool) -> None:
+    logical = scene({"do": "keep_speed", "name": "keep"}, {"do": "brake", "deceleration": 5.0, "when": when})
+    if held:
+        check_points(logical, np.array([[20.0]]))
+        return
+    with pytest.raises(InputError, match="can never hold, whoever drives"):
+        check_points(logical, np.array([[20.0]]))
+
+
+def test_an_ego_that_starts_sideways_drives_on_so_where_conditions_ask() -> None:
+    # 20 m/s, 2 of them to the left: the lateral place 3 m is reached after 1.5 s
+    content = {**BASE, "ego": {"speed": "v", "lateral_speed": 2.0}, "zone": "none", "vehicle": [
+        {"name": "lead", "x": 150.0, "speed": 20.0,
+         "manoeuvre": [{"do": "brake", "deceleration": 5.0, "when": "y(ego) > 3"}]}]}  # fmt: skip
+    found = tracks([scenario_from(content, "t", Path()).concrete(v=20.0)], [(4.5, 1.8)], 0.05, 4.0)
+    assert found.begins[0, 0] == pytest.approx(1.5, abs=1e-9)
+    assert found.egos[0, -1, 0] == pytest.approx(50.0 + 4.0 * math.sqrt(20.0**2 - 2.0**2))
+
+
+def test_a_margin_is_the_zone_to_the_last_digit_and_says_all() -> None:
+    zone = {"margin": "20.3 - v"}
+    logical = scene(zone=zone)
+    points = np.array([[10.0], [20.3], [20.30001], [30.0]])
+    assert partition(logical).exactly_hazardous(points).tolist() == [False, True, True, True]
+    assert partition(logical).most_dangerous[0] == {"v": 30.0}
+    with pytest.raises(InputError, match="has no `obstacle` beside `margin`"):
+        scene(zone={**zone, "obstacle": "lead"})
+    with pytest.raises(InputError, match="must have an `obstacle`, or a `margin`"):
+        scene(zone={})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -31,6 +32,20 @@ CONTENT = {
     "curve_cut_in?radius=-1000": ("175597611e2fe6f0", "75596380c27d9578", "210c86245552c472"),
     "curve_cut_out": ("47050b2156141897", "017e7722d0687349", "bd183c644b45b854"),
     "curve_following": ("c4752e1d139d9c17", "d3229e4573170531", "a0ce281c20a2855c"),
+    "bicycle_along": ("06ec805742b2b40d", "8bf4f911e5c9732b", "f2b13649e92789f5"),
+    "bicycle_crossing": ("1e021d7f0370c9eb", "6d12ff78a647fbc7", "d0050dfaf1522650"),
+    "child_from_behind_parked_cars": ("b6adbea885e0668a", "02c512c9ffce69c9", "6e7de0cba0cbca16"),
+    "lane_change_rear": ("df8955c844dd9cf0", "bdfe51a8635e39a7", "eb7ec39ca4e1aaac"),
+    "lane_keeping_disturbed": ("0325beb5fa86f477", "e3b0c44298fc1c14", "f778d1e2594a9068"),
+    "lane_keeping_disturbed?radius=250": ("0325beb5fa86f477", "e3b0c44298fc1c14", "fa5d7d2bc422662f"),
+    "oncoming_in_lane": ("e7a1da05287ba454", "e3b0c44298fc1c14", "4fc43d760d82e29a"),
+    "overtaken_and_cut_off": ("b2460f07397be0f4", "c78fa3fc99a0fbae", "35737b9e7c31b1be"),
+    "partially_blocked_lane": ("a80caf5ccd98e67c", "8bf4f911e5c9732b", "1a4828e6be67b1e5"),
+    "pedestrian_along": ("df9c4328571c4d45", "8bf4f911e5c9732b", "e29392bba97abfca"),
+    "pedestrian_crossing": ("9e86bf5e98c0c400", "c65413b34e2f80b4", "207eea9adff161d5"),
+    "side_vehicle": ("fa22f0af966e10ab", "e3b0c44298fc1c14", "e666dad7c6754fda"),
+    "stop_and_go_stream": ("65d4da962b86a13e", "e3b0c44298fc1c14", "0f393952d74c1df1"),
+    "swerving_lead": ("0413fc1ed1699959", "de9aa00c4013b7a7", "e4190f5779460ccd"),
     "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
     "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
 }
@@ -57,6 +72,11 @@ def _numbers(concrete: ConcreteScenario) -> Iterator[float]:
             yield from (move.begin, move.duration, move.offset)
             if isinstance(move, ConstantLateral):
                 yield from (move.speed, move.acceleration)
+        for act in actor.acts:
+            yield from (act.kind, act.begin, act.duration, act.speed, act.offset, act.acceleration, act.jerk)
+            yield from itertools.chain(*act.table, *act.program)
+        if actor.model is not None:
+            yield from (actor.model.desired, *(value for _, value in actor.model.numbers))
 
 
 def _scripts(logical: LogicalScenario) -> str:
@@ -71,6 +91,11 @@ def _scripts(logical: LogicalScenario) -> str:
 
 def _approaches(logical: LogicalScenario) -> str:
     points = _points(logical)
+    if logical.approach is None:
+        zone = logical.margin(logical.columns(points)) if logical.margin else np.zeros(0)
+        delays = [logical.search.delay(dict(zip(logical.names, row, strict=True))) for row in points.tolist()] if (
+            logical.search) else []  # fmt: skip
+        return hashlib.sha256(np.asarray(zone).tobytes() + np.array(delays).tobytes()).hexdigest()[:16]
     approach = logical.approach(logical.columns(points))
     found = hashlib.sha256()
     for part in (
@@ -105,7 +130,7 @@ def _rest(logical: LogicalScenario) -> str:
 
 def test_the_catalogue_is_the_folder_of_files() -> None:
     assert set(catalogue.SCENARIOS) == set(scenario_files()) == {use for use in CONTENT if "?" not in use}
-    assert len(catalogue.SCENARIOS) == 12
+    assert len(catalogue.SCENARIOS) == 25
     assert "front_vehicle" not in catalogue.SCENARIOS
     with pytest.raises(KeyError):
         catalogue.SCENARIOS["front_vehicle"]
@@ -171,7 +196,7 @@ def test_a_scenario_is_read_when_it_is_asked_for_and_once() -> None:
         "import sys; read = []\n"
         "sys.addaudithook(lambda event, given: read.append(str(given[0])) if event == 'open' else None)\n"
         "from sumo_eval.scenario import catalogue\n"
-        "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) == 12\n"
+        "assert 'cut_in' in catalogue.SCENARIOS and len(sorted(catalogue.SCENARIOS)) == 25\n"
         "before = len([name for name in read if name.endswith('.toml')])\n"
         "assert catalogue.load('ncap_ccrs') is catalogue.SCENARIOS['ncap_ccrs'] is catalogue.find('ncap_ccrs')\n"
         "print(before, [name.replace(chr(92), '/').split('/')[-1] for name in read if name.endswith('.toml')])"

@@ -26,7 +26,8 @@ _WORDS = {
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
-    "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s",
+    "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s, "
+    "{applied:.2f} s after the ego had come into that lane",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",
     "plan_error": "the vehicle was {applied:.2f} m from its plan",
     "plan_ended": "a plan ended at {requested:.2f} s, and was driven on straight until {applied:.2f} s",

@@ -231,6 +231,7 @@ SHIPPED = {
     "ideal_braking": "sumo_eval.ads.known_answers:IdealBraking",
     "no_reaction": "sumo_eval.ads.known_answers:no_reaction",
     "idm": "sumo_eval.ads.car_following:Idm",
+    "attentive": "sumo_eval.ads.car_following:Attentive",
     "lane_changer": "sumo_eval.ads.lane_changer:LaneChanger",
     "careful_driver": "sumo_eval.ads.r157_careful_driver:CarefulDriver",
     "careful_driver_aeb": "sumo_eval.ads.r157_careful_driver:CarefulDriverWithAeb",

@@ -191,8 +191,9 @@ def _arguments(
 
 
 _CALLS = (
-    "getAngle", "getLanePosition", "getLateralSpeed", "getPosition", "getSpeed", "getSpeedMode", "moveTo", "moveToXY",
-    "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed", "setSpeed", "setSpeedMode",
+    "getAngle", "getLaneIndex", "getLanePosition", "getLateralLanePosition", "getLateralSpeed", "getPosition",
+    "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed",
+    "setSpeed", "setSpeedMode",
 )  # fmt: skip
 _DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
 
@@ -223,7 +224,10 @@ def check_start(
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
         tolerance = POSITION_TOLERANCE
-        if concrete.road.bent:
+        if concrete.road.bent and concrete.reacts:  # its drivers know places along their lanes
+            x = calls.getLanePosition(known)
+            y = concrete.road.lane_width * calls.getLaneIndex(known) + calls.getLateralLanePosition(known)
+        elif concrete.road.bent:
             x, y = (float(it) for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2])
             tolerance = CHORD_TOLERANCE
         ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)

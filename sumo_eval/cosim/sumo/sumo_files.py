@@ -203,7 +203,7 @@ def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool 
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
         lane = min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
-        if one_lane or road.bent:  # on a bend only along the line itself is SUMO's place the one along the line
+        if one_lane or (road.bent and not concrete.reacts):  # on a bend SUMO's place is exact along the line alone
             lane = 0
         offset = start.y - road.lane_centre(lane)
         attributes = {

@@ -62,6 +62,64 @@ const sumoReplay = (() => {
     ]);
   }
 
+  /** What a body is, by its size: those of scenario/bodies.py are far enough apart. */
+  function kindOf(t) {
+    if (t.length < 0.9) return "person";
+    if (t.width <= 0.75) return "bicycle";
+    if (t.width <= 1.1) return "motorcycle";
+    return t.length > 9 ? "truck" : t.length > 5.6 ? "van" : "car";
+  }
+
+  /** A body from above, drawn as what it is. t: in the coordinates that `project` takes to the sheet. hollow: outline alone. */
+  function drawBody(context, t, time, project, fill, hollow) {
+    const kind = kindOf(t), [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    const local = (a, b) => project([x + a * c - b * s, y + a * s + b * c]);
+    const [here, ahead] = [local(0, 0), local(1, 0)];
+    const scale = Math.hypot(ahead[0] - here[0], ahead[1] - here[1]);
+    const half = t.length / 2, wide = t.width / 2;
+    const part = (from, to, side) => outline(context, [[from, side], [to, side], [to, -side], [from, -side]].map(([a, b]) => local(a, b)));
+    const disc = (a, b, radius, least) => {
+      const [px, py] = local(a, b);
+      context.beginPath();
+      context.arc(px, py, Math.max(radius * scale, least), 0, 2 * Math.PI);
+    };
+    const paint = () => {
+      if (!hollow) context.fill();
+      context.stroke();
+    };
+    context.lineWidth = 1.2;
+    context.strokeStyle = fill;
+    context.fillStyle = fill;
+    if (kind === "person") { // shoulders and a head, as large as can be seen
+      part(-Math.max(half, 2 / scale), Math.max(half, 2 / scale), Math.max(wide, 4 / scale));
+      paint();
+      disc(0, 0, 0.12, 2);
+      context.strokeStyle = hollow ? fill : "#fff";
+      context.stroke();
+      return;
+    }
+    if (kind === "bicycle" || kind === "motorcycle") { // two wheels on a line, and who rides
+      const thin = kind === "bicycle" ? 0.05 : 0.16;
+      part(-half, half, Math.max(thin, 1 / scale));
+      paint();
+      part(half - 0.35 - 1 / scale, half - 0.25, wide);
+      paint();
+      disc(-0.1 * t.length, 0, 0.28, 2.5);
+      paint();
+      return;
+    }
+    outline(context, corners(t, time).map(project));
+    paint();
+    if (hollow || scale * t.width < 4) return;
+    context.strokeStyle = "rgba(255,255,255,0.75)";
+    const glass = kind === "car" ? 0.2 * half : half - (kind === "truck" ? 2.2 : 1.4);
+    context.beginPath();
+    [[glass, 0.8 * wide], [glass, -0.8 * wide]].map(([a, b]) => local(a, b)).forEach(([px, py], k) => (k ? context.lineTo(px, py) : context.moveTo(px, py)));
+    context.stroke();
+    context.strokeStyle = fill;
+  }
+
   // --- roads that bend: trajectories are along and across the road, pictures on the map ---------------------------------
 
   const NODES = [-0.906179845938664, -0.5384693101056831, 0, 0.5384693101056831, 0.906179845938664];
@@ -149,14 +207,7 @@ const sumoReplay = (() => {
       const [one, two] = px(onMap(road, x, road.right - 2.6));
       context.fillText(`${x} m`, one, two + 4);
     }
-    const car = (t, fill, hollow) => {
-      outline(context, corners(mapped(road, t), time).map(px));
-      context.lineWidth = 1.2;
-      context.strokeStyle = fill;
-      context.fillStyle = fill;
-      if (!hollow) context.fill();
-      context.stroke();
-    };
+    const car = (t, fill, hollow) => drawBody(context, mapped(road, t), time, px, fill, hollow);
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
     for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
     car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
@@ -224,14 +275,7 @@ const sumoReplay = (() => {
       context.fillText(`${x} m`, px(x), py(road.right) + 18);
     }
     const car = (t, fill, label) => {
-      outline(context, corners(t, time).map(([x, y]) => [px(x), py(y)]));
-      context.lineWidth = 1.2;
-      context.strokeStyle = fill;
-      if (label !== null) {
-        context.fillStyle = fill;
-        context.fill();
-      }
-      context.stroke();
+      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null);
       if (label && t.length * scale >= 40) {
         context.fillStyle = "#fff";
         context.font = `600 10px ${FONT}`;
@@ -351,17 +395,33 @@ const sumoReplay = (() => {
     }
 
     function drawCar(t, fill) {
-      const half = t.length / 2;
+      const half = t.length / 2, kind = kindOf(t);
       face(corners(t, time).map(([x, y]) => [x, y, 0.02]), "rgba(27,31,36,0.35)");
-      const lower = box(t, time, [-half, half], [0.25, 0.85], 1, 1);
-      const cabin = box(t, time, [-0.42 * t.length, 0.2 * t.length], [0.85, 1.42], 0.94, 0.78);
-      for (const [part, paint] of [[lower, fill], [cabin, "#33414d"]]) {
+      const tall = { truck: 3.6, van: 2.4 }[kind];
+      const child = t.length < 0.21; // as scenario/bodies.py has it
+      const top = child ? 1.15 : 1.75;
+      const parts = kind === "person" ? [
+        [box(t, time, [-0.14, 0.14], [0, 0.82 * top], 1, 0.9), fill],
+        [box(t, time, [-0.1, 0.1], [0.84 * top, top], 0.42, 0.36), "#e8b48c"],
+      ] : kind === "bicycle" || kind === "motorcycle" ? [
+        [box(t, time, [-half, half], [0.1, 0.75], kind === "bicycle" ? 0.15 : 0.45, 0.15), "#33414d"],
+        [box(t, time, [-0.3, 0.15], [0.75, 1.5], 0.75, 0.6), fill],
+        [box(t, time, [-0.1, 0.1], [1.52, 1.78], 0.3, 0.26), "#e8b48c"],
+      ] : tall ? [
+        [box(t, time, [-half, half - (kind === "truck" ? 2.3 : 1.2)], [0.5, tall], 1, 1), fill],
+        [box(t, time, [half - (kind === "truck" ? 2.1 : 1.2), half], [0.4, 0.75 * tall], 0.98, 0.9), "#33414d"],
+      ] : [
+        [box(t, time, [-half, half], [0.25, 0.85], 1, 1), fill],
+        [box(t, time, [-0.42 * t.length, 0.2 * t.length], [0.85, 1.42], 0.94, 0.78), "#33414d"],
+      ];
+      for (const [part, paint] of parts) {
         part.sides.map((side, k) => [side, k, side.reduce((sum, point) => sum + seen(camera, point)[2], 0)])
           .sort((one, other) => other[2] - one[2])
-          .forEach(([side, k]) => face(side, shaded(k === 4 && paint !== fill ? fill : paint, part.shades[k]), "rgba(27,31,36,0.5)"));
+          .forEach(([side, k]) => face(side, shaded(k === 4 && paint === "#33414d" ? fill : paint, part.shades[k]), "rgba(27,31,36,0.5)"));
       }
+      if (kind !== "car" && !tall) return; // no brake lights
       const lit = at(t, "acceleration", time) < BRAKING;
-      const rear = lower.sides[2], mix = (a, b, share) => a.map((value, axis) => value + share * (b[axis] - value));
+      const lower = parts[0][0], rear = lower.sides[2], mix = (a, b, share) => a.map((value, axis) => value + share * (b[axis] - value));
       const patch = (from, to) => [[from, 0.5], [to, 0.5], [to, 0.85], [from, 0.85]]
         .map(([across, up]) => mix(mix(rear[0], rear[1], across), mix(rear[3], rear[2], across), up));
       const toward = seen(camera, rear[0])[2] < seen(camera, lower.sides[0][0])[2];

@@ -1,0 +1,105 @@
+"""Whether a condition can come to hold at all, as far as that can be known before anybody has driven.
+
+Every number of the moment is taken as the range that it can ever have (time up to the case's end, the ego between its
+start and the end of the road, distances not below 0); sums, products and comparisons of ranges are ranges again. What
+comes out false for all of them never holds. What may hold still need not: that depends on who drives.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from sumo_eval.scenario import played
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario
+
+Range = tuple[float, float]
+_ANY: Range = (-math.inf, math.inf)
+_NOT_NEGATIVE: Range = (0.0, math.inf)
+_PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
+
+
+def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Actor, int]]:
+    """The moves, with their vehicles, whose conditions can never hold within `time_limit` s."""
+    ego, road = concrete.ego, concrete.road
+    known = {
+        (played.TIME, 0): (0.0, time_limit),
+        (played.X, played.EGO): (ego.x, road.length + _PAST),
+        (played.Y, played.EGO): (road.right_edge, road.left_edge),
+    }
+    endless: set[tuple[int, int]] = set()
+    while True:  # a move that waits for the end of one that never ends never begins either
+        found = set()
+        for number, actor in enumerate(concrete.actors):
+            for index, act in enumerate(actor.acts):
+                waits = bool(act.program)
+                never = waits and not _may_hold(act.program, known, endless)
+                if never or act.kind == played.KEEP:
+                    found.add((number, index))
+        if found <= endless:
+            break
+        endless |= found
+    return [
+        (concrete.actors[number], index)
+        for number, index in sorted(endless)
+        if concrete.actors[number].acts[index].program
+        and not _may_hold(concrete.actors[number].acts[index].program, known, endless)
+    ]
+
+
+def _may_hold(
+    program: Sequence[tuple[int, int, int, float]], known: dict[tuple[int, int], Range], endless: set[tuple[int, int]]
+) -> bool:
+    stack: list[Range] = []
+    for op, one, two, value in program:
+        if op == played.VALUE:
+            stack.append((value, value))
+        elif op == played.ENDED:
+            stack.append((0.0, 0.0 if (one, two) in endless else 1.0))
+        elif op in (played.DISTANCE, played.TTC, played.THW):
+            stack.append(_NOT_NEGATIVE)
+        elif op == played.TIME or op <= played.GAP:
+            stack.append(known.get((op, one), _ANY))
+        elif op in (played.NEGATE, played.ABSOLUTE):
+            low, high = stack.pop()
+            stack.append((-high, -low) if op == played.NEGATE else _absolute(low, high))
+        else:
+            second, first = stack.pop(), stack.pop()
+            stack.append(_joined(op, first, second))
+    return stack[0][1] > 0.0
+
+
+def _absolute(low: float, high: float) -> Range:
+    most = max(abs(low), abs(high))
+    return (0.0 if low <= 0.0 <= high else min(abs(low), abs(high))), most
+
+
+def _joined(op: int, first: Range, second: Range) -> Range:
+    """The range of what two ranges come to; of comparisons 1 where it may hold, 0 where it cannot."""
+    (a, b), (c, d) = first, second
+    if op == played.BELOW:
+        return 0.0, float(a < d)
+    if op == played.AT_MOST:
+        return 0.0, float(a <= d)
+    if op == played.AND:
+        return 0.0, min(b, d)
+    if op == played.OR:
+        return 0.0, max(b, d)
+    if op == played.SMALLER:
+        return min(a, c), min(b, d)
+    if op == played.LARGER:
+        return max(a, c), max(b, d)
+    if op == played.ADD:
+        return a + c, b + d
+    if op == played.SUBTRACT:
+        return a - d, b - c
+    if op == played.DIVIDE and c <= 0.0 <= d:
+        return _ANY
+    corners = [_corner(op, x, y) for x in first for y in second]
+    return (-math.inf, math.inf) if any(map(math.isnan, corners)) else (min(corners), max(corners))
+
+
+def _corner(op: int, x: float, y: float) -> float:
+    if op == played.DIVIDE:
+        return x / y if math.isfinite(x) or math.isfinite(y) else math.nan
+    return 0.0 if 0.0 in (x, y) else x * y

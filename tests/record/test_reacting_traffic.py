@@ -1,0 +1,97 @@
+"""Runs with vehicles that react: whose collision one from behind is, and the same facts however they are made."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import Store
+
+SCENARIO = """
+name = "chased"
+zone = "none"
+people = "none"
+parameter = [{ name = "gap", unit = "m", low = 2.0, high = 30.0, step = 4.0 }]
+ego = { speed = 20.0, x = 120.0 }
+end = { x = 500.0, time = 8.0 }
+[[vehicle]]
+name = "rear"
+gap_behind = "gap"
+speed = 30.0
+manoeuvre = [{ do = "follow", model = "IDM" }]
+[[vehicle]]
+name = "ahead"
+gap = 60.0
+speed = 15.0
+manoeuvre = [{ do = "brake", when = "gap(ego, ahead) < 50", deceleration = 4.0 }]
+"""
+EVALUATION = """
+name = "chased"
+[[scenario]]
+use = "chased.toml"
+[[ads]]
+name = "idm"
+controller = "idm"
+[method.zones]
+grid_points = 1000
+"""
+
+
+def chased(folder: Path, workers: int) -> sumo_eval.Evaluation:
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "chased.toml").write_text(SCENARIO)
+    (folder / "chased.evaluation.toml").write_text(EVALUATION)
+    return sumo_eval.evaluate(folder / "chased.evaluation.toml", folder / "run", workers=workers)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> sumo_eval.Evaluation:
+    return chased(tmp_path_factory.mktemp("chased"), 1)
+
+
+def test_a_collision_from_behind_is_the_others_and_counted_apart_unless_a_setting_says_otherwise(
+    done: sumo_eval.Evaluation,
+) -> None:
+    (score,) = done.scores
+    struck = [case for case in done.cases if case.struck_from_behind]
+    assert 0 < len(struck) == score.struck_from_behind < len(done.cases)
+    assert score.collisions == 0
+    assert (score.c, score.avoided_share) == (1.0, 1.0)
+    assert all(case.side == "rear" and not case.collided and case.severity is None for case in struck)
+    assert all(case.impact_speed and case.impact_speed > 0.0 for case in struck)
+    (again,) = sumo_eval.score(done.folder, ['method.collision.rear_end="counts"']).scores
+    assert (again.struck_from_behind, again.collisions) == (0, len(struck))
+
+
+def test_where_no_drivers_know_the_scene_d_and_h_say_so_and_nothing_is_missing(done: sumo_eval.Evaluation) -> None:
+    (score,) = done.scores
+    assert (score.d, score.human_likeness, score.not_evaluated) == (None, None, 0)
+    assert score.d_reason is not None
+    assert score.h_reason is not None
+    assert (score.d_reason.why, score.h_reason.why) == ("no_drivers", "no_drivers")
+
+
+def test_law_facts_of_reacting_traffic_are_the_same_for_two_workers_and_after_a_resume(
+    done: sumo_eval.Evaluation, tmp_path: Path
+) -> None:
+    first = sumo_eval.open_run(done.folder).digest()
+    assert sumo_eval.open_run(chased(tmp_path / "two", 2).folder).digest() == first
+    shutil.copytree(done.folder, tmp_path / "half")
+    store = Store(tmp_path / "half" / FACTS, create=True)
+    store.unseal()
+    store.remove([fact.case for fact in store.facts("ads")][::2])
+    store.close()
+    sumo_eval.evaluate(None, tmp_path / "half", resume=True, workers=1)
+    assert sumo_eval.open_run(tmp_path / "half").digest() == first
+
+
+@pytest.mark.campaign
+def test_law_facts_of_reacting_traffic_are_the_same_for_eight_workers(
+    done: sumo_eval.Evaluation, tmp_path: Path
+) -> None:
+    eight = sumo_eval.open_run(chased(tmp_path / "eight", 8).folder).digest()
+    assert eight == sumo_eval.open_run(done.folder).digest()

@@ -1,0 +1,77 @@
+"""The shipped scenarios with people, others that react and moves that depend on what happens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.settings import SimulationSettings
+
+DOCS = Path(__file__).parents[2] / "docs"
+OTHERS = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is None)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_each_has_a_page_a_drawing_a_line_and_says_what_its_ranges_are(name: str) -> None:
+    page = (DOCS / "scenarios" / f"{name}.md").read_text(encoding="utf-8")
+    logical = catalogue.load(name)
+    assert "research range, not a standard limit" in logical.source
+    assert "esearch range, not a standard limit" in page
+    for item in logical.parameters:
+        assert f"| `{item.name}` | {item.low:g}..{item.high:g} | {item.step:g} |" in page
+    assert f"](../pictures/{name}.svg)" in page
+    assert (DOCS / "pictures" / f"{name}.svg").is_file()
+    assert f"[`{name}`](scenarios/{name}.md)" in (DOCS / "traffic.md").read_text(encoding="utf-8")
+    assert logical.has_drivers == ("No drivers for it" not in page)
+
+
+@pytest.mark.parametrize(("ego", "faster"), [(100 / 3.6, 30 / 3.6), (80 / 3.6, 50 / 3.6), (80 / 3.6, 20 / 3.6)])
+def test_oracle_who_brakes_as_un_r79_reckons_is_1_s_behind_exactly_if_the_gap_was_its_distance_s(
+    ego: float, faster: float
+) -> None:
+    # S = dv 0.4 s + dv^2 / (2 3 m/s2) + v 1 s: 130 behind 100 km/h 42.7 m, 130 behind 80 59.9, 100 behind 80 29.6
+    s = faster * 0.4 + faster * faster / 6.0 + ego
+    known = {(100, 30): 42.7, (80, 50): 59.9, (80, 20): 29.6}
+    assert s == pytest.approx(known[round(ego * 3.6), round(faster * 3.6)], abs=0.06)
+    point = {"ego_speed": np.array([ego]), "faster": np.array([faster]), "gap": np.array([50.0])}
+    margin = catalogue.load("lane_change_rear").margin
+    assert margin is not None
+    assert float(margin(point)[0]) == pytest.approx(50.0 - s)
+    content = {
+        "name": "t", "parameter": [{"name": "gap", "unit": "m", "low": 10.0, "high": 90.0, "step": 10.0}],
+        "ego": {"speed": ego, "x": 150.0}, "end": {"x": 600.0, "time": 8.0}, "zone": "none",
+        "vehicle": [{"name": "rear", "speed": ego + faster, "gap_behind": "gap", "manoeuvre": [
+            {"do": "accelerate", "when": "time >= 0", "begin": 0.4, "speed": ego, "acceleration": 3.0}]}],
+    }  # fmt: skip
+    logical = scenario_from(content, "t", Path())
+    for gap in (s - 0.01, s + 0.01):
+        found = simulate(logical.concrete(gap=gap), "no_reaction")
+        left = found.ego.x[-1] - found.actors["rear"].x[-1] - 4.5
+        assert found.actors["rear"].speed[-1] == pytest.approx(ego)
+        assert left == pytest.approx(ego + gap - s, abs=1e-6)
+        assert (left >= ego) == (gap >= s)
+
+
+def test_who_watches_brakes_for_somebody_who_will_be_in_the_path() -> None:
+    # in the path 0.65 s after reaching the lane, 0.85 s and 13 m before an ego at 15 m/s: too late to brake only then
+    concrete = catalogue.load("pedestrian_crossing").concrete(ego_speed=15.0, walking_speed=1.3, time_to_place=1.5)
+    collisions = {who: simulate(concrete, who).collision for who in ("idm", "attentive")}
+    assert collisions["idm"] is not None
+    assert collisions["attentive"] is None
+
+
+def test_an_ego_that_begins_sideways_comes_back_on_a_bend_as_on_a_straight_road() -> None:
+    offsets = []
+    for use in ("lane_keeping_disturbed", "lane_keeping_disturbed?radius=500"):
+        found = simulate(catalogue.load(use).concrete(ego_speed=20.0, lateral_speed=0.8), "idm", SimulationSettings())
+        assert found.collision is None
+        assert found.end_reason == "road_end"
+        offsets.append(found.ego.y)
+    count = min(map(len, offsets))
+    assert 0.2 < offsets[0].max() < 1.75
+    np.testing.assert_allclose(offsets[1][:count], offsets[0][:count], atol=0.05)
