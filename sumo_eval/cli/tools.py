@@ -16,7 +16,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 
 if TYPE_CHECKING:
-    from sumo_eval.record.facts import Space
+    from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 _LINES = 20  # of what an ADS printed

@@ -9,7 +9,8 @@ from pathlib import Path
 from sumo_eval.drivers.recorded.matching import known_match
 from sumo_eval.drivers.recorded.reference import open_people, reference
 from sumo_eval.errors import InputError
-from sumo_eval.record.facts import Space, resolve, space_of
+from sumo_eval.record.facts import resolve, space_of
+from sumo_eval.record.recording import Space
 from sumo_eval.settings import EvaluationSettings
 
 
