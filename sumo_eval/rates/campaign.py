@@ -233,12 +233,14 @@ def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dic
     relative = math.sqrt(math.log1p(estimate.deviation**2))
     noise = np.exp(relative * stream.standard_normal(DRAWS) - 0.5 * relative**2)
     draws = MILLION * np.stack([often(row) for row in terms]) * noise / search.drawn
-    values = MILLION * space.per_km * terms.sum(axis=1) / search.drawn
+    values = MILLION * space.per_km * np.array([estimate.probability, estimate.loss])
+    most = MILLION * space.interval[1]  # every encounter ends in a collision, and L is at most 1
     limits = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
     # The drives' own interval is Student's and wider where few of them collided.
     own = [MILLION * space.per_km * np.array(pair) for pair in (estimate.interval, estimate.loss_interval)]
     rows = [
-        (float(values[i]), float(min(limits[0, i], own[i][0])), float(max(limits[1, i], own[i][1]))) for i in range(2)
+        (float(values[i]), float(min(limits[0, i], own[i][0])), float(min(max(limits[1, i], own[i][1]), most)))
+        for i in range(2)
     ]
     return Part(space, estimate, rows[0], rows[1], draws, limit, stopped, lost)
 

@@ -388,9 +388,17 @@ def estimated(
     value, low, high, deviation = _mean(weights, drawn)
     mean_loss, loss_low, loss_high, _ = _mean(weights * loss, drawn)
     return Estimate(
-        min(value, 1.0), (low, min(high, 1.0)), mean_loss, (loss_low, loss_high), deviation, limit, drives, drawn,
-        len(weights), collisions,
-    )  # fmt: skip
+        probability=min(value, 1.0),
+        interval=(low, min(high, 1.0)),
+        loss=min(mean_loss, 1.0),
+        loss_interval=(loss_low, min(loss_high, 1.0)),
+        deviation=deviation,
+        upper_limit=limit,
+        drives=drives,
+        drawn=drawn,
+        hits=len(weights),
+        collisions=collisions,
+    )
 
 
 def _mean(terms: FloatArray, drawn: int) -> tuple[float, float, float, float]:

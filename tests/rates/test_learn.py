@@ -133,9 +133,9 @@ def test_a_joint_density_integrates_to_its_share_of_the_box_and_keeps_the_correl
     a = stream.standard_normal(300)
     b = 0.8 * a + 0.6 * stream.standard_normal(300)
     joint = Joint(kind, ("a", "b"), tuple(zip(a.tolist(), b.tolist(), strict=True)), (-4.5, -4.5), (4.5, 4.5), 0.3)
-    axis = np.linspace(-4.5, 4.5, 300, endpoint=False) + 0.015  # the middles of 300 cells
+    axis = np.linspace(-4.5, 4.5, 120, endpoint=False) + 0.0375  # the middles of 120 cells
     grid = np.array(np.meshgrid(axis, axis)).reshape(2, -1).T
-    mass = joint.density(grid).sum() * 0.03**2
+    mass = joint.density(grid).sum() * 0.075**2
     assert mass == pytest.approx(1.0, abs=0.02)
     drawn = joint.draw(4000, np.random.default_rng(3))
     assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=0.1)

@@ -132,6 +132,7 @@ gap = "3.5 * ego_speed"
 obstacle = "lead"
 [recorded]
 event = "approach"
+tolerance = { ego_speed = 2.5, lead_speed = 2.5 }
 """
 
 
