@@ -7,9 +7,11 @@ points hold none. The end of an interval on the bad side therefore carries e uns
 distribution of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape
 k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three.
 
-Limits are percentiles, widened as Student's t is wider than the normal distribution (Hesterberg 2015). Weights r of
-collisions (Eq. 16) are held as they are. Everything random has a stream named by scenario, driver or ADS, never by a
-place in a list, so an interval is one ADS's, whoever else is evaluated.
+The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
+is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16) in every resample.
+
+Everything random has a stream named by scenario, driver or ADS, never by a place in a list, so an interval is one
+ADS's, whoever else is evaluated.
 """
 
 from __future__ import annotations
