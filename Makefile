@@ -3,6 +3,7 @@
 #   make test    passes the tests
 #   make quick   passes the fast ones, in under a minute
 #   make coverage  which lines the tests reach, file by file
+#   make docs    builds the site into build/site; a broken link fails
 #   make check   lint, format, types, import contracts, circles, dead names
 PYTHON ?= python3
 VENV ?= .venv
@@ -18,7 +19,7 @@ QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/tes
   tests/scenario/test_scenario_file.py tests/cosim/test_contact.py tests/report/test_report_words.py \
   tests/report/test_report_tables.py tests/report/test_ledger.py
 
-.PHONY: score test quick campaign coverage check install clean
+.PHONY: score test quick campaign coverage check docs install clean
 
 score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
@@ -57,6 +58,13 @@ $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
 $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(VENV)/.installed
+
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+$(VENV)/.installed-docs: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
 
 clean:
 	rm -rf $(VENV) build dist

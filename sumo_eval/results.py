@@ -16,6 +16,7 @@ Zone = Literal["safe", "hazardous"]
 
 # texts, because words and pictures are made in a room that builds on this one
 _TABLE, _PICTURE = "sumo_eval.report.notebook:html_table", "sumo_eval.report.notebook:picture"
+_CASE, _SCORE = "sumo_eval.report.notebook:case_html", "sumo_eval.report.notebook:score_html"
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
@@ -115,6 +116,11 @@ class CaseResult:
     overshoot: float | None = None
     over_line_time: float | None = None
     settling_time: float | None = None
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        shown: str = load_object(_CASE, None, "Case")(self)
+        return shown
 
     @property
     def voids_index(self) -> bool:
@@ -329,6 +335,11 @@ class ScenarioResult:
     struck_from_behind: int = 0
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        shown: str = load_object(_SCORE, None, "Score")(self)
+        return shown
 
 
 @dataclass(frozen=True, slots=True)

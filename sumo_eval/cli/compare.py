@@ -11,7 +11,7 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
 
 
-@click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --junit compare.xml")
+@click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
 @click.argument("base", type=click.Path(path_type=Path))
 @click.argument("new", type=click.Path(path_type=Path))
 @click.option("--gate", type=click.Path(path_type=Path), help="Limits on changes and values (docs/compare.md).")
@@ -20,6 +20,7 @@ from sumo_eval.cli.progress import Progress
 @click.option(
     "--accept-differences", is_flag=True, help="Compare although settings or versions differ; they are shown."
 )
+@click.option("--page", type=click.Path(path_type=Path), help="Write the comparison as a page of its own.")
 @click.option("--report", "with_report", is_flag=True, help="Write NEW/report.html anew, with the comparison first.")
 def compare(
     base: Path,
@@ -28,6 +29,7 @@ def compare(
     junit: Path | None,
     pairs: tuple[str, ...],
     accept_differences: bool,
+    page: Path | None,
     with_report: bool,
 ) -> None:
     """Compare run NEW with run BASE, the same cases side by side, and apply a gate.
@@ -56,6 +58,10 @@ def compare(
         write_junit(comparison_suites(comparison, gates), junit)
     for line in comparison_lines(comparison, gates, after):
         click.echo(line)
+    if page is not None:
+        from sumo_eval.report.html import write_comparison
+
+        click.echo(f"The page is {write_comparison(after, Beside(comparison, gates), page)}")
     if with_report:
         report = write_assessed_report(after, Beside(comparison, gates))
         click.echo(f"The report is {report}")
@@ -70,12 +76,23 @@ def compare(
 @click.option("--gate", type=click.Path(path_type=Path), help="Limits on changes and values (docs/compare.md).")
 @click.option("--keep", type=click.IntRange(min=1), default=14, show_default=True, help="Nights whose folders stay.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
-def nightly(evaluation: Path, history: Path, gate: Path | None, keep: int, workers: int | None) -> None:
+@click.option(
+    "--install",
+    "recipe",
+    metavar="WHAT",
+    help="Run nothing: write the files with which cron, systemd or github runs it.",
+)
+def nightly(
+    evaluation: Path, history: Path, gate: Path | None, keep: int, workers: int | None, recipe: str | None
+) -> None:
     """Evaluate EVALUATION, compare with the last good night, write report, JUnit file and a line of history.
 
     Exit status: 0 a good night, 1 a gate failed, 2 the input is wrong or a night is running already, 3 some cases could
     not be evaluated.
     """
+    if recipe is not None:
+        _install(recipe, evaluation, history, gate, workers)
+        return
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
@@ -101,6 +118,23 @@ def nightly(evaluation: Path, history: Path, gate: Path | None, keep: int, worke
     click.echo(f"The report is {result.report}")
     click.echo(f"The trend is {result.trend}")
     sys.exit(result.night.exit_status)
+
+
+def _install(recipe: str, evaluation: Path, history: Path, gate: Path | None, workers: int | None) -> None:
+    """Write the files of a recipe and say what is left to do."""
+    import shlex
+    import shutil
+
+    from sumo_eval.nightly.recipes import Night, install
+
+    options = [] if gate is None else ["--gate", str(gate if recipe == "github" else gate.resolve())]
+    options += [] if workers is None else ["--workers", str(workers)]
+    found = shutil.which("sumo-eval")
+    program = shlex.quote(found) if found else f"{shlex.quote(sys.executable)} -m sumo_eval"
+    written = install(recipe, Night(program, evaluation, history, tuple(options)))
+    for path in written.files:
+        click.echo(str(path))
+    click.echo(written.left_to_do)
 
 
 @click.command(epilog="Example: sumo-eval trend nights")

@@ -29,8 +29,11 @@ def explain(run: Path, case: str | None) -> None:
     """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
     from sumo_eval.evaluation import score, zone_partitions
     from sumo_eval.report.explain import explain_case
+    from sumo_eval.report.replay import known_case
     from sumo_eval.report.terminal import ledger_lines
 
+    if case is not None:
+        known_case(run, case)  # a misspelt one is told before anything is computed
     with Progress() as progress:
         evaluation = score(run, progress=progress)
     lines = ledger_lines(evaluation) if case is None else explain_case(evaluation, zone_partitions(evaluation), case)

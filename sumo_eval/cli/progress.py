@@ -11,6 +11,8 @@ from typing import Any
 import click
 
 _LINE_EVERY = 10.0  # s between two plain lines of one stage
+_RECENT = 30.0  # s by which the time that is left is estimated: the beginning of a stage says little of its rest
+_TOO_EARLY = 5  # done since then below which nothing is estimated
 
 
 class Progress:
@@ -21,6 +23,7 @@ class Progress:
         self._tasks: dict[str, Any] = {}
         self._began: dict[str, tuple[float, int]] = {}
         self._said: dict[str, float] = {}
+        self._lately: dict[str, list[tuple[float, int]]] = {}
         self._finished: set[str] = set()
         if sys.stderr.isatty():
             from rich.console import Console
@@ -48,6 +51,7 @@ class Progress:
 
     def _show(self, stage: str, done: int, total: int, failed: int = 0) -> None:
         now = clock.monotonic()
+        self._note(stage, now, done)
         began, first = self._began.setdefault(stage, (now, done))
         rate = (done - first) / (now - began) if now > began else 0.0
         if self._bar is not None:
@@ -62,8 +66,22 @@ class Progress:
                 _say(f"{stage}: {total} done{_failed(failed)}")
         elif now - self._said.setdefault(stage, now) >= _LINE_EVERY:
             self._said[stage] = now
-            left = f", {rate:z.1f}/s, about {_duration((total - done) / rate)} left" if rate else ""
-            _say(f"{stage}: {done} of {total}{left}{_failed(failed)}")
+            _say(f"{stage}: {done} of {total}{self._left(stage, total)}{_failed(failed)}")
+
+    def _note(self, stage: str, now: float, done: int) -> None:
+        """Remember how far a stage was in the last half minute."""
+        lately = self._lately.setdefault(stage, [])
+        lately.append((now, done))
+        while len(lately) > 2 and now - lately[1][0] > _RECENT:
+            lately.pop(0)
+
+    def _left(self, stage: str, total: int) -> str:
+        """`, 12.0/s, about 40 s left` by how it went lately; nothing while it is too early to say."""
+        (begin, first), (end, done) = self._lately[stage][0], self._lately[stage][-1]
+        if done - first < _TOO_EARLY or end <= begin:
+            return ""
+        rate = (done - first) / (end - begin)
+        return f", {rate:z.1f}/s, about {_duration((total - done) / rate)} left"
 
 
 def _say(line: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time as clock
 from pathlib import Path
 
 import click
@@ -11,6 +12,7 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.stopping import Stopping
+from sumo_eval.cli.tools import refuse_a_bare_file
 
 LIMIT = click.FloatRange(min=0, min_open=True)
 ENGINES = ("processes", "serial", "dask")
@@ -18,7 +20,11 @@ ENGINES = ("processes", "serial", "dask")
 
 @click.command(epilog="Example: sumo-eval run evaluation.toml --out results/first --workers 2")
 @click.argument("evaluation", required=False, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="New folder for facts, scores and report.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="New folder for facts, scores and report (default: results/NAME-TIME).",
+)
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
 @click.option(
     "--ads", multiple=True, metavar="LOCATOR", help="An ADS in place of the file's, e.g. my_ads.py:MyAds; repeatable."
@@ -49,17 +55,22 @@ def run(
     warm_up()  # before the imports below, which take a second
     from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
+    from sumo_eval.record.run_folder import refuse_foreign
 
     part = WHOLE if shard is None else parse_shard(shard)
+    for locator in ads:
+        refuse_a_bare_file(locator)
     if scheduler is not None and engine is None:
         engine = "dask"
-    if out is None and not dry_run:
-        raise click.UsageError("Missing option '--out'.")
-    folder = out or Path()
+    if out is None and (resume or part != WHOLE):
+        raise click.UsageError("`--resume` and `--shard` need `--out`, the folder that is meant.")
+    folder = Path() if out is None and dry_run else out or _new_folder(evaluation)
     settings, source = resolve(
         evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler,
         case_timeout=case_timeout, step_timeout=step_timeout,
     )  # fmt: skip
+    if out is not None and not dry_run:
+        refuse_foreign(folder, resume)  # before anything that takes time
     if dry_run:
         click.echo(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)
@@ -74,6 +85,12 @@ def run(
     with Progress() as progress:
         result = score_run(folder, progress=progress)
     finish(result)
+
+
+def _new_folder(evaluation: Path | None) -> Path:
+    """`results/NAME-20261122-020000`, after the evaluation's file and the time."""
+    name = "paper" if evaluation is None else evaluation.stem
+    return Path("results") / f"{name}-{clock.strftime('%Y%m%d-%H%M%S')}"
 
 
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")

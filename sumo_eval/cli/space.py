@@ -70,8 +70,11 @@ def sample(
     """
     from sumo_eval.record.points import choose_points
     from sumo_eval.report.points_page import write_points
+    from sumo_eval.scenario.sampling.samples import METHODS
     from sumo_eval.settings import AdsSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
+    if count is None and method is not None and method in METHODS and "count" in METHODS[method][1]:
+        raise click.UsageError(f"`--method {method}` needs `--count`, the number of points, e.g. --count 64.")
     entry = ScenarioSettings(scenario, SamplingSettings(method, levels, count=count, strength=strength, file=file))
     settings = EvaluationSettings("sample", (entry,), (AdsSettings("none", "no_reaction"),), seed)
     logical, chosen = choose_points(entry, Path.cwd(), settings)
@@ -134,8 +137,14 @@ def boundary(
     change = found.rounds[-1].expected_change
     if found.stopped == "settled":
         click.echo(f"  The next round is expected to move {change:z.2%} of the space: settled.")
+    elif change < 1.0:
+        ended = f"The search ended with its {found.stopped}"
+        click.echo(f"  {ended}; a further round may move {change:z.2%} of the space.")
     else:
-        click.echo(f"  The search ended with its {found.stopped}; a further round may move {change:z.2%} of the space.")
+        click.echo(
+            f"  The search ended with its {found.stopped}. How far a further round would move the boundary cannot be "
+            "told: too few rounds saw both outcomes, or the boundary still contradicts some trials."
+        )
     if not found.collided.any() or found.collided.all():
         click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():

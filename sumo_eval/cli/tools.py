@@ -57,11 +57,34 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     be loaded or the file is wrong.
     """
     file = what.partition("?")[0]
+    refuse_a_bare_file(file)
     if file.endswith(".toml"):
         if _is_scenario(Path(file)):
             _check_scenario(what)
         _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
+
+
+def refuse_a_bare_file(locator: str) -> None:
+    """Say which ADSs a file of Python offers where somebody named the file alone."""
+    import ast
+
+    from sumo_eval.errors import InputError
+    from sumo_eval.text import shown
+
+    file = Path(locator)
+    if file.suffix != ".py" or not file.is_file():
+        return
+    try:
+        body = ast.parse(file.read_bytes(), str(file)).body
+    except (SyntaxError, ValueError) as error:
+        raise InputError(f"{shown(locator)} is no Python that can be read: {error}.") from None
+    kinds = (ast.ClassDef, ast.FunctionDef)
+    names = [item.name for item in body if isinstance(item, kinds) and not item.name.startswith("_")]
+    if not names:
+        raise InputError(f"{shown(locator)} holds no class and no function, so no ADS.")
+    listed = ", ".join(f"`{name}`" for name in names)
+    raise InputError(f"{shown(locator)} is a file; name one of what it holds ({listed}): {locator}:{names[0]}")
 
 
 def _is_scenario(path: Path) -> bool:

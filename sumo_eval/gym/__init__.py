@@ -7,13 +7,13 @@ Needs the extra `gym`.
 
 from __future__ import annotations
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import needs_extra
 from sumo_eval.scenario.shipped_files import scenario_files
 
 try:
     import gymnasium
 except ImportError as error:
-    raise InputError("`sumo_eval.gym` needs the extra `gym`: pip install 'sumo_eval[gym]'.") from error
+    raise needs_extra("`sumo_eval.gym`", "gym") from error
 
 from sumo_eval.cosim.doors.features import Action, Feature, Interface, read_interface, usual
 from sumo_eval.gym.episodes import Transition, usual_reward

@@ -607,7 +607,9 @@ def _own_axes(logical: LogicalScenario) -> tuple[list[FloatArray], tuple[str, ..
     axes = [_axis(parameter, count) for parameter, count in zip(logical.parameters, counts, strict=True)]
     if math.prod(counts) == own:
         return axes, ()
-    return axes, (f"The grid of own steps has {own} points; a coarser one of {math.prod(counts)} stands in for it.",)
+    return axes, (
+        f"The zones were learnt from a grid of {math.prod(counts)} points, coarser than the scenario's own of {own}.",
+    )
 
 
 def _own_count(parameter: Parameter) -> int:

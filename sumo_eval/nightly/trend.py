@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ CHARTS = (
     ("not_evaluated", "Not evaluated", "cases"),
     ("run_time", "Run time of the cases", "s"),
 )
-COLOURS = ("#0072b2", "#b26a00", "#2f7d5b", "#8a3d74", "#57606a", "#c2185b")
+COLOURS = ("var(--c)", "var(--actor)", "var(--d)", "var(--off)", "var(--muted)", "var(--bad)")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 4", "1 3")
 WIDTH, HEIGHT = 560, 210
 LEFT, RIGHT, TOP, BOTTOM = 56, 12, 12, 40
@@ -87,6 +88,8 @@ def write_trend(folder: Path, history: History) -> Path:
     kept = {night.night for night in nights if not night.imported and (folder / night.folder / REPORT).is_file()}
     page = template("trend.html.j2").render(
         css=asset("report.css"),
+        page_js=asset("page.js"),
+        failed=failed_nights(nights),
         nights=list(reversed(nights)),
         dates={night.night: _date(night.night) for night in nights},
         reports={night.night: "" if night.imported else f"{night.folder}/{REPORT}" for night in nights},
@@ -100,6 +103,20 @@ def write_trend(folder: Path, history: History) -> Path:
     except OSError as error:
         raise InputError(f"The trend page {path} cannot be written: {error}.") from error
     return path
+
+
+def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:
+    """Where on every chart a night stands that failed, and why it did."""
+    step = (WIDTH - LEFT - RIGHT) / max(len(nights), 1)
+    return [
+        {
+            "x": round(LEFT + step * (place + 0.1), 2),
+            "width": round(0.8 * step, 2),
+            "words": f"{_date(night.night)} failed: {night.verdict}",
+        }
+        for place, night in enumerate(nights)
+        if not night.imported and night.exit_status > 0
+    ]
 
 
 def charts(scenario: str, nights: Sequence[Night], values: Sequence[Value], gates: Sequence[GateLine]) -> list[Chart]:

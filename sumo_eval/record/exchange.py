@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,6 +81,11 @@ class Run:
         """A hash of all recorded facts: equal for equal configurations, whatever the workers, order or machine."""
         with self._store() as store:
             return store.digest()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: where the run lies, and how its drives ended."""
+        counts: str = self.counts.to_html(index=False)
+        return f"<p>Run <code>{escape(str(self.folder))}</code></p>{counts}"
 
     def _store(self) -> AbstractContextManager[Store]:
         return open_store(self.folder / run_folder.FACTS)

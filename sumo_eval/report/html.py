@@ -18,7 +18,7 @@ from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page_data import choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
-from sumo_eval.report.sections import SECTIONS, Beside
+from sumo_eval.report.sections import SECTIONS, Beside, change_content
 from sumo_eval.report.words import (
     FACTORS,
     GLOSSARY,
@@ -106,6 +106,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
     missing = unevaluated(evaluation)
     data = page_data(evaluation, partitions)
     shared = {
+        "case_page": "",
         "name": evaluation.name,
         "ads_count": len({score.ads for score in evaluation.scores}),
         "cases": len(evaluation.cases),
@@ -161,6 +162,21 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
     found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
     shown = [(section, content) for section, content in found if content is not None]
     return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
+
+
+def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path:
+    """Write a page of the comparison alone; its cases lead into the report of the newer run."""
+    content = change_content(evaluation, beside)
+    report = (evaluation.folder / REPORT).resolve()
+    page = template("compare.html.j2").render(
+        name=evaluation.name, content={"change": content}, case_page=report.as_uri() if report.is_file() else "",
+        css=asset("report.css"), page_js=asset("page.js"),
+    )  # fmt: skip
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The page {path} cannot be written: {error}.") from error
+    return path
 
 
 def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:
@@ -267,6 +283,7 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "likeness_means": [number(likeness.get(name), 3) for name in LIKENESS_FACTORS],
         "likened": sum(case.human_likeness is not None for case in cases),
         "likened_hits": sum(case.human_likeness is not None and case.collided for case in cases),
+        "has_index": any(case.index is not None for case in cases),
         "indexed": sum(case.index is not None and case.zone == "safe" for case in cases),
         "collisions": [_collision(share, losses[share.case.case]) for share in collision_shares(cases, settings)],
     }

@@ -5,9 +5,10 @@ from __future__ import annotations
 from html import escape
 from typing import Any
 
-from sumo_eval.errors import InputError
+from sumo_eval.errors import needs_extra
 from sumo_eval.report.terminal import COLUMNS, WORDS, closing_lines, row_of
-from sumo_eval.results import Evaluation
+from sumo_eval.report.words import number, outcome, point
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
 
 def html_table(evaluation: Evaluation) -> str:
@@ -20,12 +21,32 @@ def html_table(evaluation: Evaluation) -> str:
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table><p><small>{lines}</small></p>"
 
 
+def score_html(score: ScenarioResult) -> str:
+    """One ADS in one logical scenario: its scores, each with its interval, and its collisions."""
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(cell)}</td></tr>"
+        for name, cell in zip(COLUMNS, row_of(score), strict=True)
+    )
+    return f"<table><tbody>{rows}</tbody></table>"
+
+
+def case_html(case: CaseResult) -> str:
+    """One case: where it lies, how it ended, what it was worth."""
+    known = {
+        "case": case.case, "ADS": case.ads, "scenario": case.scenario, "at": point(case.values), "zone": case.zone,
+        "outcome": outcome(case), "U": number(case.severity, 2), "Ug": number(case.ideal_severity, 2),
+        "D_i": number(case.index, 3), "in H": number(case.human_likeness, 3),
+    }  # fmt: skip
+    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(words)}</td></tr>" for name, words in known.items())
+    return f"<table><tbody>{rows}</tbody></table>"
+
+
 def picture(evaluation: Evaluation) -> Any:
     """S+ of every ADS with its interval, a panel for each logical scenario: a figure of matplotlib."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise InputError("A plot needs the extra `plots`: pip install 'sumo_eval[plots]'.") from error
+        raise needs_extra("A plot", "plots") from error
     scenarios = list(dict.fromkeys(score.scenario for score in evaluation.scores))
     ads = list(dict.fromkeys(score.ads for score in evaluation.scores))
     figure = Figure(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")

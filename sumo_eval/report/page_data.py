@@ -69,6 +69,7 @@ FAILED = 2.0  # how much a point with a collision or without an outcome tells; o
 BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
 BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
+SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500  # where the criticality of each point is searched: 3 ms a point
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
@@ -190,7 +191,10 @@ def _scenario(
             "fixed": {str(column): value for column, value in view.fixed.items()},
             "slice": {str(column): value for column, value in telling_slice(view, cases).items()},
         },
-        "maps": [zone_map(zones, view, panel) for panel in range(len(view.panels))],
+        "maps": [
+            zone_map(zones, view, panel, MAP_CELLS if logical.search is None else SEARCHED_CELLS)
+            for panel in range(len(view.panels))
+        ],
         "lattice": lattice(zones),
         "groups": [
             {
@@ -398,8 +402,9 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     k = len(logical.parameters)
     if k < 2:
         return None
-    size = max(LEAST_LATTICE, min(MOST_LATTICE, int(LATTICE_POINTS ** (1.0 / k))))
-    if size**k > 4 * LATTICE_POINTS:
+    most = LATTICE_POINTS if logical.search is None else SEARCHED_LATTICE_POINTS
+    size = max(LEAST_LATTICE, min(MOST_LATTICE, int(most ** (1.0 / k))))
+    if size**k > 4 * most:
         return None
     ticks = np.linspace(0.0, 1.0, size)
     unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1).reshape(-1, k)

@@ -128,7 +128,10 @@ def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
     if outside:
         told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
-        told.append(f"Drivers fall into two groups in {count(bimodal, 'case')}: one Gaussian spans both.")
+        told.append(
+            f"In {count(bimodal, 'case')} some drivers overtook and others followed. One Gaussian over both is so wide "
+            "that it tells little of the ADS's path."
+        )
     if unusual:
         told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")
     return tuple(told)

@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
+from sumo_eval.report.study_page import write_study
+from sumo_eval.report.words import count
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.text import cell
@@ -27,15 +29,33 @@ def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: 
             writer.writerow(map(cell, [*logical.names, "exposure"]))
             for row, exposure in zip(points.points.tolist(), points.exposure.tolist(), strict=True):
                 writer.writerow([repr(value) for value in (*row, exposure)])
-        page.write_text(
-            picture(logical, points, title).to_html(include_plotlyjs=True, full_html=True), encoding="utf-8"
-        )
     except OSError as error:
         raise InputError(f"The points cannot be written into {folder}: {error}.") from error
+    write_study(
+        page,
+        kicker=f"Points of the logical scenario {logical.name}",
+        title=title,
+        sentences=_sentences(points),
+        figure=picture(logical, points),
+        rows=[
+            [*(f"{item.name}, {item.unit}" for item in logical.parameters), "exposure"],
+            *(
+                [f"{value:g}" for value in (*row, p)]
+                for row, p in zip(points.points.tolist(), points.exposure.tolist(), strict=True)
+            ),
+        ],
+        least_width=330 * max(1, len(logical.parameters) - 1),
+    )
     return table, page
 
 
-def picture(logical: LogicalScenario, points: Sample, title: str) -> go.Figure:
+def _sentences(points: Sample) -> list[str]:
+    """What the page says above the chart."""
+    chosen = f"{count(len(points.points), 'point')} chosen; {count(len(points.refused), 'point')} refused, because a"
+    return [f"{chosen} constraint of the scenario rules them out. A larger mark is met more often."]
+
+
+def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     """Every parameter against every later one; chosen points, sized by exposure, over those that constraints refuse."""
     k = len(logical.parameters)
     pairs = [(x, y) for y in range(1, k) for x in range(y)] or [(0, 0)]
@@ -66,5 +86,5 @@ def picture(logical: LogicalScenario, points: Sample, title: str) -> go.Figure:
             parameter = logical.parameters[axis]
             if k > 1 or item == "x":
                 update(title_text=f"{parameter.name} ({parameter.unit})", row=row, col=column)
-    figure.update_layout(title=title, template="plotly_white", width=330 * side + 260, height=300 * side + 120)
+    figure.update_layout(height=300 * side + 120)
     return figure

@@ -56,13 +56,20 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
     return path
 
 
-def recorded(run: Path, key: str) -> Fact:
-    """A recorded drive of an ADS by its case's key. Raises InputError with the nearest known one."""
+def known_case(run: Path, key: str) -> Fact:
+    """A drive of an ADS by its case's key. Raises InputError with the nearest known one."""
     with open_store(run / FACTS) as store:
         facts = store.facts("ads")
-        found = next((fact for fact in facts if fact.case == key), None)
-        if found is None:
-            raise unknown("case", key, [fact.case for fact in facts])
+    found = next((fact for fact in facts if fact.case == key), None)
+    if found is None:
+        raise unknown("case", key, [fact.case for fact in facts])
+    return found
+
+
+def recorded(run: Path, key: str) -> Fact:
+    """A drive that has a recording, by its case's key. Raises InputError."""
+    found = known_case(run, key)
+    with open_store(run / FACTS) as store:
         if not store.trajectories(key):
             raise InputError(f"Case `{key}` has no recording to replay: {found.error or found.status}.")
     return found

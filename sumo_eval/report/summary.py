@@ -93,7 +93,7 @@ def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
 
 
 def _between(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f", with 95 % confidence between {interval[0]:.0f} and {interval[1]:.0f}"
+    return "" if interval is None else f", with 95 % confidence between {interval[0]:z.0f} and {interval[1]:z.0f}"
 
 
 def _real(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
@@ -107,10 +107,10 @@ def _real(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
             return Answer(
                 "How sure is it?",
                 "not very",
-                (f"The interval of S+ is {width:.0f} points wide: more cases would narrow it.",),
+                (f"The interval of S+ is {width:z.0f} points wide: more cases would narrow it.",),
                 "open",
             )
-        return Answer("How sure is it?", "rather sure", (f"The interval of S+ is {width:.0f} points wide.",), "good")
+        return Answer("How sure is it?", "rather sure", (f"The interval of S+ is {width:z.0f} points wide.",), "good")
     ranking = evaluation.ranking
     pairs = [] if ranking is None else [pair for pair in ranking.pairs if pair.above == order[0].ads]
     pair = next((pair for pair in pairs if pair.below == order[1].ads), None)
@@ -202,7 +202,7 @@ def _worst_collision(evaluation: Evaluation, ads: str) -> CaseResult | None:
 
 def _at(case: CaseResult) -> str:
     """A point in few digits."""
-    return ", ".join(f"{name} {value:.4g}" for name, value in case.values.items())
+    return ", ".join(f"{name} {value:z.4g}" for name, value in case.values.items())
 
 
 def _address(case: CaseResult) -> str:
@@ -241,7 +241,7 @@ def _whisker(value: float | None, interval: tuple[float, float] | None) -> dict[
         return None
     low, high = (value, value) if interval is None else interval
     return {
-        "low": f"{max(0.0, low):.1f}",
-        "width": f"{max(0.6, min(100.0, high) - max(0.0, low)):.1f}",
-        "at": f"{min(max(value, 0.0), 100.0):.1f}",
+        "low": f"{max(0.0, low):z.1f}",
+        "width": f"{max(0.6, min(100.0, high) - max(0.0, low)):z.1f}",
+        "at": f"{min(max(value, 0.0), 100.0):z.1f}",
     }

@@ -47,26 +47,42 @@ WORDS = (
     "C, D, S: the paper's scores. Below a score: its interval."
 )
 NOT_COMPUTED = "not computed"
+LONGEST_NAME = 24  # characters of an ADS's name in a line of a table; a longer one goes on below
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
 
 
 def score_table(evaluation: Evaluation, width: int = 200) -> Group:
-    """The scores of every ADS, a table for each logical scenario, or two where one is wider than the terminal.
+    """The scores of every ADS, a table for each logical scenario, or several where one is wider than the terminal.
 
     A score's interval stands below it. width: of the terminal, characters.
     """
     parts: list[Table | Text] = [Text(_one_line(evaluation.name)), Text()]
     for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
         scores = [score for score in evaluation.scores if score.scenario == scenario]
-        whole = _table(scores, (*LEADING, *PAPERS), scenario)
-        room = Console(width=width).options
-        if Measurement.get(Console(width=1000), room.update(max_width=1000), whole).maximum <= width:
-            parts.append(whole)
-        else:
-            parts += [_table(scores, LEADING, scenario), Text(), _table(scores, PAPERS, "")]
-        parts.append(Text())
+        for place, columns in enumerate(_parts(scores, width)):
+            parts += [_table(scores, columns, "" if place else scenario), Text()]
     return Group(*parts, Text(WORDS))
+
+
+def _parts(scores: Sequence[ScenarioResult], width: int) -> list[list[str]]:
+    """The columns in their order, as many to a table as stand beside each other without a word being broken."""
+    if _width(scores, (*LEADING, *PAPERS)) <= width:
+        return [[*LEADING, *PAPERS]]
+    tables: list[list[str]] = []
+    for group in (LEADING, PAPERS):
+        tables.append([])
+        for heading in group:
+            if tables[-1] and _width(scores, (*tables[-1], heading)) > width:
+                tables.append([])
+            tables[-1].append(heading)
+    return tables
+
+
+def _width(scores: Sequence[ScenarioResult], columns: Sequence[str]) -> int:
+    """How wide a table of these columns is, characters."""
+    console = Console(width=1000)
+    return Measurement.get(console, console.options.update(max_width=1000), _table(scores, columns, "")).maximum
 
 
 def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str) -> Table:
@@ -74,7 +90,8 @@ def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str)
         title=Text(title, "bold") if title else None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1),
         collapse_padding=True, pad_edge=False, show_edge=False,
     )  # fmt: skip
-    table.add_column("ADS", overflow="fold", min_width=8)
+    longest = max(len(_one_line(score.ads)) for score in scores)
+    table.add_column("ADS", overflow="fold", min_width=min(longest, LONGEST_NAME), max_width=LONGEST_NAME)
     for heading in columns:
         table.add_column(HEADINGS.get(heading, heading), justify="right", no_wrap=True)
     for score in scores:
@@ -274,12 +291,20 @@ def moved_words(item: ChangedCase) -> list[str]:
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
     """A line for each gate that failed or could not be judged, and the number of those that passed."""
-    marks = {False: "FAILED", None: "not judged"}
     lines = [
-        f"gate {marks[gate.passed]}: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
+        f"gate FAILED: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
         for gate in gates
-        if gate.passed is not True
+        if gate.passed is False
     ]
+    unjudged: dict[str, list[GateResult]] = {}
+    for gate in gates:
+        if gate.passed is None:
+            unjudged.setdefault(gate.sentence.partition(": ")[2] or gate.sentence, []).append(gate)
+    for reason, alike in unjudged.items():
+        first = f"{_one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
+        lines.append(
+            f"{count(len(alike), 'gate')} not judged: {reason}" if len(alike) > 1 else f"gate not judged: {first}"
+        )
     return [*lines, f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
 
 

@@ -471,8 +471,8 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     split = sum(case.zone == "safe" and any(one.kind == "two_groups" for one in case.index_note) for case in cases)
     if split:
         sentences.append(
-            f"In {split} of them the drivers fall into two groups, such as overtaking and following, and one Gaussian "
-            "spans both, so it tells little of the ADS's path there."
+            f"In {split} of them some drivers overtook and others followed. One Gaussian over both is so wide that it "
+            "tells little of the ADS's path."
         )
     return sentences
 
@@ -581,7 +581,8 @@ def score_note(note: ScoreNote) -> str:
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(number for _, number in alone)
-            return f"{count(drives, 'drive')} left the pack and had to be simulated alone. {why}"
+            ran = f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
+            return f"{ran}, which changes no result. {why}"
         case BeyondRange(severity, reasons):
             why = "; ".join(f"{number} x {reason}" for reason, number in reasons)
             hits = sum(number for _, number in reasons)

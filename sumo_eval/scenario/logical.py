@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from numbers import Real
 from typing import Protocol
 
@@ -192,6 +193,18 @@ class LogicalScenario:
         check_name("`name`", "a logical scenario", self.name)
         for parameter in self.parameters:
             check_name("`name`", f"a parameter of scenario `{self.name}`", parameter.name)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what happens, and the parameters with their ranges."""
+        rows = "".join(
+            f"<tr><th>{escape(item.name)}</th><td>{item.low:g} to {item.high:g} {escape(item.unit)}</td>"
+            f"<td>{item.step:g}</td><td>{escape(item.about)}</td></tr>"
+            for item in self.parameters
+        )
+        head = "<tr><th>parameter</th><th>range</th><th>step</th><th></th></tr>"
+        ruled = "".join(f"<p>A possible point is {escape(one.about)}.</p>" for one in self.constraints)
+        about = f"<p><b>{escape(self.name)}</b>: {escape(self.about)}</p>"
+        return f"{about}<table><thead>{head}</thead><tbody>{rows}</tbody></table>{ruled}"
 
     @property
     def names(self) -> tuple[str, ...]:

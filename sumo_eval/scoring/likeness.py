@@ -159,7 +159,7 @@ def compare_with_people(
         )
         for point in points
     ]
-    stage = f"{logical.name}: ADSs and drivers against the drivers"
+    stage = f"{logical.name}: comparing everybody with the drivers"
     results = compute_points(
         store.path,
         jobs,

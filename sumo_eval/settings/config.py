@@ -11,21 +11,53 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.errors import InputError, did_you_mean, unknown
 from sumo_eval.settings import Checked, EvaluationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
 PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 
+SUITES = Path(__file__).with_name("suites")
+"""Frozen lists of scenarios, samples, drivers and seed, a file each."""
+_SUITE = "suite:"
+
 Settings = TypeVar("Settings", bound=Checked)
 
 
 def read_evaluation(path: Path) -> EvaluationSettings:
     """The settings in an evaluation file. Raises InputError naming every mistake in it."""
-    settings = _validated(read_toml(path, "evaluation file"), EvaluationSettings, str(path), path)
+    settings = _validated(
+        with_suites(read_toml(path, "evaluation file"), str(path)), EvaluationSettings, str(path), path
+    )
     check_evaluation(settings, str(path))
     return settings
+
+
+def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """An evaluation with the scenarios of a frozen suite in the place of `use = "suite:NAME"`.
+
+    A suite stands alone and brings its own seed and drivers, so that every score of it means the same. Raises
+    InputError for a suite that does not exist, and for what would change one.
+    """
+    plain = dict(content)
+    entries = plain.get("scenario", ())
+    uses = [str(one.get("use", "")) for one in entries if isinstance(one, Mapping)] if isinstance(entries, list) else []
+    names = [use.removeprefix(_SUITE) for use in uses if use.startswith(_SUITE)]
+    if not names:
+        return plain
+    known = sorted(path.stem for path in SUITES.glob("*.toml"))
+    if names[0] not in known:
+        raise unknown("suite", names[0], known)
+    if len(uses) > 1 or len(entries[0]) > 1:
+        raise InputError(f"The suite `{names[0]}` in {where} stands alone: one [[scenario]] with nothing but `use`.")
+    suite = read_toml(SUITES / f"{names[0]}.toml", "suite")
+    changed = [
+        name for name in ("seed", "drivers", "simulation", "method") if name in plain and plain[name] != suite.get(name)
+    ]
+    if changed:
+        raise InputError(f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out.")
+    return {**plain, **suite}
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
@@ -35,7 +67,7 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
 
 def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     """Settings from a plain mapping; `where` names it in error sentences."""
-    settings = _validated(content, EvaluationSettings, where)
+    settings = _validated(with_suites(content, where), EvaluationSettings, where)
     check_evaluation(settings, where)
     return settings
 

@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
+from sumo_eval.report.study_page import write_study
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.studies.boundary import FailureBoundary
@@ -64,10 +65,36 @@ def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
             for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
                 writer.writerow([*(repr(value) for value in row), int(hit)])
         plain.write_text(json.dumps(summary(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        page.write_text(picture(found).to_html(include_plotlyjs=True, full_html=True), encoding="utf-8")
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
+    names = found.logical.names
+    write_study(
+        page,
+        kicker="The boundary of failure",
+        title=f"{found.logical.name}: where {found.ads} collides",
+        sentences=_sentences(found),
+        figure=picture(found),
+        rows=[
+            [*names, "collided"],
+            *(
+                [*(f"{value:g}" for value in row), "yes" if hit else "no"]
+                for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True)
+            ),
+        ],
+        least_width=340 * (len(PANELS) if len(names) > 2 else 1),
+    )
     return table, plain, page
+
+
+def _sentences(found: FailureBoundary) -> list[str]:
+    """What the page says above the chart."""
+    told = summary(found)
+    share = f"{found.ads} collides in {told['collision_share_of_space']:z.1%} of the space"
+    said = [f"{share}, from {told['simulations']} simulations. The line is where both outcomes are equally likely."]
+    if found.not_evaluated:
+        lost = sum(found.not_evaluated.values())
+        said.append(f"{lost} of them could not be evaluated; the search went on without these.")
+    return said
 
 
 def picture(found: FailureBoundary) -> go.Figure:
@@ -123,9 +150,5 @@ def picture(found: FailureBoundary) -> go.Figure:
     if k > 1:
         second = logical.parameters[1]
         figure.update_yaxes(title_text=f"{second.name} ({second.unit})", row=1, col=1)
-    told = summary(found)
-    figure.update_layout(
-        title=f"{logical.name}: where {found.ads} collides, from {told['simulations']} simulations",
-        template="plotly_white", width=max(700, 340 * len(shares)), height=560,
-    )  # fmt: skip
+    figure.update_layout(height=560)
     return figure

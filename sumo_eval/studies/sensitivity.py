@@ -12,6 +12,7 @@ from scipy import stats
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import score
 from sumo_eval.method.score_terms import ordering_score, paper_score
+from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.studies.tables import aligned
@@ -182,13 +183,21 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                     col=column,
                 )
             figure.update_yaxes(title_text=index, row=line, col=column)
-    figure.update_layout(
+    figure.update_layout(height=320 * len(scenarios) + 100)
+    write_study(
+        path,
+        kicker="Sensitivity",
         title="What the constants do to the scores",
-        template="plotly_white",
-        height=320 * len(scenarios) + 100,
-        width=260 * len(constants) + 160,
+        sentences=[
+            "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of them is better."
+        ],
+        figure=figure,
+        rows=[
+            ["scenario", "constant", "value", "index", "ranking, best first", "tau"],
+            *(
+                [row.scenario, row.constant, f"{row.value:g}", row.index, " > ".join(row.ranking), f"{row.tau:z.2f}"]
+                for row in rows
+            ),
+        ],
+        least_width=260 * len(constants),
     )
-    try:
-        figure.write_html(path, include_plotlyjs=True)
-    except OSError as error:
-        raise InputError(f"The plot {path} cannot be written: {error}.") from error

@@ -130,7 +130,8 @@ def test_partition_says_where_the_danger_is_greatest() -> None:
         (("score", "nowhere"), "is no run folder"),
         (("report", "nowhere"), "is no run folder"),
         (("partition", "front_vehicle_cutout"), "Did you mean `front_vehicle_cut_out`?"),
-        (("run",), "Missing option '--out'"),
+        (("run", "--resume"), "need `--out`"),
+        (("sample", "cut_in", "--method", "sobol", "--out", "x"), "needs `--count`"),
         (("run", "--out", "x", "--workers", "0"), "--workers"),
     ],
 )

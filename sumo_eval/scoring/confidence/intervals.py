@@ -11,9 +11,11 @@ Points of a method that leaves no part of the space out are balanced over it: th
 score's terms owe to a trend along a parameter is no error of theirs. Replicates are balanced in the same way
 (`balanced`), but for C, a mean over the few cases that collided, which no method spreads.
 
-Limits are percentiles, widened as Student's t is wider than the normal distribution (Hesterberg 2015). Weights r of
-collisions (Eq. 16) are held as they are. Everything random has a stream named by scenario, driver or ADS, never by a
-place in a list, so an interval is one ADS's, whoever else is evaluated.
+The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
+is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16) in every resample.
+
+Everything random has a stream named by scenario, driver or ADS, never by a place in a list, so an interval is one
+ADS's, whoever else is evaluated.
 """
 
 from __future__ import annotations

@@ -1,0 +1,150 @@
+"""What starts a night by itself: the files for cron, systemd and GitHub, written for an evaluation and a history.
+
+A recipe calls the program that wrote it. On GitHub, where that is not, it installs the package by its name and version
+unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from sumo_eval.errors import InputError, unknown
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """Files to write, by their paths, and the sentence that says what is left to do."""
+
+    files: Mapping[Path, str]
+    left_to_do: str
+
+
+@dataclass(frozen=True, slots=True)
+class Night:
+    """What is to run: the program as a command, the evaluation, its history, and further options of `nightly`."""
+
+    program: str
+    evaluation: Path
+    history: Path
+    options: tuple[str, ...] = ()
+
+    def command(self, *, whole_paths: bool = True) -> str:
+        """The shell's line for one night."""
+        place = Path.resolve if whole_paths else Path
+        words = ["nightly", str(place(self.evaluation)), "--history", str(place(self.history)), *self.options]
+        return f"{self.program} {shlex.join(words)}"
+
+
+def cron(night: Night) -> Recipe:
+    """A line for crontab: silent after a good night, so that mail comes only when there is something to read."""
+    log = shlex.quote(str(night.history.resolve() / "last-night.log"))
+    line = f"0 2 * * *  {night.command()} > {log} 2>&1 || cat {log}\n".replace("%", r"\%")
+    path = night.history / "sumo-eval-night.cron"
+    return Recipe(
+        {path: f"# Every night at two.\n{line}"}, f"Add its line to your table: crontab -e, then paste {path}"
+    )
+
+
+def systemd(night: Night) -> Recipe:
+    """A service and its timer. A failed gate is a failed unit, which OnFailure= can report."""
+    command = night.command().replace("%", "%%")
+    service = f"""[Unit]
+Description=Nightly evaluation of the automated driving system
+
+[Service]
+Type=oneshot
+ExecStart={command}
+# 3: some cases could not be evaluated. Take the line away where that is a failure.
+SuccessExitStatus=3
+"""
+    timer = """[Unit]
+Description=Nightly evaluation of the automated driving system
+
+[Timer]
+OnCalendar=*-*-* 02:00:00 UTC
+Persistent=true
+
+[Install]
+WantedBy=timers.target
+"""
+    folder = night.history
+    files = {folder / "sumo-eval-night.service": service, folder / "sumo-eval-night.timer": timer}
+    return Recipe(
+        files,
+        f"Copy both into ~/.config/systemd/user and start them: cp {folder}/sumo-eval-night.* ~/.config/systemd/user/ "
+        "&& systemctl --user enable --now sumo-eval-night.timer",
+    )
+
+
+def github(night: Night) -> Recipe:
+    """A workflow that keeps the history in a cache from night to night."""
+    history = night.history.as_posix()
+    there = Night("sumo-eval", night.evaluation, night.history, night.options)
+    text = f"""name: night
+on:
+  schedule: [{{ cron: "0 2 * * *" }}]
+  workflow_dispatch:
+jobs:
+  night:
+    runs-on: ubuntu-latest
+    steps:
+      - uses: actions/checkout@v4
+      - uses: actions/setup-python@v5
+        with: {{ python-version: "3.12" }}
+      # Before the package is on an index: the path or address of its wheel instead of its name.
+      - run: pip install "sumo_eval=={_version()}"
+      - uses: actions/cache/restore@v4
+        with:
+          path: {history}
+          key: nights-${{{{ github.run_id }}}}
+          restore-keys: nights-
+      - run: {there.command(whole_paths=False)} --keep 3
+      - uses: actions/cache/save@v4         # bad nights stay in the trend, too
+        if: always()
+        with:
+          path: {history}
+          key: nights-${{{{ github.run_id }}}}
+      - uses: actions/upload-artifact@v4
+        if: always()
+        with:
+          name: night
+          path: |
+            {history}/trend.html
+            {history}/nights/*/report.html
+            {history}/nights/*/junit.xml
+"""
+    path = Path(".github") / "workflows" / "night.yml"
+    return Recipe({path: text}, f"Commit {path}; GitHub starts it at two every night, and whenever you ask.")
+
+
+RECIPES: Mapping[str, Callable[[Night], Recipe]] = {"cron": cron, "systemd": systemd, "github": github}
+
+
+def install(kind: str, night: Night) -> Recipe:
+    """Write the files of a recipe, which must not be there yet. Raises InputError."""
+    if kind not in RECIPES:
+        raise unknown("recipe", kind, RECIPES)
+    if not night.evaluation.is_file():
+        raise InputError(f"There is no evaluation file {night.evaluation}.")
+    recipe = RECIPES[kind](night)
+    for path in recipe.files:
+        if path.exists():
+            raise InputError(f"The recipe would write {path}, which is there already; move it away first.")
+    for path, text in recipe.files.items():
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"The file {path} of the recipe cannot be written: {error}.") from error
+    return recipe
+
+
+def _version() -> str:
+    try:
+        return version("sumo_eval")
+    except PackageNotFoundError:  # run from its sources without being installed
+        return "0.1.0"

@@ -1,0 +1,44 @@
+"""The page of a study: a few sentences, one chart that can be saved, and its table, in the style of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from sumo_eval.errors import InputError
+from sumo_eval.report.html import asset, template
+from sumo_eval.report.packing import packed
+
+MOST_ROWS = 400  # of the table; the files beside the page have all of them
+
+
+def write_study(
+    path: Path,
+    *,
+    kicker: str,
+    title: str,
+    sentences: Sequence[str],
+    figure: go.Figure,
+    rows: Sequence[Sequence[str]] = (),
+    least_width: int = 640,
+) -> Path:
+    """Write the page and return its path.
+
+    rows: the table below the chart, its head first. least_width: of the chart, px; it scrolls on narrower screens.
+    """
+    figure.update_layout(title=None, width=None, template="none", margin={"l": 60, "r": 20, "t": 40, "b": 50})
+    page = template("study.html.j2").render(
+        kicker=kicker, title=title, sentences=sentences, head=list(rows[0]) if rows else [],
+        rows=[list(row) for row in rows[1 : MOST_ROWS + 1]], more=max(0, len(rows) - 1 - MOST_ROWS),
+        height=int(figure.layout.height or 520), least_width=least_width, css=asset("report.css"),
+        page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
+        figure=packed(figure.to_json()), plotly=packed(get_plotlyjs()),
+    )  # fmt: skip
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The page {path} cannot be written: {error}.") from error
+    return path

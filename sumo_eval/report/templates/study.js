@@ -1,0 +1,36 @@
+// Draws the one chart of a study's page, in the colours of the page.
+"use strict";
+
+(async () => {
+  const byId = (id) => document.getElementById(id);
+  const fail = (reason) => {
+    byId("failure").hidden = false;
+    byId("failure").textContent = `The chart could not be drawn (${reason}).`;
+  };
+  window.addEventListener("unhandledrejection", (event) => fail(event.reason));
+  const figure = JSON.parse(await sumoEval.inflated(byId("study-figure").textContent));
+  const library = document.createElement("script"); // inline scripts run as they are added
+  library.textContent = await sumoEval.inflated(byId("plotly-code").textContent);
+  document.head.append(library);
+  const plot = byId("study"), C = sumoPage.colour;
+
+  function draw() {
+    const axis = { gridcolor: C("--hair"), linecolor: C("--axis"), zeroline: false, ticks: "outside", ticklen: 4, tickcolor: C("--axis") };
+    const layout = { ...figure.layout, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
+      font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: C("--ink") },
+      hoverlabel: { bgcolor: C("--paper"), bordercolor: C("--axis"), font: { color: C("--ink") } } };
+    for (const name of Object.keys(layout)) if (/^[xy]axis\d*$/.test(name)) layout[name] = { ...axis, ...layout[name] };
+    return Plotly.react(plot, figure.data, layout, { displaylogo: false, responsive: true, displayModeBar: false });
+  }
+
+  const rows = () => [["series", "x", "y", "value"], ...plot.data.filter((trace) => trace.hoverinfo !== "skip").flatMap((trace) =>
+    Array.from(trace.x ?? [], (x, i) => [trace.name ?? "", x, trace.y?.[i], Array.isArray(trace.text) ? trace.text[i] : ""]))];
+  const svg = async () => {
+    const address = await Plotly.toImage(plot, { format: "svg", width: plot.clientWidth, height: plot.clientHeight });
+    return decodeURIComponent(address.slice(address.indexOf(",") + 1));
+  };
+  document.querySelector("figcaption").append(sumoPage.saver(document.title, svg, rows));
+  await draw();
+  sumoPage.onTheme(draw);
+  document.documentElement.dataset.study = "ready";
+})();

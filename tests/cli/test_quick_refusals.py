@@ -1,0 +1,45 @@
+"""What is wrong at first sight is told at once, before anything is compiled, split or simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+from sumo_eval.report.gates import GateResult
+from sumo_eval.report.terminal import gate_lines
+
+TWO = "class Brake:\n    def act(self, seen):\n        return None\n\n\ndef steer(seen):\n    return None\n"
+
+
+@pytest.mark.parametrize("words", [("check",), ("run", "--out", "x", "--ads")])
+def test_a_file_without_a_name_lists_what_it_holds(
+    tmp_path: Path, words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(TWO)
+    result = CliRunner().invoke(main, [*words, "mine.py"])
+    assert result.exit_code == 2
+    assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.output
+
+
+def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path: Path) -> None:
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "notes.txt").write_text("mine")
+    result = CliRunner().invoke(main, ["run", "--out", str(tmp_path / "taken")])
+    assert result.exit_code == 2
+    assert "already exists and is not empty" in result.output
+    assert "zones" not in result.output
+
+
+def test_gates_that_were_not_judged_for_one_reason_are_one_line() -> None:
+    reason = "there is no base to compare with"
+    gates = [
+        GateResult(quantity, ads, "s", None, f"{quantity}: {reason}", None, None)
+        for ads in ("a", "b")
+        for quantity in ("A", "H", "S+")
+    ]
+    lines = gate_lines([*gates, GateResult("C", "a", "s", False, "C: fell", None, None)])
+    assert lines == ["gate FAILED: a in s: C: fell", f"6 gates not judged: {reason}", "0 gates passed."]

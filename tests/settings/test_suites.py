@@ -1,0 +1,47 @@
+"""A frozen suite brings its scenarios, seed and drivers, and nothing about it can be changed."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import pytest
+
+from sumo_eval.errors import InputError
+from sumo_eval.settings.config import SUITES, settings_from
+
+FROZEN = {"2026.1": "99bab240a03d86c8"}
+
+
+def asked(**more: Any) -> dict[str, Any]:
+    ads = [{"name": "idm", "controller": "idm"}]
+    return {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": ads, **more}
+
+
+def test_a_suite_brings_its_scenarios_seed_and_drivers() -> None:
+    settings = settings_from(asked(), "here")
+    assert [one.use for one in settings.scenario] == [
+        "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
+    ]  # fmt: skip
+    assert (settings.seed, settings.drivers.count) == (20261, 6)
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        ({"seed": 2}, "`seed` in here is fixed by the suite"),
+        ({"drivers": {"count": 3}}, "`drivers` in here is fixed"),
+        ({"method": {"score": {"a": 60.0}}}, "`method` in here is fixed"),
+        ({"scenario": [{"use": "suite:2026.1"}, {"use": "cut_in"}]}, "stands alone"),
+        ({"scenario": [{"use": "suite:2026.1", "sampling": {"levels": 2}}]}, "stands alone"),
+        ({"scenario": [{"use": "suite:2025.1"}]}, "Unknown suite `2025.1`"),
+    ],
+)
+def test_nothing_about_a_suite_can_be_changed(more: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        settings_from(asked(**more), "here")
+
+
+def test_suites_are_frozen() -> None:
+    found = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest()[:16] for path in SUITES.glob("*.toml")}
+    assert found == FROZEN
