@@ -46,6 +46,7 @@ from sumo_eval.scoring.quantities import (
     simulated_alone,
     tabulate,
 )
+from sumo_eval.scoring.requirements import with_counts, with_requirements
 from sumo_eval.settings.config import with_changes
 from sumo_eval.trajectory import BoolArray
 
@@ -130,6 +131,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 )  # beside the paper: TTC, DRAC, PET, plausibility ...
                 rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity)
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
+                rows = with_requirements(rows, facts, logical, store)
                 notes = (
                     *left_out,
                     *plausible.notes,
@@ -138,7 +140,8 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     *beyond_range(facts, severity),
                 )
                 tables.append(rows)
-                combined.append(combine(name, logical.name, rows, method, notes))  # step 6: C, D, S; A, H, S+
+                scored = combine(name, logical.name, rows, method, notes)  # step 6: C, D, S; A, H, S+
+                combined.append(with_counts(scored, rows, logical))
             present = {
                 fact.case: compared[fact.point].drivers
                 for facts in drives.values()

@@ -51,7 +51,8 @@ class CaseResult:
     few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
     fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events. error_place: file, line and function
-    of the user's code that the exception in `error` came from.
+    of the user's code that the exception in `error` came from. requirements_missed: names of the requirements of the
+    scenario that do not hold in the drive, "" where all do, None where nothing is required or nothing was evaluated.
     """
 
     case: str
@@ -108,6 +109,7 @@ class CaseResult:
     mixture_similarity: float | None = None
     plausibility: float | None = None
     human_likeness: float | None = None
+    requirements_missed: str | None = None
 
     @property
     def voids_index(self) -> bool:
@@ -243,6 +245,16 @@ class IdealCollidesToo:
     of: int
 
 
+@dataclass(frozen=True, slots=True)
+class RequirementMissed:
+    """A requirement of the scenario that some cases miss, of all that were evaluated. name, text: as in its file."""
+
+    name: str
+    text: str
+    cases: int
+    of: int
+
+
 ScoreNote = (
     DrivesLeftOut
     | DrivenAlone
@@ -254,6 +266,7 @@ ScoreNote = (
     | WorstAndBest
     | GentlerThanIdeal
     | IdealCollidesToo
+    | RequirementMissed
 )
 """What a reader must know of a score."""
 
@@ -313,6 +326,7 @@ class ScenarioResult:
     unavoidable_collisions: int = 0
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    requirements_missed: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -136,7 +137,7 @@ class LogicalScenario:
     ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
     where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
     parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
-    every report.
+    every report. requirements: what must hold in every drive; None: nothing.
     """
 
     name: str
@@ -157,6 +158,7 @@ class LogicalScenario:
     options: tuple[Option, ...] = ()
     search: Search | None = None
     notes: tuple[str, ...] = ()
+    requirements: Requirements | None = None
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)
