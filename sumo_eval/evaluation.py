@@ -47,6 +47,7 @@ from sumo_eval.scoring.quantities import (
     simulated_alone,
     tabulate,
 )
+from sumo_eval.scoring.requirements import with_counts, with_requirements
 from sumo_eval.settings.config import with_changes
 from sumo_eval.trajectory import BoolArray
 
@@ -136,6 +137,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                 if nobody:
                     rows = [replace(row, human_likeness=None) for row in rows]
                 rows = with_people(rows, facts, people, compared, exposure, settings.drivers)
+                rows = with_requirements(rows, facts, logical, store)
                 notes = (
                     *left_out,
                     *plausible.notes,
@@ -144,9 +146,10 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     *beyond_range(facts, severity),
                 )
                 tables.append(rows)
-                combined.append(  # step 6: C, D, S; A, H, S+
-                    combine(name, logical.name, rows, method, notes, people=not nobody)
+                scored = combine(  # step 6: C, D, S; A, H, S+
+                    name, logical.name, rows, method, notes, people=not nobody
                 )
+                combined.append(with_counts(scored, rows, logical))
             present = {
                 fact.case: compared[fact.point].drivers
                 for facts in drives.values()

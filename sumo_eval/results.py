@@ -54,7 +54,8 @@ class CaseResult:
     few; human_low, human_mean, human_high: what these drivers score when each is left out once; bimodal: whether they
     fall into two groups somewhere; manoeuvre of the ADS and the share of drivers who made it (mixture mode).
     exposure_note: whether the point lies outside the support of recorded events. error_place: file, line and function
-    of the user's code that the exception in `error` came from.
+    of the user's code that the exception in `error` came from. requirements_missed: names of the requirements of the
+    scenario that do not hold in the drive, "" where all do, None where nothing is required or nothing was evaluated.
     """
 
     case: str
@@ -116,6 +117,7 @@ class CaseResult:
     overshoot: float | None = None
     over_line_time: float | None = None
     settling_time: float | None = None
+    requirements_missed: str | None = None
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -263,6 +265,16 @@ class IdealCollidesToo:
     of: int
 
 
+@dataclass(frozen=True, slots=True)
+class RequirementMissed:
+    """A requirement of the scenario that some cases miss, of all that were evaluated. name, text: as in its file."""
+
+    name: str
+    text: str
+    cases: int
+    of: int
+
+
 ScoreNote = (
     DrivesLeftOut
     | DrivenAlone
@@ -275,6 +287,7 @@ ScoreNote = (
     | StruckFromBehind
     | GentlerThanIdeal
     | IdealCollidesToo
+    | RequirementMissed
 )
 """What a reader must know of a score."""
 
@@ -335,6 +348,7 @@ class ScenarioResult:
     struck_from_behind: int = 0
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    requirements_missed: int | None = None
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

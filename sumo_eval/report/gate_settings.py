@@ -15,6 +15,7 @@ from sumo_eval.settings.config import read_checked
 Quantity = Literal[
     "A", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
     "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "not_evaluated",
+    "requirements_missed",
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 ]  # fmt: skip
 

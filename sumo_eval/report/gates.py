@@ -142,6 +142,8 @@ def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
         reason = reason_without_d(score)
     elif quantity in ("H", "S+"):
         reason = reason_without_h(score)
+    elif quantity == "requirements_missed":
+        return "the scenario requires nothing"
     return not_computed(reason) or "no case could be evaluated"
 
 

@@ -117,6 +117,9 @@ def _case_test(case: CaseResult, reason: str | None, report: ReportSettings) -> 
         which = f"{kind} collision" if case.ideal_severity is not None else "collision"
         message = f"{which} of {case.ads} in the {case.zone} zone at {number(case.impact_speed, 1)} m/s"
         return Test(name, "failure", "collision", message, _facts(case), seconds)
+    if case.requirements_missed:
+        message = f"{case.ads} misses: {case.requirements_missed}"
+        return Test(name, "failure", "requirement", message, _facts(case), seconds)
     if reason is not None:
         return Test(name, "error", "not_evaluated", _first_line(reason), reason, seconds)
     return Test(name, "passed", seconds=seconds)

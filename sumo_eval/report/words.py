@@ -25,6 +25,7 @@ from sumo_eval.results import (
     NotComputed,
     OutsideSupport,
     PlausibleTo,
+    RequirementMissed,
     ScenarioResult,
     ScoreNote,
     StruckFromBehind,
@@ -619,6 +620,9 @@ def score_note(note: ScoreNote) -> str:
             )
         case GentlerThanIdeal(collisions):
             return f"In {count(collisions, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1."
+        case RequirementMissed(name, text, cases, of):
+            said = f"`{text}`" if name == text else f"{name} (`{text}`)"
+            return f"{count(cases, 'case')} of {of} miss the requirement {said}."
         case IdealCollidesToo(collisions, of):
             return (
                 f"The ideal vehicle has {collisions} of {count(of, 'collision')} in the safe zone as well: C and A "

@@ -49,6 +49,7 @@ from sumo_eval.scenario.logical import (
     uniform_exposure,
 )
 from sumo_eval.scenario.reachable import never_begin
+from sumo_eval.scenario.requirement import Requirements, requirement
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import Spread, drawn
@@ -357,6 +358,21 @@ class RecordedTable(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class RequireTable(Checked):
+    """What must hold in every drive; cases that miss it are counted beside the scores."""
+
+    check: Annotated[
+        str,
+        About(
+            "a condition on the whole drive: min, max, at_end of time, x, offset, speed, acceleration, jerk, "
+            "lateral_speed, gap, thw, ttc; collided, reached_end; e.g. `min(gap) > 2 and collided == 0`"
+        ),
+    ]
+    name: Annotated[str, About("name in tables; default: the check itself")] = ""
+    about: Annotated[str, About("the same in words")] = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ScenarioFile(Checked):
     """A logical scenario file."""
 
@@ -388,6 +404,7 @@ class ScenarioFile(Checked):
         Literal["drivers", "none"],
         About("none: no synthetic driver knows this scene, so without recorded ones there is no D and no H"),
     ] = "drivers"
+    require: Annotated[tuple[RequireTable, ...], About("what must hold in every drive")] = ()
 
 
 _ADAPTER = TypeAdapter(ScenarioFile)
@@ -995,7 +1012,18 @@ class _Builder:
             default_sample=table.default_sample,
             has_drivers=table.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
+            requirements=self._requirements(definitions),
         )
+
+    def _requirements(self, definitions: Definitions) -> Requirements | None:
+        if not self.table.require:
+            return None
+        found = tuple(
+            requirement(item.name or item.check, item.check, item.about, self.where, self.known)
+            for item in self.table.require
+        )
+        _distinct([item.name for item in found], "requirement", self.where)
+        return Requirements(found, definitions)
 
     def _number(self, formula: Formula, what: str) -> Expression:
         return checked_names(number(formula, f"{what} of {self.where}"), self.known, f"{what} of {self.where}")

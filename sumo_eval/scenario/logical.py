@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from sumo_eval.errors import InputError, check_name, must_be, unknown
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, EgoBody, Road, Start
 from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
@@ -164,6 +165,7 @@ class LogicalScenario:
     parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
     every report. recorded: the events of recordings that it is met as; met: how often it was; None: nobody says.
     has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones make a D.
+    requirements: what must hold in every drive; None: nothing.
     """
 
     name: str
@@ -188,6 +190,7 @@ class LogicalScenario:
     met: Met | None = None
     margin: Callable[[Values], FloatArray] | None = None
     has_drivers: bool = True
+    requirements: Requirements | None = None
 
     def __post_init__(self) -> None:
         check_name("`name`", "a logical scenario", self.name)

@@ -1,0 +1,119 @@
+"""Requirements of a scenario: conditions on the whole drive, such as `min(gap) > 2 and max(abs(offset)) <= 0.15`.
+
+`min`, `max` and `at_end` of one value are taken over the drive of the ego; what stands in them may combine the numbers
+of the moment below with parameters and definitions. The rest is the language of scenario files.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.expression import Expression, checked_names, condition
+from sumo_eval.trajectory import FloatArray
+
+SERIES = {
+    "time": "since the start, s",
+    "x": "centre along the road, m",
+    "offset": "centre across the road from where the ego started, to the left, m",
+    "speed": "m/s",
+    "acceleration": "along the heading, m/s2",
+    "jerk": "rate of the acceleration from sample to sample, m/s3",
+    "lateral_speed": "across the road, m/s",
+    "gap": "bumper to bumper to the nearest one ahead in the ego's path, m; inf without one",
+    "thw": "gap over the ego's speed, s; inf without one ahead",
+    "ttc": "gap over the closing speed, s; inf where the gap does not close",
+}
+"""What a requirement may ask of each moment."""
+OUTCOMES = {
+    "collided": "1 if the ego touched somebody, else 0",
+    "reached_end": "1 if it came to the end of the scenario's road, else 0",
+}
+"""What it may ask of the whole."""
+_OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {"min": np.min, "max": np.max, "at_end": lambda values: values[-1]}
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """A checked requirement. parts: placeholder, function and what it is taken of, for each value over time."""
+
+    name: str
+    text: str
+    about: str
+    outer: Expression
+    parts: tuple[tuple[str, str, Expression], ...]
+
+    def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
+        """Whether it holds in a drive. series: by the names of `SERIES`, (n,) each; known: all other numbers."""
+        numbers = dict(known)
+        for placeholder, function, inner in self.parts:
+            over = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
+            if np.isnan(over).any():
+                raise InputError(f"`{inner.text}` of requirement `{self.name}` must be a number at every moment.")
+            numbers[placeholder] = float(_OVER_TIME[function](over))
+        return bool(self.outer.at(numbers))
+
+
+class Numbers(Protocol):
+    """What works out the definitions of a scenario at a point."""
+
+    def at(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values and the definitions at them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Requirements:
+    """All requirements of a scenario, and what works out the other numbers that they name."""
+
+    all: tuple[Requirement, ...]
+    numbers: Numbers
+
+    def known(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The numbers of a point."""
+        return self.numbers.at(values)
+
+
+def requirement(name: str, text: str, about: str, owner: str, known: Iterable[str]) -> Requirement:
+    """The requirement in a text. known: names of parameters, options and definitions. InputError with what is wrong."""
+    if not name or ";" in name:
+        raise must_be("The name", f"a requirement of {owner}", "a text without `;`", name)
+    names = [*known, *OUTCOMES]
+    for taken in (*SERIES, *OUTCOMES, *_OVER_TIME):
+        if taken in list(known):
+            raise InputError(f"`{taken}` of {owner} must have another name: requirements ask for the drive by it.")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InputError(f"Requirement `{text[:200]}` of {owner} cannot be read.") from None
+    found = _Parts(text, owner)
+    outer = condition(ast.unparse(ast.fix_missing_locations(found.visit(tree))), owner)
+    for _, _, inner in found.parts:
+        checked_names(inner, [*names, *SERIES], owner)
+        if not inner.names & set(SERIES):
+            raise must_be(f"`{inner.text}`", f"requirement `{name}` of {owner}", f"of {', '.join(SERIES)}", inner.text)
+    for asked in sorted(outer.names - {part[0] for part in found.parts}):
+        if asked in SERIES:
+            raise must_be(f"`{asked}`", f"requirement `{name}` of {owner}", "within min(), max() or at_end()", text)
+        if asked not in names:
+            raise unknown(f"name in requirement `{name}` of {owner}:", asked, [*names, *SERIES])
+    return Requirement(name, text, about, outer, tuple(found.parts))
+
+
+class _Parts(ast.NodeTransformer):
+    """Puts a placeholder where a value over time stands."""
+
+    def __init__(self, text: str, owner: str) -> None:
+        self.text, self.owner = text, owner
+        self.parts: list[tuple[str, str, Expression]] = []
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        if isinstance(node.func, ast.Name) and node.func.id in _OVER_TIME and len(node.args) == 1 and not node.keywords:
+            placeholder = f"over_time_{len(self.parts)}"
+            self.parts.append((placeholder, node.func.id, Expression(ast.unparse(node.args[0]))))
+            return ast.copy_location(ast.Name(placeholder, ast.Load()), node)
+        return self.generic_visit(node)

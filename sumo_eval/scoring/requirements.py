@@ -1,0 +1,72 @@
+"""Which requirements of a scenario a drive does not meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sumo_eval.method.measures import time_headway, time_to_collision, vehicle_ahead
+from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.results import EVALUATED, CaseResult, RequirementMissed, ScenarioResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.trajectory import Collision, FloatArray, Trajectory
+
+
+def series_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None) -> dict[str, FloatArray]:
+    """What requirements ask for at each sample of the ego, by the names of `SERIES`; inf where nobody is ahead."""
+    gap, closing = vehicle_ahead(ego, actors, collision)
+    along = ego.speed * np.cos(ego.heading)
+    step = np.diff(ego.time)
+    jerk = np.concatenate([[0.0], np.diff(ego.acceleration) / np.where(step > 0.0, step, np.inf)])
+    found = {
+        "time": ego.time,
+        "x": ego.x,
+        "offset": ego.y - ego.y[0],
+        "speed": ego.speed,
+        "acceleration": ego.acceleration,
+        "jerk": jerk,
+        "lateral_speed": ego.speed * np.sin(ego.heading),
+        "gap": gap,
+        "thw": time_headway(gap, along),
+        "ttc": time_to_collision(gap, closing),
+    }
+    return found | {name: np.where(np.isnan(found[name]), np.inf, found[name]) for name in ("gap", "thw", "ttc")}
+
+
+def with_requirements(
+    rows: Sequence[CaseResult], facts: Sequence[Fact], logical: LogicalScenario, store: Store
+) -> list[CaseResult]:
+    """The rows with the names of the requirements that each drive misses; None where nothing is required."""
+    if logical.requirements is None:
+        return list(rows)
+    found = []
+    for row, fact in zip(rows, facts, strict=True):
+        if fact.status not in EVALUATED:
+            found.append(row)
+            continue
+        actors = store.trajectories(fact.case)
+        ego = actors.pop(EGO)
+        known = logical.requirements.known(fact.values) | {
+            "collided": float(fact.collision is not None),
+            "reached_end": float(ego.x[-1] >= logical.road.length),
+        }
+        series = series_of(ego, actors, fact.collision)
+        missed = [one.name for one in logical.requirements.all if not one.holds(series, known)]
+        found.append(replace(row, requirements_missed="; ".join(missed)))
+    return found
+
+
+def with_counts(score: ScenarioResult, rows: Sequence[CaseResult], logical: LogicalScenario) -> ScenarioResult:
+    """The score with how many cases miss a requirement, and a note for each requirement that some miss."""
+    if logical.requirements is None:
+        return score
+    judged = [row.requirements_missed.split("; ") for row in rows if row.requirements_missed is not None]
+    notes = tuple(
+        RequirementMissed(one.name, one.text, missed, len(judged))
+        for one in logical.requirements.all
+        if (missed := sum(one.name in names for names in judged))
+    )
+    failed = sum(names != [""] for names in judged)
+    return replace(score, requirements_missed=failed, notes=(*score.notes, *notes))
