@@ -48,15 +48,16 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
 
 def test_the_ideal_vehicle_scores_c_1_in_each_shipped_scenario(tmp_path: Path) -> None:
     corners = SamplingSettings(method="grid", levels=2)
+    names = sorted(name for name, logical in SCENARIOS.items() if logical.approach is not None)  # golden files: others
     everywhere = EvaluationSettings(
         name="everywhere",
-        scenario=tuple(ScenarioSettings(name, sampling=corners) for name in sorted(SCENARIOS)),
+        scenario=tuple(ScenarioSettings(name, sampling=corners) for name in names),
         ads=(AdsSettings("ideal", "ideal_braking"),),
         drivers=DriverSettings(count=2),
         run=RunSettings(workers=2),
     )
     scores = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
-    assert {score.scenario: score.c for score in scores} == dict.fromkeys(SCENARIOS, 1.0)
+    assert {score.scenario: score.c for score in scores} == dict.fromkeys(names, 1.0)
     assert sum(score.collisions > 0 for score in scores) >= 2, "there is something to be ideal at"
 
 

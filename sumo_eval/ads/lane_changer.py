@@ -22,7 +22,7 @@ _MEMORY = np.dtype([*OVERTAKING, *fields("desired_speed")])
 
 @kernel
 def lane_changer(
-    me: Any, others: Any, memory: Any, known: Any, watched: Any, habits: Any, p: Any, scenario: Any
+    me: Any, others: Any, memory: Any, known: Any, watched: Any, habits: Any, p: Any, way: Any, scenario: Any
 ) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad: decide, then steer along the path decided on."""
     if memory.began == 0:
@@ -32,7 +32,7 @@ def lane_changer(
         if not is_visible(me, others, j, 0.0):
             known[j].x = math.nan
     free = free_acceleration(me.speed, memory.desired_speed, p)
-    wanted = overtake(memory, me, known, watched, habits, p, memory.desired_speed, free, scenario)
+    wanted = overtake(memory, me, known, watched, habits, p, memory.desired_speed, free, way, scenario)
     y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
     return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
 
@@ -47,7 +47,15 @@ def lane_changer_rows(
         if egos[i].live:
             command = egos[i].command
             command.acceleration, command.steering = lane_changer(
-                egos[i].seen, seen[i], memory[i], known[i], watched[i], habits[i], parameters[i], scenario[0]
+                egos[i].seen,
+                seen[i],
+                memory[i],
+                known[i],
+                watched[i],
+                habits[i],
+                parameters[i],
+                egos[i].way,
+                scenario[0],
             )
 
 

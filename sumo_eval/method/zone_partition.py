@@ -50,6 +50,7 @@ LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguish
 SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
 SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
+SEARCHED_WINDOW = 1e-3  # of the box, where the search for a most dangerous point ends if criticality is searched
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
@@ -705,8 +706,9 @@ class _DangerSearch:
         """
         best = self._worst(np.concatenate([members, self._members(zone, others)]))
         k = len(self.logical.parameters)
-        offsets = _mesh([np.linspace(-1.0, 1.0, {1: 21, 2: 15, 3: 9, 4: 5}.get(k, 3))] * k)
-        width = self.cell
+        fine = {1: 21, 2: 15, 3: 9, 4: 5} if self.logical.search is None else {1: 21, 2: 9, 3: 5}
+        offsets = _mesh([np.linspace(-1.0, 1.0, fine.get(k, 3))] * k)
+        width, least = self.cell, 1e-12 if self.logical.search is None else SEARCHED_WINDOW
         for _ in range(200):
             centre = self.logical.to_unit(best)
             around = self.logical.from_unit(np.clip(centre + width * offsets, 0.0, 1.0))
@@ -714,7 +716,7 @@ class _DangerSearch:
             if np.array_equal(worst, best):
                 width *= 0.4
             best = worst
-            if width < 1e-12:
+            if width < least:
                 break
         return dict(zip(self.logical.names, self._rounded(zone, best).tolist(), strict=True))
 

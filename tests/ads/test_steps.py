@@ -11,6 +11,8 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
+SCRIPTED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None)
+"""Scenarios in which what the others do is known before anybody drives."""
 DRIVERS = ("careful_driver", "careful_driver_aeb", "fsm", "rss", "ideal_braking", "no_reaction")
 RELEASING = ("reg157", "eu_2022_1426", "eu_2022_1426_bus")  # they release where TTC is critical, again and again
 GRAZE = 0.02  # m
@@ -75,7 +77,7 @@ def flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", [*DRIVERS, *RELEASING])
-@pytest.mark.parametrize("name", sorted(catalogue.SCENARIOS))
+@pytest.mark.parametrize("name", SCRIPTED)
 def test_no_outcome_depends_on_the_step_further_than_a_graze_from_contact(name, ads):
     far = [(label, gap) for label, gap in flips(name, ads, max(1, round(1000 * SHARE))) if gap > GRAZE]
     assert not far

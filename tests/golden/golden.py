@@ -34,14 +34,19 @@ from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
     EvaluationSettings,
+    MethodSettings,
     RunSettings,
     SamplingSettings,
     ScenarioSettings,
+    ZoneSettings,
 )
 from sumo_eval.trajectory import CHANNELS
 
 FOLDER = Path(__file__).parent
 POINTS = 12
+FEW = ("no_reaction", "ideal_braking", "idm", "lane_changer")
+"""Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
+COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
 DRIVERS = 4
 NATIVE = "sumo:IDM"
 TOLERANCE = 1e-9  # of scores, relative to 1 or to their own size where that is larger
@@ -50,6 +55,15 @@ MADE_WITH = ("libsumo", "numpy")
 
 def evaluation(scenario: str) -> EvaluationSettings:
     """The small evaluation of one scenario: all shipped ADSs and one of SUMO's models at a few points of the space."""
+    if SCENARIOS[scenario].approach is None:
+        return EvaluationSettings(
+            name="golden",
+            scenario=(ScenarioSettings(scenario, SamplingSettings(method="sobol", count=4)),),
+            ads=tuple(AdsSettings(name, name) for name in FEW),
+            drivers=DriverSettings(count=2),
+            run=RunSettings(workers=2),
+            method=MethodSettings(zones=COARSE),
+        )
     names = (*SHIPPED, NATIVE)
     return EvaluationSettings(
         name="golden",

@@ -123,7 +123,7 @@ def ego_length(concrete):
     return concrete.ego_vehicle(VehicleSettings()).length
 
 
-@each
+@pytest.mark.parametrize("logical", [it for it in ALL if it.approach is not None], ids=lambda logical: logical.name)
 def test_the_approach_describes_what_is_placed(logical):
     points = sample(logical).points
     approach = logical.approach(logical.columns(points))
