@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
 from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, unknown
@@ -178,6 +179,26 @@ def follow(
     return enhanced_idm_acceleration(speed, desired_speed, gap, lead_speed, idm, accepted, lead_braking)
 
 
+@kernel
+def change_as_asked(path: Any, way: Any, me: Any, others: Any, desired_speed: float, idm: Any, scenario: Any) -> float:
+    """The most that an ego that has to change lanes accelerates, m/s2; may begin the change in `path`.
+
+    It follows by the IDM whom it will be behind, no harder than comfortably until the change has begun, and waits
+    before the end of its lane.
+    """
+    changing = change_if_free(path, way, me, others, scenario)
+    most = math.inf
+    lead = lead_beside(way, me, others, scenario)
+    if lead >= 0:
+        most = idm_acceleration(me.speed, desired_speed, bumper_gap(me, others[lead]), others[lead].along, idm)
+        if not changing:
+            most = max(most, -idm.deceleration)
+    left = road_left(path, way, me)
+    if is_waiting(path, way) and not math.isinf(left):
+        most = min(most, idm_acceleration(me.speed, desired_speed, left, 0.0, idm))
+    return most
+
+
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
 _MEMORY = np.dtype([*fields("desired_speed", "curvature"), ("path", PATH), *flags("began")])
 
@@ -186,9 +207,10 @@ _KNOWN = fields("last_speed")
 
 
 @kernel
-def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, scenario: Any) -> tuple[float, float]:
+def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, scenario: Any) -> tuple[float, float]:
     """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, in the middle of the step,
     along the lane's centre. Who watches takes whoever comes into the path for the lead, if that one is nearer.
+    way: the lane change that the ego has to make, if it has to.
     """
     if memory.began == 0:
         memory.began, memory.desired_speed = 1, me.speed
@@ -209,6 +231,8 @@ def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, scenario: Any) ->
     now = idm_acceleration(me.speed, memory.desired_speed, gap, lead_speed, p)
     speed, gap, lead_speed = in_half_a_step(me.speed, gap, lead_speed, max(now, -strongest), braking, scenario.step)
     wanted = idm_acceleration(speed, memory.desired_speed, gap, lead_speed, p)
+    if way.asked:
+        wanted = min(wanted, change_as_asked(memory.path, way, me, others, memory.desired_speed, p, scenario))
     y, slope, bend = path_at(memory.path, rear_axle_next(me, scenario))
     return max(wanted, -strongest), steering(memory, me, y, slope, bend, scenario)
 
@@ -222,7 +246,7 @@ def idm_rows(
         if egos[i].live:
             command = egos[i].command
             command.acceleration, command.steering = idm(
-                egos[i].seen, seen[i], memory[i], known[i], parameters[i], scenario[0]
+                egos[i].seen, seen[i], memory[i], known[i], parameters[i], egos[i].way, scenario[0]
             )
 
 

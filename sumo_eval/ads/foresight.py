@@ -27,6 +27,7 @@ FOLLOWING_GAP = 1.6  # s to a vehicle ahead in the lane that is entered: the lea
 _LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, whose instant is then bisected
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _PEAK_RATE = 1.875  # of `smooth_step_rate`
+_AHEAD = 0.01  # m on which the direction of a way is taken
 
 
 class Foresight(NamedTuple):
@@ -113,6 +114,12 @@ def evasion(
     return straight[0], road.lane_width, at, duration * ego.speed
 
 
+def _on_the_way(ego: Start, actor: Actor, vehicle: VehicleSettings) -> bool:
+    """Whether another vehicle starts in a lane along which the ego drives."""
+    lanes = [ego.y] if ego.way is None else [ego.y, ego.y + ego.way.offset]
+    return min(abs(actor.start.y - y) for y in lanes) < 0.5 * (actor.width + vehicle.width)
+
+
 class _Track:
     """Another vehicle as it moves while the ego keeps its speed, at any time between two looks."""
 
@@ -157,7 +164,7 @@ def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, un
     hiding = 1.0 - settings.ideal_visible_share
     for j, (actor, track) in enumerate(zip(concrete.actors, theirs, strict=True)):
         rows = found.others[0, j]
-        in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + vehicle.width)
+        in_path = _on_the_way(ego, actor, vehicle)
         begins = float(found.begins[0, j])
         caught_up = in_path and actor.start.x > ego.x and actor.start.speed * math.cos(actor.heading) < ego.speed
         changes = 0.0 if caught_up or math.isinf(begins) else begins
@@ -166,7 +173,9 @@ def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, un
         along = rows[:, 3] * np.cos(rows[:, 2]) - rows[:, 4] * np.sin(rows[:, 2])
         reacts = actor.model is not None and actor.start.x < ego.x  # it will not drive into whoever keeps its speed
         meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until)
-        told.append(Foresight(noticed, meets, max(float(along.min()), 0.0), noticed > changes))
+        passes = ego.way is not None and actor.start.x < ego.x  # it is let past: only who stands leads no one into it
+        slowest = 0.0 if passes else max(float(along.min()), 0.0)
+        told.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(told)
 
 
@@ -187,7 +196,8 @@ def _covers(ego: Start, nearer: _Track, track: _Track, time: float, hiding: floa
         return False
     share = (nearer.x(time) - eye) / (track.x(time) - eye)
     its, hidden = nearer.half_width(time), track.half_width(time) * share
-    middle = ego.y + share * (track.y(time) - ego.y)
+    own = float(ego.y_at(eye))
+    middle = own + share * (track.y(time) - own)
     shared = min(its + hidden - abs(nearer.y(time) - middle), 2.0 * its, 2.0 * hidden)
     return shared > 2.0 * hidden * hiding
 
@@ -196,8 +206,9 @@ def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, rows: FloatArray
     """Whether an ego that keeps its speed and its lane touches another vehicle."""
     times = np.arange(len(rows)) * step
     reach = 0.5 * (vehicle.length + vehicle.width + track.length + track.width) + FASTEST * step * 0.1
-    near = np.abs(rows[:, 0] - ego.x - ego.speed * times) < reach
-    near &= np.abs(rows[:, 1] - ego.y) < reach
+    places = ego.x + ego.speed * times
+    near = np.abs(rows[:, 0] - places) < reach
+    near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
         time, later = k * step, (k + 1) * step
         if time < until and first_touch(
@@ -311,7 +322,11 @@ def _time_over(apart: float, speed: float) -> float:
 
 
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float) -> Body:
-    return Body(ego.x + ego.speed * time, ego.y, 0.0, ego.speed, vehicle.length, vehicle.width)
+    x = ego.x + ego.speed * time
+    if ego.way is None:
+        return Body(x, ego.y, 0.0, ego.speed, vehicle.length, vehicle.width)
+    y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()
+    return Body(x, y, math.atan2(ahead - y, _AHEAD), ego.speed, vehicle.length, vehicle.width)
 
 
 def _body(actor: Actor, time: float) -> Body:

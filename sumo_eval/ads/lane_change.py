@@ -140,13 +140,14 @@ def beside_an_arc(curvature: float, ahead: float, left: float) -> tuple[float, f
 @kernel
 def lane_kept(ego: Any, scenario: Any) -> float:
     """Steering wheel angle, rad, of those whose rule is for the pedals: on a road that bends they keep to the line on
-    which they began, on a straight one they leave the wheel alone.
+    which they began; who has to change lanes does so at the fixed place of the way; else they leave the wheel alone.
     """
-    if scenario.road.bent == 0:
+    if scenario.road.bent == 0 and ego.way.asked == 0:
         return 0.0
     vehicle = scenario.vehicle
     now = math.tan(ego.steering / vehicle.steering_ratio) / vehicle.wheelbase
-    curvature = steered(now, ego.seen, ego.lane_y, 0.0, 0.0, scenario)
+    y, slope, bend = path_at(ego.way, rear_axle_next(ego.seen, scenario))
+    curvature = steered(now, ego.seen, y, slope, bend, scenario)
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
 
 

@@ -58,7 +58,7 @@ def wanted_at(scene: Any, after: float) -> float:
     """Acceleration wanted `after` s from now, if everybody goes on as now, m/s2. What would be decided then is in
     `memory.tried`. scene: as the rule makes it.
     """
-    me, memory, sightings, watched, later, tried, habits, p, scenario = scene
+    me, memory, sightings, watched, later, tried, habits, p, way, scenario = scene
     _foresee_ego(memory.then, me, memory.pedals.level, after)
     for j in range(len(later)):
         foresee(later[j], sightings[j], after, scenario.step)
@@ -71,7 +71,9 @@ def wanted_at(scene: Any, after: float) -> float:
             later[j].x = math.nan
     _remember(memory.tried, memory.decided)
     free = free_acceleration(memory.then.speed, memory.desired_speed, p)
-    return float(overtake(memory.tried, memory.then, later, tried, habits, p, memory.desired_speed, free, scenario))
+    return float(
+        overtake(memory.tried, memory.then, later, tried, habits, p, memory.desired_speed, free, way, scenario)
+    )
 
 
 @kernel
@@ -85,7 +87,7 @@ def _changes_at(scene: Any, after: float) -> float:
 def _decide_at(scene: Any, after: float) -> float:
     """Decide as `after` s from now; the acceleration wanted then, m/s2. Call once a step."""
     wanted = wanted_at(scene, after)
-    _, memory, _, watched, _, tried, _, _, _ = scene
+    _, memory, _, watched, _, tried, _, _, _, _ = scene
     _remember(memory.decided, memory.tried)
     for j in range(len(watched)):
         watched[j].accepted = tried[j].accepted
@@ -114,7 +116,7 @@ def _decide(scene: Any) -> float:
     What is wanted counts as in the middle of the parts of the cycle before and after the instant at which it jumps or
     the lane change begins; that begins at that instant.
     """
-    me, memory, _, _, _, _, _, _, scenario = scene
+    me, memory, _, _, _, _, _, _, _, scenario = scene
     step, vehicle = scenario.step, scenario.vehicle
     turn = _turn_in(scene, step)
     gained, lasts = 0.0, step
@@ -133,18 +135,18 @@ def _decide(scene: Any) -> float:
 @kernel
 def lane_changer(
     me: Any, others: Any, memory: Any, sightings: Any, watched: Any, later: Any, tried: Any, habits: Any, p: Any,
-    cycle: Any, scenario: Any,
+    way: Any, cycle: Any, scenario: Any,
 ) -> tuple[float, float]:  # fmt: skip
     """Acceleration, m/s2, and steering wheel angle, rad: decide once a cycle, then steer along the path decided on.
 
-    cycle: the scenario, with a cycle as its step.
+    way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a cycle as its step.
     """
     if memory.steps == 0:
         memory.desired_speed = me.speed
     if memory.steps % round(cycle.step / scenario.step) == 0:
         for j in range(len(others)):
             sight(sightings[j], others[j], cycle.step)
-        memory.told = _decide((me, memory, sightings, watched, later, tried, habits, p, cycle))
+        memory.told = _decide((me, memory, sightings, watched, later, tried, habits, p, way, cycle))
     memory.steps += 1
     y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, scenario))
     return memory.told, steering(memory.decided, me, y, slope, bend, scenario)
@@ -161,7 +163,7 @@ def lane_changer_rows(
             command = egos[i].command
             command.acceleration, command.steering = lane_changer(
                 egos[i].seen, seen[i], memory[i], sightings[i], watched[i], later[i], tried[i], habits[i],
-                parameters[i], cycles[i], scenario[0],
+                parameters[i], egos[i].way, cycles[i], scenario[0],
             )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from sumo_eval.ads.car_following import FOLLOWED, follow
+from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
 from sumo_eval.ads.lane_change import (
     PATH,
     keep_lane,
@@ -34,6 +34,7 @@ EMERGENCY_BRAKING = 0.8  # share of the strongest braking; needing more, braking
 EMERGENCY_GAP = 2.0  # m left to a vehicle in the other lane after an evasion
 SPEED_RESERVE = 1.0  # m/s; nobody gains speed while he would not be clear of what he passes at this much more
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
+END_AHEAD = 10.0  # s before the end of the lane beside from which on nobody changes to it
 LEAST_SPEED = 2.0  # m/s, nobody overtakes from a slower roll
 AHEAD_HEADWAY = 0.6  # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
 
@@ -77,23 +78,27 @@ WATCHED = [*FOLLOWED, *fields("gap", "closing"), *flags("leads")]
 @kernel
 def overtake(
     memory: Any, me: Any, others: Any, watched: Any, habits: Any, idm: Any, desired_speed: float, free: float,
-    scenario: Any,
+    way: Any, scenario: Any,
 ) -> float:  # fmt: skip
     """Acceleration wanted in this step, m/s2; may begin the lane change, which then shows in `memory.path`.
 
-    Follows what is in the way, or changes to the lane left of the start, once and for good.
+    Follows what is in the way, or changes to the lane left of the start, once and for good. Who has to change lanes
+    (`way`) does that and overtakes nobody.
     others: the vehicles known. desired_speed: m/s. free: the acceleration wanted with nothing in the way, m/s2.
     """
     if memory.began == 0:
         memory.began, memory.cruising_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
+    asked = math.inf
+    if way.asked:
+        asked = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
     leads = _find_leads(memory, me, others, watched, scenario)
-    if leads and memory.changing == 0 and _has_left_lane(memory, scenario.road):
+    if leads and memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road):
         if _begins(memory, me, others, watched, habits, scenario):
             _find_leads(memory, me, others, watched, scenario)
         elif _bides_its_time(memory, me, others, watched, habits, scenario):
             return free
-    wanted = free
+    wanted = min(free, asked)
     for j in range(len(others)):
         known = watched[j]
         if known.leads:
@@ -114,8 +119,14 @@ def overtake(
 
 
 @kernel
-def _has_left_lane(memory: Any, road: Any) -> bool:
-    return bool(lane_of(memory.path.start, road) + 1 < road.lanes)
+def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
+    lane = lane_of(memory.path.start, road)
+    if lane + 1 >= road.lanes or road.shaped == 0:
+        return bool(lane + 1 < road.lanes)
+    if not (lane > 0 or road.right_parted_until < me.x < road.right_parted_from):
+        return False
+    first, last = max(road.left_is_open, road.left_parted_until), min(road.left_closes, road.left_parted_from)
+    return bool(lane + 2 < road.lanes or first <= me.x < last - END_AHEAD * me.along)
 
 
 @kernel

@@ -13,7 +13,7 @@ import numpy as np
 
 from sumo_eval.cosim.sumo.session import vehicles
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import EGO, MOVER, Records, described, show, show_bend
+from sumo_eval.cosim.world import EGO, MOVER, Records, described, show, show_bend, write_way
 from sumo_eval.kernels import rows as compiled_rows
 from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 
@@ -67,7 +67,7 @@ class Compiled:
     def reset(self, scenario: Any, traci: Any, ego: str) -> None:
         """Begin a case that is driven through TraCI."""
         self._scenario = described(scenario.road, scenario.vehicle, scenario.step)
-        self._line = scenario.road.line
+        self._line, self._way = scenario.road.line, scenario.way
         self._along: list[float] | None = None
         self._names: tuple[str, ...] | None = None
 
@@ -87,7 +87,9 @@ class Compiled:
         rear = 0.5 * float(self._scenario["vehicle"]["wheelbase"][0])
         _show_rows(movers, self._in_frame(bodies), knots_of(self._line), rear)
         if time == 0.0:
-            self._egos["lane_y"] = movers["y"][0]
+            self._egos["way"]["start"], self._egos["way"]["length"] = movers["y"][0], 1.0
+            if self._way is not None:
+                write_way(self._egos[0], self._way, float(movers["y"][0]), float(movers["speed"][0]))
         self._egos["seen"][0] = movers[0]
         self._seen[0] = movers[1:]
         type(self).loop(self._egos, self._seen, *self._own, self._scenario, time)

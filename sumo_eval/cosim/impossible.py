@@ -34,8 +34,9 @@ def leaves_the_lanes(ego: Body, road: Road, step: float) -> bool:
     reach = 0.5 * ego.width - BESIDE
     for body in (ego, coming):
         x, y = front(body)
-        on_lanes = road.right_edge - reach <= y <= road.left_edge + reach and 0.0 <= x <= road.length + road.run_out
-        if not (on_lanes and road.right_edge <= body.y <= road.left_edge):
+        right, left = float(road.right_edge_at(x)), float(road.left_edge_at(x))
+        on_lanes = right - reach <= y <= left + reach and 0.0 <= x <= road.length + road.run_out
+        if not (on_lanes and right <= body.y <= left):
             return True
     return False
 

@@ -188,6 +188,7 @@ def told(concrete: ConcreteScenario, settings: SimulationSettings, step_timeout:
         step_timeout,
         *task_of(concrete),
         every * settings.step,
+        concrete.ego.way,
     )
 
 

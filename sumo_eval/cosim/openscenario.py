@@ -6,6 +6,7 @@ reference point of every vehicle is put into the middle of its body, where this 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -13,6 +14,7 @@ from lxml import etree
 
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Trajectory
@@ -39,13 +41,53 @@ def opendrive_xml(road: Road) -> str:
     else:  # the line itself, which a spiral's offset would not be
         _plan(plan, road, length)
         etree.SubElement(lanes, "laneOffset", s="0", a=_text(road.left_edge), b="0", c="0", d="0")
-    section = etree.SubElement(lanes, "laneSection", s="0")
-    etree.SubElement(etree.SubElement(section, "center"), "lane", id="0", type="none", level="false")
-    right = etree.SubElement(section, "right")
-    for number in range(1, road.lanes + 1):
-        lane = etree.SubElement(right, "lane", id=str(-number), type="driving", level="false")
-        etree.SubElement(lane, "width", sOffset="0", a=_text(road.lane_width), b="0", c="0", d="0")
+    places = [0.0, *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}), length]
+    sections = list(itertools.pairwise(places))
+    left = road.span(road.lanes - 1)
+    for begin, end in sections if left is not EVERYWHERE else ():
+        first, last = (-road.lane_width * gone for gone in _gone(left, begin, end))
+        slope = _text((last - first) / (end - begin))
+        etree.SubElement(lanes, "laneOffset", s=_text(begin), a=_text(first), b=slope, c="0", d="0")
+    for begin, end in sections:
+        section = etree.SubElement(lanes, "laneSection", s=_text(begin))
+        etree.SubElement(etree.SubElement(section, "center"), "lane", id="0", type="none", level="false")
+        right = etree.SubElement(section, "right")
+        number = 0
+        for place in reversed(range(road.lanes)):
+            first, last = (road.lane_width * (1.0 - gone) for gone in _gone(road.span(place), begin, end))
+            if first == last == 0.0:
+                continue
+            number -= 1
+            lane = etree.SubElement(right, "lane", id=str(number), type="driving", level="false")
+            slope = _text((last - first) / (end - begin))
+            etree.SubElement(lane, "width", sOffset="0", a=_text(first), b=slope, c="0", d="0")
+    for crossing in road.crossings:
+        _crossing(root, crossing, str(len(root.findall("road"))))
     return _document(root)
+
+
+def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
+    """The shares of a lane that are not there at the ends of a section, throughout which its edge is straight."""
+    inside = 1e-6 * (end - begin)  # an end may be where the lane's edge turns
+    return tuple(float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside))  # type: ignore[return-value]
+
+
+def _crossing(root: etree._Element, crossing: Crossing, number: str) -> None:
+    """A road that crosses, its middle the reference line."""
+    length = 2.0 * crossing.reach
+    element = etree.SubElement(root, "road", name="crossing", length=_text(length), id=number, junction="-1")
+    plan = etree.SubElement(element, "planView")
+    geometry = etree.SubElement(
+        plan, "geometry", s="0", x=_text(crossing.at), y=_text(-crossing.reach), hdg=f"{0.5 * math.pi:.12g}",
+        length=_text(length),
+    )  # fmt: skip
+    etree.SubElement(geometry, "line")
+    section = etree.SubElement(etree.SubElement(element, "lanes"), "laneSection", s="0")
+    for side, number_of in (("left", 1), ("center", 0), ("right", -1)):
+        kind = "driving" if number_of else "none"
+        lane = etree.SubElement(etree.SubElement(section, side), "lane", id=str(number_of), type=kind, level="false")
+        if number_of:
+            etree.SubElement(lane, "width", sOffset="0", a=_text(0.5 * crossing.width), b="0", c="0", d="0")
 
 
 def _plan(plan: etree._Element, road: Road, length: float) -> None:

@@ -42,7 +42,7 @@ from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_
 from sumo_eval.cosim.on_traci import OnTraci
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
-from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
+from sumo_eval.cosim.sumo.shared_files import plain, shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.cosim.traffic import Traffic
 from sumo_eval.cosim.world import MODEL, SUMO, World
@@ -155,7 +155,7 @@ def _opened(
         return served(concrete, settings, ads, step_timeout)
     if alone and concrete.road.network is None:
         asks = is_policy(ads)  # and may look at SUMO's lanes
-        network = network_xml(concrete.road) if asks else shared_network_xml([concrete])
+        network = network_xml(plain(concrete.road)) if asks else shared_network_xml([concrete])
         texts = network, shared_routes_xml([concrete], settings.vehicle, own_lanes=asks)
         return running(*texts, settings, concrete.road, collisions="none")
     road = concrete.road
@@ -353,7 +353,8 @@ def probable_end(concrete: ConcreteScenario, *, decided: bool = False) -> float:
 
 def _stands_on_its_road(concrete: ConcreteScenario) -> bool:
     road = concrete.road
-    return bool(concrete.actors) and road.right_edge <= concrete.ego.y <= road.left_edge
+    ego = concrete.ego
+    return bool(concrete.actors) and bool(road.right_edge_at(ego.x) <= ego.y <= road.left_edge_at(ego.x))
 
 
 def _together(

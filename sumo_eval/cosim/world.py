@@ -25,7 +25,7 @@ from sumo_eval.cosim.impossible import BESIDE
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.vehicle_model import LIMITED, count_clip, moved, moved_dynamic
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way
 from sumo_eval.scenario.motion import (
     along_heading,
     braked_distance_at,
@@ -36,6 +36,7 @@ from sumo_eval.scenario.motion import (
     lateral_speed,
 )
 from sumo_eval.scenario.played import DEEPEST, WAITS, Players, begin_play_rows, play_rows, players, wake_rows
+from sumo_eval.scenario.road.lanes import left_edge_at, right_edge_at
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of, line_at, map_places, to_frame, to_map
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
@@ -65,19 +66,23 @@ _BODY = fields("x", "y", "heading", "speed", "length", "width", "across")
 _BEFORE = [*fields("x", "y", "heading", "speed", "across"), ("map", _MAP)]
 _NEXT = fields("x", "y", "heading", "speed", "acceleration", "steering")
 
+_WAY = [*fields("start", "offset", "begin", "length", "by"), *flags("asked", "ends")]
+"""Where it is to be across the road: where it began, m, and from x = `begin` on, over `length` m, `offset` m further to
+the left. asked: 1 if it has to make that lane change, finished by x = `by`; ends: 1 if its first lane ends there."""
 EGO = np.dtype(
     [
         *_BODY, *fields("acceleration", "steering"), ("before", _BEFORE), ("next", _NEXT),
         ("command", fields("acceleration", "steering")), ("seen", MOVER),
         *fields("time", "stood", "share", "scripted_until", "front_x", "front_y"),
         *flags("live", "placed", "stale", "reason", "struck", "settled", "samples", "begun"),
-        ("map", _MAP), *fields("lane_y", "slip", "yaw_rate"),
+        ("map", _MAP), ("way", _WAY), *fields("slip", "yaw_rate"),
     ]
 )  # fmt: skip
 """The ego of a case. The first fields are those of a `Body`. placed: who moves it, SUMO, the vehicle model or a plant.
 stale: SUMO has it elsewhere by now. reason: why the case has ended, a place in `REASONS`. share: of the step at which
 it touched number `struck`. samples: how many there are. begun: the step of the world at which the case began.
-lane_y: where it began, across the road, m. slip, yaw_rate: of the dynamic vehicle model, rad and rad/s."""
+slip, yaw_rate: of the dynamic vehicle model, rad and rad/s.
+way: as in `_WAY`."""
 
 OTHER = np.dtype(
     [
@@ -97,7 +102,12 @@ moves it."""
 MOVE = np.dtype([*fields("begin", "duration", "speed", "offset", "acceleration"), *flags("kind")])
 CLIP = np.dtype([*flags("count"), *fields("first", "requested", "applied")])
 
-_ROAD = [*fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes", "bent")]
+_ROAD = [
+    *fields("length", "right_edge", "left_edge", "lane_width"), *flags("lanes", "bent", "shaped"),
+    *fields("right_opens", "right_is_open", "right_closes", "right_is_gone", "right_parted_until", "right_parted_from"),
+    *fields("left_opens", "left_is_open", "left_closes", "left_is_gone", "left_parted_until", "left_parted_from"),
+]  # fmt: skip
+"""Where the outermost lanes are: as in `road.lanes`."""
 _LIMITS = fields(
     "length", "width", "wheelbase", "steering_ratio", "max_steering_wheel_angle_deg", "max_steering_wheel_rate_deg",
     "friction", "max_acceleration", "max_deceleration", "brake_build_up", "drive_jerk", "max_speed", "brake_jerk",
@@ -556,7 +566,7 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
     """Why a case ends, 0 while it goes on."""
     road = scenario.road
     ego.stood = ego.stood + scenario.step if ego.speed < scenario.standstill_speed else 0.0
-    if not road.right_edge <= ego.y <= road.left_edge:
+    if not right_edge_at(road, ego.x) <= ego.y <= left_edge_at(road, ego.x):
         return _OFF_ROAD
     if ego.x >= road.length:
         return _ROAD_END
@@ -568,7 +578,7 @@ def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
         return 0
     if abs(ego.heading) > (_ALONG_A_BEND if road.bent else 0.0):
         return 0
-    if now < ego.scripted_until:  # its scripts are not over
+    if now < ego.scripted_until or ego.way.asked:  # its scripts are not over
         return 0
     body = Body(ego.x, ego.y, ego.heading, ego.speed, ego.length, ego.width, 0.0)
     for j in range(len(others)):
@@ -700,14 +710,21 @@ def map_played_rows(others: Records, line: Records) -> None:
 # -- all of it ---------------------------------------------------------------------------------------------------------
 
 
+_PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
+
+
 def described(road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None) -> Records:
     """What the rows of a case, or of many like it, share: a `SCENARIO` record in an array of one.
 
     settings: when cases end; None: nobody asks.
     """
     found = np.zeros(1, SCENARIO)
-    for name, _ in _ROAD:
+    for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
+    for side, lane in (("right", 0), ("left", road.lanes - 1)):
+        span = road.span(lane)
+        for name, place in zip(_PLACES, (*span.places, span.parted_until, span.parted_from), strict=True):
+            found["road"][f"{side}_{name}"] = place
     for name, _ in _LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
     found["step"] = step
@@ -856,6 +873,10 @@ class World:
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0)
                 self.notes[case]["trigger_never_fired"].count = count
+        way = ego["way"]
+        missed = abs(float(ego["y"]) - float(way["start"] + way["offset"])) > 0.5 * self.cases[case].road.lane_width
+        if way["asked"] and missed and ego["x"] >= way["by"]:
+            self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
         concrete, vehicle = self.cases[case], self.settings.vehicle
         actors = concrete.actors
         hit = self._collision(row, actors) if reason == "contact" else None
@@ -941,10 +962,18 @@ def _egos(cases: Sequence[ConcreteScenario], vehicle: VehicleSettings, placed: i
     egos["heading"] = [concrete.ego.heading for concrete in cases]
     egos["before"]["heading"] = egos["heading"]
     egos["front_x"], egos["front_y"] = egos["x"] + 0.5 * vehicle.length, egos["y"]
-    egos["lane_y"] = egos["y"]
+    egos["way"]["start"], egos["way"]["length"] = egos["y"], 1.0
+    for i, concrete in enumerate(cases):
+        if concrete.ego.way is not None:
+            write_way(egos[i], concrete.ego.way, concrete.ego.y, concrete.ego.speed)
     if placed == MODEL and cases[0].road.bent:
         _put_on_bend(egos, cases[0].road, vehicle)
     return egos
+
+
+def write_way(ego: Any, way: Way, y: float, speed: float) -> None:
+    """Write into a record what lane change an ego has to make that starts at y, m, with a speed, m/s."""
+    ego["way"] = (y, way.offset, way.begin, way.length(speed), way.by, 1, int(way.ends))
 
 
 def _put_on_bend(egos: Records, road: Road, vehicle: VehicleSettings) -> None:

@@ -286,7 +286,9 @@ def _judge(
     """
     drivers = [drives[place] for place in one.pairing.drivers]
     ends = np.array([driver.whole.x[0] + driver.reach for driver in drivers])
-    centre_term, centre_notes = _centre_term(centres, slices <= ends[:, None] + SAME_PLACE, road, settings, one.choice)
+    centre_term, centre_notes = _centre_term(
+        slices, centres, slices <= ends[:, None] + SAME_PLACE, road, settings, one.choice
+    )
     field_term, field_notes = _field_term(own, humans, settings, one.choice)
     terms = centre_term[:, None] * field_term
     usual = 1.0 if one.choice is None else one.choice.usual
@@ -527,6 +529,16 @@ def lateral_position(trajectory: Trajectory, positions: ArrayLike) -> FloatArray
     return np.where(after == x.size, y[-1], lateral)
 
 
+def _right_edge(road: Road, x: FloatArray) -> FloatArray | float:
+    """y of the right road edge at x, m: the same throughout unless lanes open or end."""
+    return road.right_edge_at(x) if road.spans else road.right_edge
+
+
+def _left_edge(road: Road, x: FloatArray) -> FloatArray | float:
+    """y of the left road edge at x, m."""
+    return road.left_edge_at(x) if road.spans else road.left_edge
+
+
 def slice_points(
     slices: FloatArray, centre: FloatArray, road: Road, settings: AnthropomorphicSettings = DEFAULTS
 ) -> FloatArray:
@@ -535,8 +547,8 @@ def slice_points(
     Where a side would leave the road, its points split the distance to the road's edge into equal parts; a centre
     that is off the road itself has all points of that side on it. slices: x, (m,), m. centre: y, (m,), m.
     """
-    right = np.clip(centre - road.right_edge, 0.0, settings.side_width)
-    left = np.clip(road.left_edge - centre, 0.0, settings.side_width)
+    right = np.clip(centre - _right_edge(road, slices), 0.0, settings.side_width)
+    left = np.clip(_left_edge(road, slices) - centre, 0.0, settings.side_width)
     parts = np.arange(1, settings.points_per_side + 1) / settings.points_per_side
     offsets = np.column_stack((-right[:, None] * parts[::-1], np.zeros(len(centre)), left[:, None] * parts))
     y = centre[:, None] + offsets
@@ -554,10 +566,15 @@ def gaussian_similarity(value: ArrayLike, mean: ArrayLike, deviation: ArrayLike)
 
 
 def _centre_term(
-    centres: FloatArray, got_there: BoolArray, road: Road, settings: AnthropomorphicSettings, choice: Choice | None
+    slices: FloatArray,
+    centres: FloatArray,
+    got_there: BoolArray,
+    road: Road,
+    settings: AnthropomorphicSettings,
+    choice: Choice | None,
 ) -> tuple[FloatArray, list[IndexNote]]:
-    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. centres: y of the ADS and of the k drivers,
-    (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
+    """Eq. 11: min(1, pt / pt_2sigma) at each slice, (m,), and notes. slices: x, (m,), m. centres: y of the ADS
+    and of the k drivers, (1 + k, m), m. got_there: which drivers got as far as which slice, (k, m).
     """
     ads, humans = centres[0], centres[1:]
     fewest = 2
@@ -583,7 +600,7 @@ def _centre_term(
     below = np.arange(1, len(humans))[:, None]
     groups = (below >= SPLIT_MEMBERS) & (number - below >= SPLIT_MEMBERS)
     split = np.any(groups & (np.diff(ordered, axis=0) > SPLIT_GAP * road.lane_width), axis=0)
-    outside = (ads < road.right_edge) | (ads > road.left_edge)
+    outside = (ads < _right_edge(road, slices)) | (ads > _left_edge(road, slices))
     return term, [
         *_note(deviation < floor, "centre_floor"),
         *_note(split, "two_groups"),
@@ -644,7 +661,8 @@ def _has_stopped(trajectory: Trajectory, settings: AnthropomorphicSettings) -> b
 
 def _left_the_road(trajectory: Trajectory, road: Road) -> bool:
     """Whether the vehicle's centre was last seen beside the road."""
-    return bool(not road.right_edge <= trajectory.y[-1] <= road.left_edge)
+    x, y = trajectory.x[-1], trajectory.y[-1]
+    return bool(not _right_edge(road, x) <= y <= _left_edge(road, x))
 
 
 def _trajectory_notes(ads: _Drive, drivers: Sequence[_Drive], settings: AnthropomorphicSettings) -> list[IndexNote]:

@@ -2,7 +2,8 @@
 
 The ego keeps its path and brakes ideally to a standstill from the obstacle's first move plus the scenario's delay on;
 the obstacle does what its script then does. While both overlap across the road and the obstacle is ahead, its inverse
-TTC counts; where the bodies touch it is infinite. Whoever reacts is taken to keep its speed.
+TTC counts; where the bodies touch it is infinite. Whoever reacts is taken to keep its speed. Where ways conflict
+(`conflict = true`) the time until both would touch on them counts instead (`method.conflict`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sumo_eval.method.conflict import conflict_criticality
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.undisturbed import meetings
 from sumo_eval.settings import VehicleSettings, ZoneSettings
@@ -49,6 +51,8 @@ def _of(
     values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
     placed = [logical.placed(point) for point in values]
     delays = [search.delay(point) for point in values]
+    if search.conflict:
+        return conflict_criticality(placed, search.obstacle, delays, size, settings)
     fastest = max(concrete.ego.speed for concrete in placed)
     slowest_begin = logical.time_limit or _LONGEST
     until = min(slowest_begin, _LONGEST, max(delays) + fastest / settings.deceleration + _waits(logical, placed))

@@ -52,6 +52,7 @@ LONGEST_SCALE = 10.0  # unit-box lengths; a longer length scale is indistinguish
 SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target within -1..1
 SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
+SEARCHED_WINDOW = 1e-3  # of the box, where the search for a most dangerous point ends if criticality is searched
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space

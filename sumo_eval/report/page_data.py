@@ -181,6 +181,7 @@ def _scenario(
             "lanes": logical.road.lanes,
             "laneWidth": logical.road.lane_width,
             "line": drawn_line(logical.road),
+            **drawn_shape(logical.road),
         },
         "bodies": drawn_bodies(logical.concrete(**cases[0].values)) if cases else {},
         "view": {
@@ -506,6 +507,27 @@ def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | N
     if hit is None or ego is None:
         return None
     return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+
+
+def drawn_shape(road: Road) -> dict[str, Any]:
+    """What of a road is not the same lanes throughout, as pages draw it. gone: where an outermost lane is not there,
+    four points [x, y], m, of which the last three are the edge that is left. solid: lines nobody may cross, [x, x, y].
+    crossings: [x, width, reach].
+    """
+    gone, solid, last = [], [], road.length + road.run_out
+    for span in road.spans:
+        opens, is_open, closes, is_gone = span.places
+        middle, half = road.lane_centre(span.lane), 0.5 * road.lane_width
+        outer, inner = (middle - half, middle + half) if span.lane == 0 else (middle + half, middle - half)
+        if math.isfinite(is_open):
+            gone.append([[0.0, outer], [0.0, inner], [opens, inner], [is_open, outer]])
+        if math.isfinite(closes):
+            gone.append([[last, outer], [last, inner], [is_gone, inner], [closes, outer]])
+        if math.isfinite(span.parted_until):
+            solid.append([0.0, span.parted_until, inner])
+        if math.isfinite(span.parted_from):
+            solid.append([span.parted_from, last, inner])
+    return {"gone": gone, "solid": solid, "crossings": [[it.at, it.width, it.reach] for it in road.crossings]}
 
 
 def drawn_line(road: Road) -> list[list[float]]:

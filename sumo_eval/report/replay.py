@@ -10,7 +10,14 @@ from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.html import asset, template
 from sumo_eval.report.packing import packed_json
-from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_bodies, drawn_line, encode_trajectories
+from sumo_eval.report.page_data import (
+    CHANNEL_STEPS,
+    contact,
+    drawn_bodies,
+    drawn_line,
+    drawn_shape,
+    encode_trajectories,
+)
 from sumo_eval.report.words import point
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory
@@ -36,7 +43,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         "channels": CHANNEL_STEPS,
         "road": {
             "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
-            "line": drawn_line(road),
+            "line": drawn_line(road), **drawn_shape(road),
         },
         "bodies": drawn_bodies(logical.concrete(**fact.values)),
         "views": views,

@@ -17,6 +17,7 @@ from sumo_eval.errors import must_be
 from sumo_eval.scenario import motion, played
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.played import Act
+from sumo_eval.scenario.road.lanes import EVERYWHERE, Crossing, LaneSpan, missing_at
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
@@ -39,7 +40,8 @@ class Road:
     """A road. The ego is judged from its start to x = `length`; `run_out` lets faster vehicles drive on, m.
 
     network: the user's network that holds it; None: a network is written for it. line: the right lane's centre line
-    from x = 0 on, piece by piece, behind which the road is straight; none: it is straight throughout.
+    from x = 0 on, piece by piece, behind which the road is straight; none: it is straight throughout. spans: the lanes
+    that are not there throughout. crossings: roads that cross it.
     """
 
     name: str
@@ -50,6 +52,17 @@ class Road:
     speed_limit: float = 60.0
     network: NetworkFile | None = None
     line: tuple[Piece, ...] = ()
+    spans: tuple[LaneSpan, ...] = ()
+    crossings: tuple[Crossing, ...] = ()
+
+    @property
+    def shaped(self) -> bool:
+        """Whether it is more than the same lanes throughout."""
+        return bool(self.spans or self.crossings)
+
+    def span(self, lane: int) -> LaneSpan:
+        """Where a lane is."""
+        return next((span for span in self.spans if span.lane == lane), EVERYWHERE)
 
     @property
     def bent(self) -> bool:
@@ -58,30 +71,74 @@ class Road:
 
     @property
     def right_edge(self) -> float:
-        """y of the right road edge, m."""
+        """y of the right road edge where all lanes are, m."""
         return -self.lane_width / 2
 
     @property
     def left_edge(self) -> float:
-        """y of the left road edge, m."""
+        """y of the left road edge where all lanes are, m."""
         return self.lane_width * (self.lanes - 0.5)
+
+    def right_edge_at(self, x: ArrayLike) -> FloatArray:
+        """y of the right road edge at x (any shape), m."""
+        return np.asarray(self.right_edge + self.lane_width * missing_at(self.span(0), x))
+
+    def left_edge_at(self, x: ArrayLike) -> FloatArray:
+        """y of the left road edge at x (any shape), m."""
+        return np.asarray(self.left_edge - self.lane_width * missing_at(self.span(self.lanes - 1), x))
+
+    def lanes_at(self, x: float) -> tuple[int, ...]:
+        """The lanes that have their full width at x."""
+        return tuple(lane for lane in range(self.lanes) if self.span(lane).begin <= x <= self.span(lane).end)
 
     def lane_centre(self, lane: int) -> float:
         """y of a lane's centre line, m; lane 0 is the right-hand one."""
         return self.lane_width * lane
 
 
+CHANGE_TIME = 4.0
+"""s at the ego's first speed that the lane change of a way takes: its lateral acceleration then peaks at 1.26 m/s2."""
+LEAST_CHANGE = 20.0  # m of road that it takes at least
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """The lane change that the ego has to make: `offset` m to the left, from x = `begin` on, finished by x = `by`, m.
+
+    ends: whether the lane that it starts in ends there, so that it must wait there; else it drives past.
+    """
+
+    offset: float
+    begin: float
+    by: float
+    ends: bool
+
+    def length(self, speed: float) -> float:
+        """Road that the lane change takes whose place is fixed, begun at `begin` at a speed, m."""
+        return min(max(CHANGE_TIME * speed, LEAST_CHANGE), self.by - self.begin)
+
+
 @dataclass(frozen=True, slots=True)
 class Start:
     """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
 
-    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way.
+    lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way. way: the lane
+    change that the ego has to make.
     """
 
     x: float
     y: float
     speed: float
     lateral_speed: float = 0.0
+    way: Way | None = None
+
+    def y_at(self, x: ArrayLike) -> FloatArray:
+        """y of its way at x (any shape), m: the lane that it starts in, the fixed lane change, the other lane."""
+        places = np.asarray(x, dtype=np.float64)
+        if self.way is None:
+            return np.full(places.shape, self.y)
+        share = (places - self.way.begin) / self.way.length(self.speed)
+        return np.asarray(self.y + self.way.offset * smooth_step(share))
 
     @property
     def heading(self) -> float:
@@ -371,8 +428,10 @@ class ConcreteScenario:
 
     @property
     def lively(self) -> bool:
-        """Whether somebody in it does what is no function of time alone."""
-        return any(actor.lively for actor in self.actors)
+        """Whether the others are played, and not SUMO's to move: somebody does what is no function of time alone, or
+        the lanes are not the same throughout, which SUMO counts from the begin of each edge.
+        """
+        return self.road.shaped or self.ego.way is not None or any(actor.lively for actor in self.actors)
 
     @property
     def reacts(self) -> bool:

@@ -6,6 +6,7 @@ plain data throughout: two readings of one file are equal, and both can be sent 
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import math
@@ -23,6 +24,7 @@ from sumo_eval.errors import InputError, check_name, did_you_mean, must_be, unkn
 from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES, VULNERABLE
 from sumo_eval.scenario.concrete import (
+    LEAST_CHANGE,
     Actor,
     Brake,
     ConstantLateral,
@@ -31,6 +33,7 @@ from sumo_eval.scenario.concrete import (
     Model,
     Road,
     Start,
+    Way,
 )
 from sumo_eval.scenario.distribution import Distribution
 from sumo_eval.scenario.expression import Expression, checked_names, condition, number
@@ -50,6 +53,7 @@ from sumo_eval.scenario.logical import (
 )
 from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.requirement import Requirements, requirement
+from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable, crossings_of, spans_of
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import Spread, drawn
@@ -110,7 +114,12 @@ class RoadTable(Checked):
         str | None,
         About("an .xodr instead, relative to this file: its line, its lanes and its length"),
     ] = None
-    opendrive_road: Annotated[str | None, About("id of the road in that file, where it has several")] = None
+    opendrive_road: Annotated[
+        str | tuple[str, ...] | None,
+        About("id of the road in that file, where it has several; or of those to drive along one behind the other"),
+    ] = None
+    lane: Annotated[tuple[LaneTable, ...], About("lanes that open, end, or are ramps; `lanes` counts them")] = ()
+    crossing: Annotated[tuple[CrossingTable, ...], About("roads that cross this one")] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +134,17 @@ class EgoTable(Checked):
     ] = 0.0
     length: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
     width: Annotated[float | None, Positive, About("body; default: as in the vehicle settings", "m")] = None
+    goal_lane: Annotated[int | None, Ge(0), About("lane beside its first one that it has to change to; 0: right")] = (
+        None
+    )
+    change_from: Annotated[
+        float | None, Positive, About("with `goal_lane`: its centre's x from which on it may", "m")
+    ] = None
+    change_by: Annotated[
+        float | None,
+        Positive,
+        About("by which it must; default: where its lane ends or the ramp of the other begins", "m"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,6 +285,10 @@ class ZoneTable(Checked):
     passing_length: Annotated[
         float | None, Positive, About("an ego further ahead than that when the conflict begins has passed", "m")
     ] = None
+    conflict: Annotated[
+        bool,
+        About("criticality by the time until both would touch on their ways, from all sides; default: along the road"),
+    ] = False
     coordinates: Annotated[
         dict[str, Formula] | None,
         About("in words = expression: in which the criticality is smooth; default: the parameters"),
@@ -511,9 +535,9 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
 _BESIDE = 300.0  # m beside the road at which somebody may still be who comes from there, or stands there
 
 
-def _reach(actor: Actor) -> float:
+def _reach(actor: Actor, furthest: float) -> float:
     """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script knows time alone."""
-    return _BESIDE if actor.body in VULNERABLE or (actor.lively and actor.model is None) else 0.0
+    return furthest if actor.body in VULNERABLE or (actor.lively and actor.model is None) else 0.0
 
 
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:
@@ -521,14 +545,15 @@ def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], 
     end = road.length + road.run_out
     ego_body = logical.ego_body or EgoBody(4.5, 1.8)
     bodies = [("ego", ego, 0.0, 0.0), *((item.name, item.start, item.length, item.heading) for item in actors)]
-    beside = [0.0, *map(_reach, actors)]
+    furthest = max([_BESIDE, *(crossing.reach for crossing in road.crossings)])
+    beside = [0.0, *(_reach(item, furthest) for item in actors)]
     for (name, start, length, _), reach in zip(bodies, beside, strict=True):
         if not (length / 2 <= start.x <= end - length / 2):
             raise must_be(f"Vehicle `{name}`", owner, "on the road", start.x)
-        if not road.right_edge - reach <= start.y <= road.left_edge + reach:
+        if not road.right_edge_at(start.x) - reach <= start.y <= road.left_edge_at(start.x) + reach:
             raise must_be(f"Vehicle `{name}`", owner, "on a lane", start.y)
     for item in actors:
-        reach = _reach(item)
+        reach = _reach(item, furthest)
         for act in item.acts:
             for x, y in act.table if act.kind == played.PATH else ():
                 if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
@@ -708,6 +733,37 @@ class Stream:
 
 
 @dataclass(frozen=True, slots=True)
+class Goal:
+    """The lane of a road that the ego has to change to, from where on and by where, m; None: as the road has it."""
+
+    lane: int
+    begin: float
+    by: float | None
+    road: Road
+
+    def way(self, y: float, owner: str) -> Way:
+        """The lane change of an ego that starts at y. Raises InputError for one that nobody can make."""
+        road = self.road
+        lane = min(max(round(y / road.lane_width), 0), road.lanes - 1)
+        if abs(lane - self.lane) != 1:
+            raise must_be("`goal_lane`", owner, f"a lane beside lane {lane}, in which the ego starts", self.lane)
+        own, other = road.span(lane), road.span(self.lane)
+        begin, by = self.begin, self.by
+        if by is None:
+            by = min(own.end, other.parted_from, other.end)
+            if math.isinf(by):
+                raise InputError(
+                    f"The ego of {owner} must have a `change_by`: neither its lane nor the other one ends."
+                )
+        first = max(own.parted_until, other.parted_until, own.begin, other.begin, 0.0)
+        last = min(own.end, other.end, own.parted_from, other.parted_from, road.length)
+        if not first <= begin <= by - LEAST_CHANGE or by > last:
+            within = f"within {max(first, 0.0):g}..{last:g} m and {LEAST_CHANGE:g} m apart, where both lanes are"
+            raise must_be("`change_from` and `change_by`", owner, within, f"{begin:g} and {by:g} m")
+        return Way(road.lane_width * (self.lane - lane), begin, by, math.isfinite(own.end))
+
+
+@dataclass(frozen=True, slots=True)
 class Place:
     """Values of one point -> the ego's start and the other vehicles."""
 
@@ -720,6 +776,7 @@ class Place:
     vehicles: tuple[Vehicle, ...]
     streams: tuple[Stream, ...] = ()
     lane_width: float = 3.5
+    goal: Goal | None = None
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
@@ -729,6 +786,8 @@ class Place:
             raise must_be(
                 "`lateral_speed`", self.ego_lateral.owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed
             )
+        if self.goal is not None:
+            ego = replace(ego, way=self.goal.way(ego.y, self.ego_y.owner))
         others = [self._actor(item, ego, known) for item in self.vehicles]
         for stream in self.streams:
             others += self._stream(stream, ego, known)
@@ -854,12 +913,13 @@ class Margin:
 @dataclass(frozen=True, slots=True)
 class SearchRule:
     """What zones are searched from where somebody is played: the number of the obstacle among the others, and the delay
-    between its first move and ideal braking; from the start on where it makes none.
+    between its first move and ideal braking; from the start on where it makes none. conflict: as in `ZoneTable`.
     """
 
     obstacle: int
     definitions: Definitions
     delay_of: Expression
+    conflict: bool = False
 
     def delay(self, values: Mapping[str, float]) -> float:
         """The delay at a point, s."""
@@ -977,8 +1037,13 @@ class _Builder:
         placed += [quantity for item in streams for _, quantity in item.numbers]
         triggers = [move.when for item in vehicles for move in item.moves if move.when is not None]
         told_by = [*(quantity.expression for quantity in placed), *(it for when in triggers for it in when.expressions)]
-        lively = bool(streams) or any(item.lively for item in vehicles)
+        lively = bool(streams) or any(item.lively for item in vehicles) or road.shaped
+        searched = lively or ego.goal_lane is not None or (table.zone != "none" and table.zone.conflict)
         self._all_used(parameters, definitions, told_by)
+        if road.shaped and road.bent:
+            raise InputError(
+                f"The road of {self.where} must be straight where it has [[road.lane]] or [[road.crossing]]."
+            )
         margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,
@@ -997,9 +1062,10 @@ class _Builder:
                 vehicles=vehicles,
                 streams=streams,
                 lane_width=road.lane_width,
+                goal=self._goal(road),
             ),
-            approach=None if lively or margin or table.zone == "none" else self._zone(definitions, vehicles),
-            search=self._search(definitions, vehicles) if lively and not margin and table.zone != "none" else None,
+            approach=None if searched or margin or table.zone == "none" else self._zone(definitions, vehicles),
+            search=self._search(definitions, vehicles) if searched and not margin and table.zone != "none" else None,
             margin=margin,
             exposure=Exposure(parameters, density, definitions, joint) if told else uniform_exposure,
             exposure_about=_exposure_about(spread, density, joint),
@@ -1112,8 +1178,28 @@ class _Builder:
             raise InputError(f"[ego] of {self.where} must have both length and width, or neither.")
         return None if ego.length is None or ego.width is None else EgoBody(ego.length, ego.width)
 
+    def _goal(self, road: Road) -> Goal | None:
+        ego = self.table.ego
+        if ego.goal_lane is None:
+            for key in ("change_from", "change_by"):
+                if getattr(ego, key) is not None:
+                    raise InputError(f"[ego] of {self.where} has a `{key}`, so it must have a `goal_lane`.")
+            return None
+        if road.bent:
+            raise InputError(f"The road of {self.where} must be straight where the ego has a `goal_lane`.")
+        if ego.goal_lane >= road.lanes:
+            raise must_be("`goal_lane`", f"[ego] of {self.where}", f"below {road.lanes}", ego.goal_lane)
+        if ego.change_from is None:
+            raise InputError(f"[ego] of {self.where} has a `goal_lane`, so it must have a `change_from`.")
+        return Goal(ego.goal_lane, ego.change_from, ego.change_by, road)
+
     def _road(self) -> Road:
         road, end = self.table.road, self.table.end
+        for key in ("lane", "crossing"):
+            if getattr(road, key) and (road.network is not None or road.opendrive is not None):
+                raise InputError(
+                    f"[[road.{key}]] of {self.where} shapes a road that is written, and there is one already."
+                )
         for other in ("network", "opendrive"):
             if road.line and getattr(road, other) is not None:
                 raise InputError(f"`road.line` of {self.where} draws a road, and its `{other}` has one already.")
@@ -1130,7 +1216,13 @@ class _Builder:
         line = line_of(road.line, self.options, road.lanes, road.lane_width, road.length, self.where)
         name = road.name or f"road_{road.lanes}x{road.lane_width:g}m_{end.x:g}m_of_{road.length:g}m"
         name += bend_name(line, named=road.name is not None)
-        return Road(name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line)
+        spans = spans_of(road.lane, road.lanes, road.length, self.where)
+        crossings = crossings_of(road.crossing, road.length, self.where)
+        if road.name is None and (spans or crossings):
+            name += f"_{hashlib.sha256(repr((spans, crossings)).encode()).hexdigest()[:6]}"
+        return Road(
+            name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line, spans=spans, crossings=crossings
+        )
 
     def _opendrive(self, file: str) -> Road:
         road, end = self.table.road, self.table.end
@@ -1141,8 +1233,12 @@ class _Builder:
         if end.x > read.length:
             raise must_be("`end.x`", self.where, f"at most the road's length {read.length:.1f} m", end.x)
         check_line(read.line, read.lanes, read.lane_width, f"the road of {path.name}")
+        if read.spans and read.line:
+            raise InputError(f"The road of {path.name} must be straight where its outermost lane opens or ends.")
         name = (road.name or path.stem) + bend_name(read.line, named=False)
-        return Road(name, end.x, read.lanes, read.lane_width, read.length - end.x, line=read.line)
+        if read.spans:
+            name += f"_{hashlib.sha256(repr(read.spans).encode()).hexdigest()[:6]}"
+        return Road(name, end.x, read.lanes, read.lane_width, read.length - end.x, line=read.line, spans=read.spans)
 
     def _all_used(self, parameters: Sequence[Parameter], definitions: Definitions, told_by: list[Expression]) -> None:
         """A parameter that nothing depends on would only repeat cases. InputError naming it."""
@@ -1310,7 +1406,7 @@ class _Builder:
                     f"[zone] of {self.where} has no `{key}`: what a vehicle does that is played is searched as it is."
                 )
         delay = self._number(zone.delay, "`zone.delay`")
-        return SearchRule(by_name[zone.obstacle], definitions.needed_by(delay), delay)
+        return SearchRule(by_name[zone.obstacle], definitions.needed_by(delay), delay, zone.conflict)
 
     def _coordinates(self, definitions: Definitions) -> ZoneCoordinates | None:
         given = None if self.table.zone == "none" else self.table.zone.coordinates

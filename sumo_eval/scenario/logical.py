@@ -88,6 +88,10 @@ class Search(Protocol):
     def obstacle(self) -> int:
         """Its number among the others."""
 
+    @property
+    def conflict(self) -> bool:
+        """Whether the time until both would touch on their ways counts, and not the gap along the road."""
+
     def delay(self, values: Mapping[str, float]) -> float:
         """From its first move, or the start where it makes none, until ideal braking, s."""
 

@@ -1,7 +1,8 @@
 """A straight road inside a SUMO network of the user's: found, checked, and laid along the x axis.
 
 Everything in this package drives along x with the right lane's centre line at y = 0. So the whole network is turned and
-moved, as one rigid body, until the chosen edges lie there; its topology stays as it is.
+moved, as one rigid body, until the chosen edges lie there; its topology stays as it is. Its outermost lanes may begin
+and end where edges meet: square, as SUMO has them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.concrete import NetworkFile, Road
+from sumo_eval.scenario.road.lanes import LaneSpan
 
 STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
 SPEED_LIMIT = 60.0  # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
@@ -56,31 +58,68 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         if name not in by_id:
             raise unknown(f"edge of {owner}", name, by_id)
         lanes.append(_lanes(by_id[name]))
-    first = lanes[0]
-    turn = _turn(first[0])
-    for name, of_edge in zip(edges, lanes, strict=True):
-        if [(lane.index, lane.width) for lane in of_edge] != [(lane.index, lane.width) for lane in first]:
-            raise InputError(f"Edge `{name}` of {owner} must have the lanes of edge `{edges[0]}`.")
+    width = lanes[0][0].width
+    if len({lane.width for of_edge in lanes for lane in of_edge}) > 1:
+        raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width.")
+    turn, places = _laid(lanes)
+    for of_edge in lanes:
         for lane in of_edge:
-            off = max(abs(turn(point)[1] - _centre(of_edge, lane)) for point in lane.shape)
+            off = max(abs(turn(point)[1] - places[lane.id] * width) for point in lane.shape)
             if off > STRAIGHT:
                 raise must_be(
                     f"Lane `{lane.id}`", owner, f"straight within {STRAIGHT:g} m of the first", f"{off:.2f} m"
                 )
-    if len({lane.width for lane in first}) > 1:
-        raise InputError(f"The lanes of edge `{edges[0]}` of {owner} must have one width.")
     length = turn(lanes[-1][0].shape[-1])[0]
+    count = max(places.values()) + 1
+    spans = tuple(span for lane in sorted({0, count - 1}) if (span := _span(lane, edges, lanes, places, turn, owner)))
+    for name, of_edge in zip(edges, lanes, strict=True):
+        inner = set(range(count)) - {span.lane for span in spans}
+        if missing := inner - {places[lane.id] for lane in of_edge}:
+            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not all of one side's",
+                          f"none in place {min(missing)}")  # fmt: skip
     if not 0.0 < end <= length:
         raise must_be("The end of the case", owner, f"within the {length:.1f} m of its edges", end)
     return Road(
         name=f"{path.name.removesuffix('.net.xml').removesuffix('.xml')}_{network.sha256[:8]}",
         length=end,
-        lanes=len(first),
-        lane_width=first[0].width,
+        lanes=count,
+        lane_width=width,
         run_out=length - end,
         speed_limit=SPEED_LIMIT,
         network=network,
+        spans=spans,
     )
+
+
+def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[Turn, dict[str, int]]:
+    """The rigid motion that lays the driven edges along the x axis, the right-hand lane of all on it; and which place
+    from the right each lane has, by its id.
+    """
+    turn, width = _turn(lanes[0][0]), lanes[0][0].width
+    places = {lane.id: round(turn(lane.shape[0])[1] / width) for of_edge in lanes for lane in of_edge}
+    lowest = min(places.values())
+
+    def moved(point: Point) -> Point:
+        x, y = turn(point)
+        return x, y - lowest * width
+
+    return (moved if lowest else turn), {lane: place - lowest for lane, place in places.items()}
+
+
+def _span(
+    lane: int, edges: Sequence[str], lanes: Sequence[Sequence[_Lane]], places: dict[str, int], turn: Turn, owner: str
+) -> LaneSpan | None:
+    """Where an outermost lane is, None where it is throughout."""
+    there = [any(places[it.id] == lane for it in of_edge) for of_edge in lanes]
+    if all(there):
+        return None
+    first, last = there.index(True), len(there) - 1 - there[::-1].index(True)
+    if not all(there[first : last + 1]):
+        gap = edges[first + there[first:].index(False)]
+        raise InputError(f"Edge `{gap}` of {owner} must have the outermost lane that edges before and behind it have.")
+    begin = turn(lanes[first][0].shape[0])[0] if first else -math.inf
+    end = turn(lanes[last][0].shape[-1])[0] if last + 1 < len(there) else math.inf
+    return LaneSpan(lane, begin, end)
 
 
 @functools.lru_cache(maxsize=16)
@@ -88,8 +127,8 @@ def laid_along_x(network: NetworkFile) -> str:
     """The network as text, turned and moved so that its driven edges lie along the x axis from x = 0."""
     root = _parsed(network)
     driven = {str(edge.get("id")): edge for edge in root.iter("edge") if edge.get("id") in network.edges}
-    of_first = _lanes(driven[network.edges[0]])
-    turn = _turn(of_first[0])
+    of_each = [_lanes(driven[name]) for name in network.edges]
+    turn, places = _laid(of_each)
     for element in root.iter():
         for key in ("shape", "customShape"):
             text = element.get(key)
@@ -102,7 +141,7 @@ def laid_along_x(network: NetworkFile) -> str:
     for edge in driven.values():
         lanes = _lanes(edge)
         for element, lane in zip(edge.iter("lane"), lanes, strict=True):
-            y = _centre(lanes, lane)  # exactly: the start of every vehicle is checked to a millimetre
+            y = places[lane.id] * lane.width  # exactly: the start of every vehicle is checked to a millimetre
             begin, end = lane.shape[0][0], lane.shape[-1][0]
             element.set("shape", _text(((begin, y), (end, y))))
             element.set("length", repr(end - begin))
@@ -151,11 +190,6 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
         ),
         key=lambda lane: lane.index,
     )
-
-
-def _centre(lanes: Sequence[_Lane], lane: _Lane) -> float:
-    """y of a lane's centre line once the network is laid along x."""
-    return lane.index * lanes[0].width
 
 
 def _turn(lane: _Lane) -> Turn:

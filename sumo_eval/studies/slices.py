@@ -37,6 +37,11 @@ class HeldSearch:
         """Number of the obstacle among the others."""
         return self.search.obstacle
 
+    @property
+    def conflict(self) -> bool:
+        """Whether the time until both would touch on their ways counts."""
+        return self.search.conflict
+
     def delay(self, values: Mapping[str, float]) -> float:
         """From its first move until ideal braking, s."""
         return self.search.delay({**values, **dict(self.fixed)})

@@ -1,6 +1,7 @@
 """When the lane change begins, how quick it is, and when it does not begin."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from road_scenes import BRIEFING, fresh, mover
@@ -14,6 +15,7 @@ from sumo_eval.scenario import Road
 WILLING = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 UNWILLING = OvertakingHabits(inclined=False, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
 IDM = IdmParameters()
+STAYS = SimpleNamespace(asked=0)  # the way of an ego that need not change lanes
 
 
 class Ego:
@@ -27,7 +29,7 @@ class Ego:
 
     def acceleration(self, me, others, desired_speed: float, free: float) -> float:
         watched = [self.watched.setdefault((i, it.name), fresh(WATCHED)) for i, it in enumerate(others)]
-        return overtake(self.memory, me, others, watched, self.habits, IDM, desired_speed, free, self.briefing)
+        return overtake(self.memory, me, others, watched, self.habits, IDM, desired_speed, free, STAYS, self.briefing)
 
     @property
     def changing(self) -> bool:

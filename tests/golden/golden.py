@@ -45,6 +45,9 @@ from sumo_eval.trajectory import CHANNELS
 
 FOLDER = Path(__file__).parent
 POINTS = 12
+FEW = ("no_reaction", "ideal_braking", "idm", "lane_changer")
+"""Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
+COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
 DRIVERS = 4
 NATIVE = "sumo:IDM"
 FEW = ("no_reaction", "ideal_braking", "idm", "attentive", "lane_changer")
@@ -59,6 +62,15 @@ def evaluation(scenario: str) -> EvaluationSettings:
 
     `attentive` is `idm` but for who comes into its path, and drives where somebody does.
     """
+    if SCENARIOS[scenario].approach is None:
+        return EvaluationSettings(
+            name="golden",
+            scenario=(ScenarioSettings(scenario, SamplingSettings(method="sobol", count=4)),),
+            ads=tuple(AdsSettings(name, name) for name in FEW),
+            drivers=DriverSettings(count=2),
+            run=RunSettings(workers=2),
+            method=MethodSettings(zones=COARSE),
+        )
     names = (*(name for name in SHIPPED if name != "attentive"), NATIVE)
     return EvaluationSettings(
         name="golden",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from sumo_eval.cosim.openscenario import opendrive_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.road.lanes import Crossing, LaneSpan
 from sumo_eval.scenario.road.opendrive import read_opendrive
 from sumo_eval.scenario.road.reference_line import Piece, arc, frame_places, map_places
 
@@ -143,3 +145,99 @@ def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> Non
         read_opendrive(tmp_path / "text.xodr")
     with pytest.raises(InputError, match=r"Unknown road .* `main`\. Did you mean `mein`\?"):
         read_opendrive(written(tmp_path, id="mein"), "main")
+
+
+def test_law_a_road_whose_right_lane_opens_or_ends_comes_back_from_its_own_export(tmp_path: Path) -> None:
+    for span in (LaneSpan(0, -math.inf, 300.0, 0.0, 50.0), LaneSpan(0, 200.0, math.inf, 40.0, 0.0),
+                 LaneSpan(0, 200.0, 300.0, 40.0, 50.0)):  # fmt: skip
+        road = Road("t", 500.0, 3, 3.5, 400.0, spans=(span,))
+        (tmp_path / "t.xodr").write_text(opendrive_xml(road), encoding="utf-8")
+        read = read_opendrive(tmp_path / "t.xodr")
+        assert (read.lanes, read.lane_width, read.length, read.line, read.spans) == (3, 3.5, 900.0, (), (span,))
+
+
+def test_an_export_has_the_left_edge_where_the_road_has_it(tmp_path: Path) -> None:
+    from lxml import etree
+
+    road = Road(
+        "t", 500.0, 2, 3.5, 400.0, spans=(LaneSpan(1, -math.inf, 300.0, 0.0, 50.0),), crossings=(Crossing(400.0),)
+    )
+    root = etree.fromstring(opendrive_xml(road).encode())
+    found = [(float(it.get("s")), float(it.get("a")), float(it.get("b"))) for it in root.iter("laneOffset")]
+    assert found == [(0.0, 0.0, 0.0), (300.0, 0.0, -0.07), (350.0, -3.5, 0.0)]  # 3.5 m in 50 m
+    lanes = [len(section.findall("right/lane")) for section in root.find("road").iter("laneSection")]
+    assert lanes == [2, 2, 1]
+    assert [it.get("name") for it in root.iter("road")] == ["t", "crossing"]
+
+
+LANES = """<lanes><laneSection s="0"><{side}><lane id="{id}" type="driving"><width sOffset="0" a="{a}"/></lane></{side}>
+</laneSection></lanes></road>"""
+CHAIN = """<OpenDRIVE><road id="in"><planView>
+<geometry s="0" x="100" y="0" hdg="{pi}" length="100"><line/></geometry></planView>{left}
+<road id="turn"><planView>
+<geometry s="0" x="100" y="0" hdg="0" length="{quarter}"><arc curvature="0.05"/></geometry></planView>{right}
+<road id="out"><planView>
+<geometry s="0" x="120" y="20" hdg="{half}" length="50"><line/></geometry></planView>{last}
+</OpenDRIVE>"""
+
+
+def chain(tmp_path: Path, a: float = 3.5) -> Path:
+    path = tmp_path / "chain.xodr"
+    quarter = 10.0 * math.pi
+    left, right = LANES.format(side="left", id=1, a=3.5), LANES.format(side="right", id=-1, a=3.5)
+    last = LANES.format(side="right", id=-1, a=a)
+    numbers = {"pi": math.pi, "half": 0.5 * math.pi, "quarter": quarter}
+    path.write_text(CHAIN.format(**numbers, left=left, right=right, last=last), encoding="utf-8")
+    return path
+
+
+def test_the_roads_of_a_turn_at_a_junction_are_driven_one_behind_the_other(tmp_path: Path) -> None:
+    """The first is driven against its direction; the lane's centre is 1.75 m right of the arc: R = 21.75 m."""
+    read = read_opendrive(chain(tmp_path), ["in", "turn", "out"])
+    assert [(round(piece.length, 9), piece.begin) for piece in read.line] == [
+        (100.0, 0.0), (round(0.5 * math.pi * 21.75, 9), pytest.approx(1 / 21.75)), (50.0, 0.0),
+    ]  # fmt: skip
+    x, y, heading = (float(it) for it in map_places(read.line, read.length, 0.0))
+    assert (x, y, heading) == pytest.approx((121.75, 71.75, 0.5 * math.pi))
+
+
+@pytest.mark.parametrize(
+    ("names", "a", "sentence"),
+    [
+        (["in", "out"], 3.5, "must meet, each at the end of the one before"),
+        (["in", "turn", "out"], 3.0, "must meet"),
+        (["in", "trun"], 3.5, "Did you mean `turn`?"),
+        ([], 3.5, "must be 1 to 8"),
+    ],
+)
+def test_roads_that_do_not_follow_each_other_are_refused(
+    tmp_path: Path, names: list[str], a: float, sentence: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_opendrive(chain(tmp_path, a), names)
+    assert sentence in str(caught.value)
+
+
+def test_a_width_that_is_a_polynomial_is_refused_by_its_lane(tmp_path: Path) -> None:
+    road = Road("t", 500.0, 3, 3.5, 400.0, spans=(LaneSpan(0, -math.inf, 300.0, 0.0, 50.0),))
+    path = tmp_path / "t.xodr"
+    path.write_text(opendrive_xml(road).replace('b="-0.07" c="0"', 'b="0" c="-0.001"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"The width of lane -3 of road `0` of OpenDRIVE file .* must be constant, or"):
+        read_opendrive(path)
+
+
+@needs_catalogues
+def test_all_twelve_ways_through_the_junction_of_the_ncap_catalogue_are_driven() -> None:
+    from lxml import etree
+
+    path = CATALOGUES / "osc_ncap" / "OpenDRIVE" / "NCAP" / "X-Intersection_NCAP.xodr"
+    root = etree.parse(path).getroot()
+    joined = {it.get("id"): [end.get("elementId") for end in it.find("link")] for it in root.iter("road")}
+    turns = []
+    for connection in root.iter("connection"):
+        first, middle = connection.get("incomingRoad"), connection.get("connectingRoad")
+        (last,) = [name for name in joined[middle] if name != first]
+        read = read_opendrive(path, [first, middle, last])
+        turns.append([round(1.0 / piece.begin, 2) for piece in read.line if piece.begin])
+    # arcs of R = 11.5 m; the lanes' centres are 1.75 m right of them
+    assert sorted(turns) == [[]] * 4 + [[-9.75]] * 4 + [[13.25]] * 4

@@ -7,20 +7,22 @@ import pytest
 from lxml import etree
 
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scenario.sumo_network import laid_along_x, read_road
-from sumo_eval.settings import VehicleSettings
+from sumo_eval.settings import SimulationSettings, VehicleSettings
 
 PLAIN = Road("plain", 900.0, 2, 3.5, 100.0)
 
 
-def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0):
+def turned(path, *, angle=0.7, shift=(1234.5, -987.0), digits=2, bend=0.0, road=PLAIN):
     """The package's own straight network, turned and moved, with the two decimals that netconvert writes."""
-    root = etree.fromstring(network_xml(PLAIN).encode())
+    root = etree.fromstring(network_xml(road).encode())
     cos, sin = math.cos(angle), math.sin(angle)
 
     def move(text):
@@ -93,7 +95,7 @@ def test_a_scenario_file_names_the_network_beside_it(tmp_path, network):
     [
         ([], 600.0, "must name the `edges`"),
         (["raod"], 600.0, "Did you mean `road`?"),
-        (["road", "side_road"], 600.0, "must have the lanes of edge `road`"),
+        (["road", "side_road"], 600.0, "must have one width"),
         (["road"], 1200.0, "within the 1000.0 m of its edges"),
     ],
 )
@@ -122,3 +124,36 @@ def test_a_file_that_is_no_network_is_refused(tmp_path):
     (tmp_path / "x.net.xml").write_text("<net>")
     with pytest.raises(InputError, match="is not XML"):
         read_road(tmp_path / "x.net.xml", ["road"], 600.0)
+
+
+SHAPED = replace(PLAIN, lanes=3, spans=(LaneSpan(0, end=660.0, parted_until=420.0), LaneSpan(2, begin=500.0)))
+
+
+def test_the_outermost_lanes_of_a_network_begin_and_end_where_its_edges_meet(tmp_path):
+    path = turned(tmp_path / "town.net.xml", road=SHAPED)
+    names = ["road0", "road1", "road2", "road3"]
+    road = read_road(path, names, 900.0)
+    assert (road.lanes, road.lane_width) == (3, 3.5)
+    assert [(span.lane, span.closing, span.opening) for span in road.spans] == [(0, 0.0, 0.0), (2, 0.0, 0.0)]
+    right, left = road.spans
+    assert (right.begin, right.end) == (pytest.approx(420.0, abs=0.02), pytest.approx(660.0, abs=0.02))
+    assert (left.begin, left.end) == (pytest.approx(500.0, abs=0.02), math.inf)
+    assert road.right_edge_at([400.0, 430.0, 670.0]).tolist() == [1.75, -1.75, 1.75]
+    assert road.left_edge_at([400.0, 510.0]).tolist() == [5.25, 8.75]
+    shapes = {
+        lane.get("id"): lane.get("shape") for lane in etree.fromstring(laid_along_x(road.network).encode()).iter("lane")
+    }
+    assert {float(part.split(",")[1]) for part in shapes["road0_0"].split()} == {3.5}
+    assert {float(part.split(",")[1]) for part in shapes["road2_0"].split()} == {0.0}
+    with pytest.raises(InputError, match="must have the outermost lane that edges before and behind it have"):
+        read_road(path, ["road1", "road3", "road2"], 300.0)
+
+
+def test_a_vehicle_starts_in_the_lane_of_its_edge_where_the_right_hand_one_is_not_yet(tmp_path):
+    (tmp_path / "town.net.xml").write_text(network_xml(SHAPED), encoding="utf-8")
+    road = read_road(tmp_path / "town.net.xml", ["road0", "road1", "road2", "road3"], 900.0)
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+    lifted = replace(concrete, road=road, ego=replace(concrete.ego, y=3.5),
+                     actors=tuple(replace(it, start=replace(it.start, y=3.5)) for it in concrete.actors))  # fmt: skip
+    with session(lifted, SimulationSettings()) as traci:  # which checks where everybody stands
+        assert traci.vehicle.getLaneID("ego") == "road0_0"

@@ -26,6 +26,7 @@ _WORDS = {
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
+    "goal_missed": "the lane change that the ego had to make was not made by x = {requested:.0f} m",
     "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s, "
     "{applied:.2f} s after the ego had come into that lane",
     "actor_off_its_script": "another vehicle was {applied:.2f} m off its script",

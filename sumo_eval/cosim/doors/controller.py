@@ -27,7 +27,7 @@ from sumo_eval.cosim.doors.traci_numbers import finite_number, shown
 from sumo_eval.cosim.plans import Plan, Wanted
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError, InputError, did_you_mean, must_be, unknown
-from sumo_eval.scenario.concrete import Road
+from sumo_eval.scenario.concrete import Road, Way
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.locators import load_object
 
@@ -37,7 +37,8 @@ class Briefing:
     """What a controller is told before a case: the road, its own vehicle, the step, s, and the wall time of one, s.
 
     period: s from one call to the next. desired_speed: the speed that the ego wants, m/s: the one that it starts with.
-    goal: the end of the road in the lane that it starts in, x, y m.
+    goal: the end of the road in the lane that it starts in or has to change to, x, y m. change: from which x on and by
+    which it has to change lanes, m; None: it may stay. way: that lane change, for what ships.
     scenario, values: the scenario's name and its parameters' values if `reveal_scenario` is set, else "" and None.
     """
 
@@ -49,7 +50,9 @@ class Briefing:
     step_timeout: float = math.inf
     desired_speed: float = math.nan
     goal: tuple[float, float] = (math.nan, math.nan)
+    change: tuple[float, float] | None = None
     period: float = math.nan
+    way: Way | None = None
 
     @property
     def speed_limit(self) -> float:
@@ -177,6 +180,7 @@ def as_command(action: Any) -> Wanted:
     return Command(*cast(list[float], found))
 
 
+_WHERE_THE_ROUTE_ASKS = 513  # lane change mode: strategic changes alone, with gaps that are safe for the others
 SUMO_ATTRIBUTES = (
     "accel", "decel", "apparentDecel", "emergencyDecel", "minGap", "tau", "sigma", "sigmaStep", "startupDelay",
     "speedFactor", "speedDev", "desiredMaxSpeed", "maxSpeed", "actionStepLength", "delta", "stepping", "adaptFactor",
@@ -197,7 +201,9 @@ PARAMETER = "carFollowModel."
 
 @dataclass(frozen=True, slots=True)
 class NativeModel:
-    """The ego driven by one of SUMO's own car-following models, in its lane: `sumo:MODEL?tau=1.2&minGap=2`."""
+    """The ego driven by one of SUMO's own car-following models: `sumo:MODEL?tau=1.2&minGap=2`. It keeps its lane, or
+    changes as SUMO's lane-changing model does where its route asks for it.
+    """
 
     model: str
     attributes: Mapping[str, str] = field(default_factory=dict)
@@ -213,9 +219,9 @@ class NativeModel:
         return ({"lanesCount": str(road.lanes)} if self.model == "CC" else {}) | self.vtype
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
-        """Give SUMO the wheel: all its safety checks on, no lane changes."""
+        """Give SUMO the wheel: all its safety checks on, no lane changes but those that the route asks for."""
         traci.vehicle.setSpeedMode(ego, 31)
-        traci.vehicle.setLaneChangeMode(ego, 0)
+        traci.vehicle.setLaneChangeMode(ego, 0 if scenario.change is None else _WHERE_THE_ROUTE_ASKS)
         for name, value in self.attributes.items():
             if name.startswith(PARAMETER):
                 traci.vehicle.setParameter(ego, name, value)

@@ -70,7 +70,7 @@ class JsonLinesProgram(ObservingController):
         briefing = {
             "type": "reset", "protocol": PROTOCOL, "step": scenario.step, "period": scenario.period,
             "vehicle": asdict(scenario.vehicle), "road": described, "desired_speed": scenario.desired_speed,
-            "goal": scenario.goal,
+            "goal": scenario.goal, "change": scenario.change,
         }  # fmt: skip
         if self.options:
             briefing["options"] = self.options

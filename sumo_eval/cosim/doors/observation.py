@@ -29,16 +29,21 @@ _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it i
 
 
 class Task(NamedTuple):
-    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends, x, y m."""
+    """What the ego is to do: the speed that it wants, m/s, at which it starts; where its road ends, x, y m; from which
+    x on and by which it has to change to the goal's lane, m, None where it may stay.
+    """
 
     desired_speed: float
     goal: tuple[float, float]
+    change: tuple[float, float] | None = None
 
 
 def task_of(concrete: ConcreteScenario) -> Task:
-    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in."""
-    road, ego = concrete.road, concrete.ego
-    return Task(ego.speed, (road.length, road.lane_centre(_lane(ego.y, road))))
+    """The task of the ego in a concrete scenario; its goal lies in the lane that it starts in, or has to change to."""
+    road, ego, way = concrete.road, concrete.ego, concrete.ego.way
+    offset = 0.0 if way is None else way.offset
+    goal = road.length, road.lane_centre(_lane(ego.y + offset, road))
+    return Task(ego.speed, goal, None if way is None else (way.begin, way.by))
 
 
 class LaneLine(NamedTuple):
@@ -51,14 +56,13 @@ class LaneLine(NamedTuple):
 
 @lru_cache(maxsize=16)
 def lane_borders(road: Road) -> tuple[LaneLine, ...]:
-    """The lanes of a road as lines, the right-hand lane first."""
-    end, half = road.length + road.run_out, 0.5 * road.lane_width
-
-    def line(y: float) -> tuple[tuple[float, float], ...]:
-        return (0.0, y), (end, y)
-
-    centres = [road.lane_centre(lane) for lane in range(road.lanes)]
-    return tuple(LaneLine(line(y), line(y + half), line(y - half)) for y in centres)
+    """The lanes of a road as lines, the right-hand lane first; one that opens or ends where it has its full width."""
+    half, found = 0.5 * road.lane_width, []
+    for lane in range(road.lanes):
+        span, y = road.span(lane), road.lane_centre(lane)
+        begin, end = max(span.begin, 0.0), min(span.end, road.length + road.run_out)
+        found.append(LaneLine(*(((begin, y + beside), (end, y + beside)) for beside in (0.0, half, -half))))
+    return tuple(found)
 
 
 class SeenEgo(NamedTuple):
@@ -196,8 +200,15 @@ class Observation:
 
     @property
     def goal(self) -> tuple[float, float]:
-        """The end of the road in the lane that the ego started in, x, y m; nan where nobody has said."""
+        """The end of the road in the lane that the ego started in or has to change to, x, y m; nan where nobody has
+        said.
+        """
         return (math.nan, math.nan) if self._task is None else self._task.goal
+
+    @property
+    def change(self) -> tuple[float, float] | None:
+        """From which x on and by which the ego has to change to the goal's lane, m; None: it may stay in its lane."""
+        return None if self._task is None else self._task.change
 
     @property
     def lane_borders(self) -> tuple[LaneLine, ...]:
@@ -213,13 +224,15 @@ class Observation:
 
     @property
     def left_edge(self) -> float:
-        """From the ego's centre to the left edge of the road, m."""
-        return self.road.left_edge - self._ego[1]
+        """From the ego's centre to the left edge of the road beside it, m."""
+        edge = float(self.road.left_edge_at(self._ego[0])) if self.road.spans else self.road.left_edge
+        return edge - self._ego[1]
 
     @property
     def right_edge(self) -> float:
-        """From the ego's centre to the right edge of the road, m."""
-        return self._ego[1] - self.road.right_edge
+        """From the ego's centre to the right edge of the road beside it, m."""
+        edge = float(self.road.right_edge_at(self._ego[0])) if self.road.spans else self.road.right_edge
+        return self._ego[1] - edge
 
     @property
     def curvature(self) -> float:
@@ -265,6 +278,8 @@ class Observation:
             "speed_limit": road.speed_limit, "road_length": road.length, "desired_speed": self.desired_speed,
             "goal_x": self.goal[0], "goal_y": self.goal[1],
         }  # fmt: skip
+        if self.change is not None:
+            found |= {"change_from": self.change[0], "change_by": self.change[1]}
         places = {"lead": self.lead, "second_lead": self.second_lead, **self.neighbours}
         for place, vehicle in places.items():
             found |= _place_signals(place, vehicle, me)

@@ -75,7 +75,7 @@ def shadow_name(name: str) -> str:
 
 def shared_network_xml(cases: Sequence[ConcreteScenario], *, own_lanes: bool = False) -> str:
     """A road for each case in one network, all between the same two junctions. own_lanes: every road as it is."""
-    road, edges, lanes, tail = cases[0].road, [], [], ""
+    road, edges, lanes, tail = plain(cases[0].road), [], [], ""
     for case, concrete in enumerate(cases):
         name = edge_name(case, len(cases))
         head, edge, tail = _parts(road, not own_lanes and fits_one_lane(concrete))
@@ -83,6 +83,11 @@ def shared_network_xml(cases: Sequence[ConcreteScenario], *, own_lanes: bool = F
         lanes += [f"{name}_{lane}" for lane in range(edge.count("<lane "))]
     start, _, end = tail.partition('incLanes="road')
     return "".join([head, *edges, start, 'incLanes="', " ".join(lanes), end[end.index('"') :]])
+
+
+def plain(road: Road) -> Road:
+    """The road with all its lanes throughout: nobody here is SUMO's to lead along lanes that end."""
+    return replace(road, spans=(), crossings=()) if road.shaped else road
 
 
 @functools.lru_cache(maxsize=64)
@@ -104,7 +109,8 @@ def shared_routes_xml(cases: Sequence[ConcreteScenario], vehicle: VehicleSetting
     names, count = vehicle_names(cases), len(cases)
     for case, concrete in enumerate(cases):
         others.append(_element("route", {"id": f"along{case}", "edges": edge_name(case, count)}))
-        starts = departures(concrete, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete))
+        told = replace(concrete, road=plain(concrete.road)) if concrete.road.shaped else concrete
+        starts = departures(told, vehicle.length, one_lane=not own_lanes and fits_one_lane(concrete))
         described = zip(vehicle_types(concrete, vehicle), starts, strict=True)
         for index, (kind, attributes) in enumerate(described):
             name = kind.pop("id")

@@ -6,7 +6,10 @@ One writer serves the checked-in files, the run folder and the simulation itself
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -25,7 +28,58 @@ _EDGE = "road"
 
 def road_edges(road: Road) -> tuple[str, ...]:
     """Ids of the edges that are driven along."""
-    return (_EDGE,) if road.network is None else road.network.edges
+    if road.network is not None:
+        return road.network.edges
+    return tuple(section.edge for section in sections(road)) if road.spans else (_EDGE,)
+
+
+class Section(NamedTuple):
+    """A stretch of a road with the same lanes throughout, an edge of its own. lanes: those on it; SUMO counts from its
+    right-hand one. ramp: the lane that a line parts from it, -1: none; an edge beside it, `ramp_edge`.
+    """
+
+    edge: str
+    begin: float
+    end: float
+    lanes: tuple[int, ...]
+    ramp: int
+    ramp_edge: str
+
+
+@functools.lru_cache(maxsize=64)
+def sections(road: Road) -> tuple[Section, ...]:
+    """The sections of a road whose lanes are not the same throughout. SUMO knows no tapers: lanes end square."""
+    last = road.length + road.run_out
+    places = {0.0, last}
+    for span in road.spans:
+        places |= {it for it in (span.begin, span.end, span.parted_until, span.parted_from) if 0.0 < it < last}
+    found = []
+    for number, (begin, end) in enumerate(itertools.pairwise(sorted(places))):
+        lanes, ramp = [], -1
+        for lane in road.lanes_at(0.5 * (begin + end)):
+            span = road.span(lane)
+            if end <= span.parted_until or begin >= span.parted_from:
+                ramp = lane
+            else:
+                lanes.append(lane)
+        found.append(Section(f"{_EDGE}{number}", begin, end, tuple(lanes), ramp, f"ramp{number}" if ramp >= 0 else ""))
+    return tuple(found)
+
+
+def vehicle_edges(road: Road, y: float, goal: float | None = None) -> tuple[str, ...]:
+    """The edges of a route that begins in the lane at y, m, and ends in the lane at `goal`; None: in the first one."""
+    if not road.spans or road.network is not None:
+        return road_edges(road)
+    first, last = (_lane_at(road, place) for place in (y, y if goal is None else goal))
+    found = []
+    for section in sections(road):
+        on_ramp = section.ramp >= 0 and section.ramp == (first if section.begin == 0.0 else last)
+        found.append(section.ramp_edge if on_ramp else section.edge)
+    return tuple(found)
+
+
+def _lane_at(road: Road, y: float) -> int:
+    return min(max(round(y / road.lane_width), 0), road.lanes - 1)
 
 
 def _text(root: etree._Element) -> str:
@@ -57,6 +111,8 @@ def network_xml(road: Road) -> str:
     """
     if road.network is not None:
         return laid_along_x(road.network)
+    if road.shaped:
+        return _shaped_xml(road)
     end = road.length + road.run_out
     middle = (road.left_edge + road.right_edge) / 2
     line = drawn_points(road.line, 0.0, end, SEGMENT) if road.bent else None
@@ -103,6 +159,101 @@ def network_xml(road: Road) -> str:
     return _text(net)
 
 
+def _shaped_xml(road: Road) -> str:
+    """A road of several edges, one a section, its ramps beside it, and the roads that cross it, as a network."""
+    net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
+    last = road.length + road.run_out
+    reach = max([0.0, *(crossing.reach for crossing in road.crossings)])
+    low, high = min(road.right_edge, -reach), max(road.left_edge, reach)
+    bounds = f"0.00,{_metres(low)},{_metres(last)},{_metres(high)}"
+    etree.SubElement(
+        net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
+    )
+    parts = sections(road) if road.spans else (Section(_EDGE, 0.0, last, tuple(range(road.lanes)), -1, ""),)
+    names = [f"node{number}" for number in range(len(parts) + 1)]
+    middle, begins = 0.5 * (road.left_edge + road.right_edge), (*(part.begin for part in parts), last)
+    where = {name: (place, middle) for name, place in zip(names, begins, strict=True)}
+    ways: list[tuple[str, str, str, list[tuple[str, float, float]]]] = []
+    for number, part in enumerate(parts):
+        lanes = [(f"{part.edge}_{k}", road.lane_centre(lane), road.lane_width) for k, lane in enumerate(part.lanes)]
+        ways.append((part.edge, names[number], names[number + 1], lanes))
+        if part.ramp >= 0:
+            y = road.lane_centre(part.ramp)
+            begin, end = names[number], names[number + 1]
+            if part.begin == 0.0:
+                begin = f"{part.ramp_edge}_begin"
+                where[begin] = (0.0, y)
+            if part.end == last:
+                end = f"{part.ramp_edge}_end"
+                where[end] = (last, y)
+            ways.append((part.ramp_edge, begin, end, [(f"{part.ramp_edge}_0", y, road.lane_width)]))
+    into: dict[str, list[str]] = {}
+    for edge, begin, end, lanes in ways:
+        element = etree.SubElement(net, "edge", {"id": edge, "from": begin, "to": end, "priority": "1"})
+        first, until = where[begin][0], where[end][0]
+        for index, (lane, y, width) in enumerate(lanes):
+            into.setdefault(end, []).append(lane)
+            etree.SubElement(
+                element, "lane", id=lane, index=str(index), speed=_metres(road.speed_limit),
+                length=_metres(until - first), width=_metres(width),
+                shape=f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}",
+            )  # fmt: skip
+    for number, crossing in enumerate(road.crossings):
+        edge = f"crossing{number}"
+        for name, across in ((f"{edge}_begin", -crossing.reach), (f"{edge}_end", crossing.reach)):
+            where[name] = (crossing.at, across)
+        into[f"{edge}_end"] = [f"{edge}_0"]
+        element = etree.SubElement(
+            net, "edge", {"id": edge, "from": f"{edge}_begin", "to": f"{edge}_end", "priority": "1"}
+        )
+        at = _metres(crossing.at)
+        etree.SubElement(
+            element, "lane", id=f"{edge}_0", index="0", speed=_metres(road.speed_limit),
+            length=_metres(2.0 * crossing.reach), width=_metres(crossing.width),
+            shape=f"{at},{_metres(-crossing.reach)} {at},{_metres(crossing.reach)}",
+        )  # fmt: skip
+    joints = _joints(road, parts)
+    for name, (x, y) in where.items():
+        links = joints[names.index(name)] if name in names[1:-1] else []
+        kind = "priority" if links else "dead_end"
+        junction = etree.SubElement(
+            net, "junction", id=name, type=kind, x=_metres(x), y=_metres(y), incLanes=" ".join(into.get(name, ())),
+            intLanes="", shape=f"{_metres(x)},{_metres(road.right_edge)} {_metres(x)},{_metres(road.left_edge)}",
+        )  # fmt: skip
+        none = "0" * len(links)
+        for index in range(len(links)):
+            etree.SubElement(junction, "request", index=str(index), response=none, foes=none, cont="0")
+    for links in joints.values():
+        for one, from_lane, other, to_lane in links:
+            etree.SubElement(
+                net, "connection",
+                {
+                    "from": one, "to": other, "fromLane": str(from_lane), "toLane": str(to_lane),
+                    "dir": "s", "state": "M",
+                },
+            )  # fmt: skip
+    return _text(net)
+
+
+def _joints(road: Road, parts: Sequence[Section]) -> dict[int, list[tuple[str, int, str, int]]]:
+    """Where lanes go on from one section to the next: edge and index, of both. By the number of the node between."""
+    found: dict[int, list[tuple[str, int, str, int]]] = {}
+
+    def place(part: Section, lane: int) -> tuple[str, int] | None:
+        if lane == part.ramp:
+            return part.ramp_edge, 0
+        return (part.edge, part.lanes.index(lane)) if lane in part.lanes else None
+
+    for number, (one, other) in enumerate(itertools.pairwise(parts), 1):
+        links = []
+        for lane in range(road.lanes):
+            before, after = place(one, lane), place(other, lane)
+            if before is not None and after is not None:
+                links.append((*before, *after))
+        found[number] = links
+    return found
+
+
 def _polyline(road: Road, s: FloatArray, d: float) -> str:
     """A line beside the road's as SUMO has a shape."""
     x, y, _ = map_places(road.line, s, d)
@@ -125,8 +276,10 @@ def routes_xml(
     routes.addprevious(etree.Comment(_remarks(concrete, origin)))
     for attributes in vehicle_types(concrete, vehicle, ego_type):
         etree.SubElement(routes, "vType", attributes)
-    etree.SubElement(routes, "route", id="along", edges=" ".join(road_edges(concrete.road)))
     for attributes in departures(concrete, vehicle.length):
+        edges = " ".join(_route(concrete, attributes["id"]))
+        if routes.find(f"route[@id='{attributes['route']}']") is None:
+            etree.SubElement(routes, "route", id=attributes["route"], edges=edges)
         etree.SubElement(routes, "vehicle", attributes)
     return _text(routes)
 
@@ -196,16 +349,29 @@ def _as_it_is(actor: Actor) -> dict[str, str]:
     return found
 
 
+def _route(concrete: ConcreteScenario, name: str) -> tuple[str, ...]:
+    """The edges of a vehicle's route."""
+    if name == EGO:
+        way, y = concrete.ego.way, concrete.ego.y
+        return vehicle_edges(concrete.road, y, None if way is None else y + way.offset)
+    actor = next(actor for actor in concrete.actors if actor.name == name)
+    return vehicle_edges(concrete.road, actor.start.y, actor.y(math.inf) if actor.lane_changes else None)
+
+
 def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool = False) -> list[dict[str, str]]:
     """Attributes of the vehicles of a case, the ego first. one_lane: there is the right-hand lane alone."""
     found = []
     road = concrete.road
+    parted = bool(road.spans) and road.network is None and not one_lane
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
     for name, start, length in starts:
         lane = min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
         if one_lane or (road.bent and not concrete.reacts):  # on a bend SUMO's place is exact along the line alone
             lane = 0
         offset = start.y - road.lane_centre(lane)
+        if road.network is not None and road.spans and 0 not in road.lanes_at(start.x + length / 2):
+            lane -= 1  # SUMO counts from the right-hand lane of the edge
+        section = next((it for it in sections(road) if start.x + length / 2 <= it.end), None) if parted else None
         attributes = {
             "id": name,
             "type": name,
@@ -216,6 +382,14 @@ def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool 
             "departSpeed": _number(start.speed),
             "insertionChecks": "none",  # else SUMO delays a vehicle that it finds too close, and the case turns safe
         }
+        if section is not None:
+            here = (section.ramp,) if lane == section.ramp else section.lanes
+            attributes |= {
+                "route": f"along_{name}",
+                "departEdge": str(sections(road).index(section)),
+                "departLane": str(here.index(min(max(lane, here[0]), here[-1]))),
+                "departPos": _number(start.x + length / 2 - section.begin),
+            }
         if offset:
             attributes["departPosLat"] = _number(offset)
         found.append(attributes)

@@ -115,7 +115,7 @@ _PARAMETERS = np.dtype(
 @kernel
 def synthetic_driver(
     me: Any, others: Any, memory: Any, looks: Any, memories: Any, known: Any, watched: Any, waves: Any, p: Any,
-    scenario: Any, time: float,
+    way: Any, scenario: Any, time: float,
 ) -> tuple[float, float]:  # fmt: skip
     """Acceleration, m/s2, and steering wheel angle, rad: look, decide, work the pedals and the wheel.
 
@@ -128,7 +128,7 @@ def synthetic_driver(
     desired = start * p.gain
     free = (desired - me.speed) / SPEED_RELAXATION + noise_value(waves[1], p.pedal_amplitude, time)
     free *= smooth_step(time / SETTLING_TIME)
-    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, scenario)
+    wanted = overtake(memory, me, known, watched, p.habits, p.idm, desired, free, way, scenario)
     y, slope, bend = _line(memory, me, waves, p, scenario)
     return max(wanted, -scenario.vehicle.max_deceleration), steering(memory, me, y, slope, bend, scenario)
 
@@ -170,7 +170,7 @@ def synthetic_driver_rows(
             command = egos[i].command
             command.acceleration, command.steering = synthetic_driver(
                 egos[i].seen, seen[i], memory[i], looks[i], memories[i], known[i], watched[i], waves[i], parameters[i],
-                scenario[0], time,
+                egos[i].way, scenario[0], time,
             )  # fmt: skip
 
 

@@ -226,6 +226,14 @@ const sumoReplay = (() => {
     return { context, width, height };
   }
 
+  function stroke(context, points, style) {
+    context.beginPath();
+    points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.lineWidth = 2;
+    context.strokeStyle = style;
+    context.stroke();
+  }
+
   function outline(context, points) {
     context.beginPath();
     points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
@@ -251,6 +259,7 @@ const sumoReplay = (() => {
     context.fillStyle = "#f5f7f9";
     context.fillRect(0, 0, width, height);
     context.fillStyle = "#d9dde1";
+    for (const [x, wide, reach] of road.crossings) context.fillRect(px(x - wide / 2), py(reach), wide * scale, 2 * reach * scale);
     context.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
     const line = (y, style, dash) => {
       context.beginPath();
@@ -266,6 +275,14 @@ const sumoReplay = (() => {
     line(road.left, COLOURS.muted, []);
     line(road.right, COLOURS.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) line(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
+    for (const [x0, x1, y] of road.solid) stroke(context, [[px(x0), py(y)], [px(x1), py(y)]], "#fff");
+    for (const gone of road.gone) {
+      const points = gone.map(([x, y]) => [px(x), py(y)]), outwards = Math.sign(points[0][1] - points[1][1]);
+      outline(context, points.map(([x, y], k) => [x, k === 0 || k === 3 ? y + 2 * outwards : y]));
+      context.fillStyle = "#f5f7f9";
+      context.fill();
+      stroke(context, points.slice(1), COLOURS.muted);
+    }
     context.fillStyle = COLOURS.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
@@ -375,11 +392,17 @@ const sumoReplay = (() => {
         face([ground(a, y0), ground(b + lap, y0), ground(b + lap, y1), ground(a, y1)], fill);
       }
     };
+    for (const [x, wide, reach] of road.crossings) flat(x - wide / 2, x + wide / 2, -reach, reach, "#9aa1a8");
     flat(begin, end, road.right, road.left, "#9aa1a8");
     for (const y of [road.right, road.left]) flat(begin, end, y - 0.07, y + 0.07, "#fff");
     for (let lane = 1; lane < road.lanes; lane++) {
       const y = road.right + lane * road.laneWidth;
       for (let x = Math.floor(begin / 9) * 9; x < from + 160; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
+    }
+    for (const [x0, x1, y] of road.solid) flat(Math.max(x0, begin), Math.min(x1, end), y - 0.06, y + 0.06, "#fff");
+    for (const gone of road.gone) {
+      const outwards = Math.sign(gone[0][1] - gone[1][1]);
+      face(gone.map(([x, y], k) => ground(x, k === 0 || k === 3 ? y + 0.1 * outwards : y)), "#c9d3c2");
     }
     for (let x = Math.ceil(begin / 50) * 50; x < from + 250; x += 50) { // posts every 50 m give the eye a speed
       for (const y of [road.right - 1, road.left + 1]) face([[y - 0.06, 0], [y + 0.06, 0], [y + 0.06, 1], [y - 0.06, 1]].map(([across, up]) => ground(x, across, up)), "#f5f7f9", "#57606a");

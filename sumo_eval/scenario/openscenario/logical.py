@@ -321,6 +321,7 @@ class FirstMover:
     """What zones are searched from: one of the others, who is in the way from its first move on."""
 
     obstacle: int
+    conflict: bool = False
 
     def delay(self, values: Mapping[str, float]) -> float:
         """Ideal braking begins with its first move, s."""

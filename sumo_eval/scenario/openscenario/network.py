@@ -129,7 +129,7 @@ def _number(element: Element, name: str) -> float:
 
 def _road(element: Element, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
-    line = reference_line(element, owner)
+    line, _ = reference_line(element, owner)
     first = element.find("planView/geometry")
     assert first is not None
     begin = Pose(*(_number(first, key) for key in ("x", "y", "hdg")))

@@ -1,24 +1,31 @@
 """A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read as they are.
 
-Read: lines, arcs and spirals, one lane section, lanes of constant width. Whatever else shapes a road (polynomials,
-lane offsets, widths that change, slopes) is refused by name, and nothing is left out in silence but what has no shape:
-marks, objects, signals, speeds.
+Read: lines, arcs and spirals, lanes of constant width, lane sections in which the outermost lane opens or ends along a
+straight edge, and several roads one behind the other, as through a junction. Whatever else shapes a road (polynomials,
+lane offsets, slopes, other widths that change) is refused by name, and nothing is left out in silence but what has no
+shape: marks, objects, signals, speeds.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 
 _JOINT = 0.01  # m and rad that a geometry may begin beside the end of the one before it
 _PART = 2.0  # m: a spiral's offset is no spiral, and is drawn in parts of it
 _SAME = 1e-6  # m, widths closer than this are one
+_MEETS = 0.05  # m and rad that a road of a chain may begin beside the end of the one before it
+_MOST_ROADS = 8  # of a chain
+_DRIVEN = ("driving", "entry", "exit", "onRamp", "offRamp")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +38,38 @@ class ReadRoad:
     lanes: int
     lane_width: float
     length: float
+    spans: tuple[LaneSpan, ...] = ()
 
 
-def read_opendrive(path: Path, road: str | None = None) -> ReadRoad:
-    """A road of the file by its id; the only one where none is named. Raises InputError with what cannot be read."""
+class _Stretch(NamedTuple):
+    """A road that is driven one way: the right-hand driving lane's centre line, where it begins (x, y m, heading rad),
+    how many driving lanes there are, their width, m, and those that are not there throughout.
+    """
+
+    line: tuple[Piece, ...]
+    begin: tuple[float, float, float]
+    lanes: int
+    width: float
+    spans: tuple[LaneSpan, ...]
+
+    @property
+    def length(self) -> float:
+        return sum(piece.length for piece in self.line)
+
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Where the line ends."""
+        x, y, turned = (float(it) for it in map_places(self.line, self.length, 0.0))
+        if all(piece.begin == piece.end == 0.0 for piece in self.line):
+            x, y, turned = self.length, 0.0, 0.0
+        c, s = math.cos(self.begin[2]), math.sin(self.begin[2])
+        return self.begin[0] + x * c - y * s, self.begin[1] + x * s + y * c, self.begin[2] + turned
+
+
+def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadRoad:
+    """A road of the file by its id, or several by theirs that are driven one behind the other, in the direction in
+    which they meet; the only one where none is named. Raises InputError with what cannot be read.
+    """
     owner = f"OpenDRIVE file {path.name}"
     try:
         root = etree.fromstring(path.read_bytes(), etree.XMLParser(resolve_entities=False, no_network=True))
@@ -47,16 +82,73 @@ def read_opendrive(path: Path, road: str | None = None) -> ReadRoad:
     roads = {str(element.get("id")): element for element in root.iter("road")}
     if road is None and len(roads) != 1:
         raise InputError(f"{owner} has {len(roads)} roads: `opendrive_road` must name one of {', '.join(roads)}.")
-    if road is not None and road not in roads:
-        raise unknown(f"road of {owner}", road, roads)
-    element = roads[road] if road is not None else next(iter(roads.values()))
-    owner = f"road `{element.get('id')}` of {owner}"
-    reference = reference_line(element, owner)
-    offset, lanes, width = _driving_lanes(element, owner)
-    line = beside(reference, offset, owner)
-    length = sum(piece.length for piece in line)
+    names = [next(iter(roads))] if road is None else [road] if isinstance(road, str) else list(road)
+    for name in names:
+        if name not in roads:
+            raise unknown(f"road of {owner}", name, roads)
+    if not 0 < len(names) <= _MOST_ROADS:
+        raise must_be("The roads to drive along", owner, f"1 to {_MOST_ROADS}", len(names))
+    if len(names) == 1:
+        chain = [_stretch(roads[names[0]], f"road `{names[0]}` of {owner}", against=False)]
+    else:
+        chain = _chain([roads[name] for name in names], owner)
+    line = tuple(piece for stretch in chain for piece in stretch.line)
     bent = any(piece.begin != 0.0 or piece.end != 0.0 for piece in line)
-    return ReadRoad(line if bent else (), lanes, width, length)
+    length = sum(piece.length for piece in line)
+    return ReadRoad(line if bent else (), chain[0].lanes, chain[0].width, length, chain[0].spans)
+
+
+def _chain(roads: Sequence[etree._Element], owner: str) -> list[_Stretch]:
+    """The roads one behind the other, each along or against its own direction, whichever meets the one before it."""
+    for first in (False, True):
+        chain: list[_Stretch] = []
+        for number, element in enumerate(roads):
+            name = f"road `{element.get('id')}` of {owner}"
+            ways = [first] if number == 0 else [False, True]
+            found = [it for it in (_stretch_or_none(element, name, way) for way in ways) if it is not None]
+            if number:
+                found = [it for it in found if _meet(chain[-1].end, it.begin)]
+            if not found:
+                break
+            chain.append(found[0])
+        if len(chain) == len(roads):
+            break
+    else:
+        names = " ".join(str(element.get("id")) for element in roads)
+        raise InputError(
+            f"The driving lanes of the roads {names} of {owner} must meet, each at the end of the one before."
+        )
+    for stretch in chain:
+        if (stretch.lanes, stretch.spans) != (chain[0].lanes, ()) or abs(stretch.width - chain[0].width) > _SAME:
+            wanted = "of one number and width throughout, where roads are driven one behind the other"
+            raise must_be("The driving lanes", owner, wanted, [(it.lanes, it.width) for it in chain])
+    return chain
+
+
+def _stretch_or_none(road: etree._Element, owner: str, against: bool) -> _Stretch | None:
+    """A road driven one way, None where it has no driving lane that way."""
+    side = "left" if against else "right"
+    driven = [lane for lane in road.iterfind(f"lanes/laneSection/{side}/lane") if lane.get("type") in _DRIVEN]
+    return _stretch(road, owner, against=against) if driven else None
+
+
+def _meet(end: tuple[float, float, float], begin: tuple[float, float, float]) -> bool:
+    apart = math.hypot(end[0] - begin[0], end[1] - begin[1])
+    return apart <= _MEETS and abs(math.remainder(end[2] - begin[2], math.tau)) <= _MEETS
+
+
+def _stretch(road: etree._Element, owner: str, *, against: bool) -> _Stretch:
+    """A road driven along its reference line, or against it on its left-hand lanes."""
+    reference, begin = reference_line(road, owner)
+    if against:
+        begin = _Stretch(reference, begin, 0, 0.0, ()).end
+        begin = begin[0], begin[1], begin[2] + math.pi
+        reference = tuple(Piece(piece.length, -piece.end, -piece.begin) for piece in reversed(reference))
+    length = sum(piece.length for piece in reference)
+    offset, lanes, width, spans = _driving_lanes(road, owner, length, against=against)
+    line = beside(reference, offset, owner)
+    starts = begin[0] - offset * math.sin(begin[2]), begin[1] + offset * math.cos(begin[2]), begin[2]
+    return _Stretch(line, starts, lanes, width, spans)
 
 
 def _number(element: etree._Element, name: str, owner: str) -> float:
@@ -70,8 +162,8 @@ def _number(element: etree._Element, name: str, owner: str) -> float:
     return value
 
 
-def reference_line(road: etree._Element, owner: str) -> tuple[Piece, ...]:
-    """The reference line of a <road> in pieces; `owner` names it in sentences."""
+def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...], tuple[float, float, float]]:
+    """The pieces of a reference line, and where it begins."""
     pieces: list[Piece] = []
     begin = None
     for geometry in road.iterfind("planView/geometry"):
@@ -93,7 +185,8 @@ def reference_line(road: etree._Element, owner: str) -> tuple[Piece, ...]:
         pieces.append(Piece(length, *ends))
     if not pieces:
         raise InputError(f"{owner} has no <geometry>.".capitalize())
-    return tuple(pieces)
+    assert begin is not None
+    return tuple(pieces), (begin[0], begin[1], begin[2])
 
 
 def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[float, ...], owner: str) -> None:
@@ -110,11 +203,12 @@ def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[flo
         )  # fmt: skip
 
 
-def _driving_lanes(road: etree._Element, owner: str) -> tuple[float, int, float]:
-    """Centre of the right-hand driving lane left of the reference line, m; how many there are, and their width, m."""
-    sections = road.findall("lanes/laneSection")
-    if len(sections) != 1:
-        raise must_be("The lane sections", owner, "one", len(sections))
+def _driving_lanes(
+    road: etree._Element, owner: str, length: float, *, against: bool
+) -> tuple[float, int, float, tuple[LaneSpan, ...]]:
+    """Centre of the right-hand driving lane left of the reference line, m; how many there are, their width, m, and the
+    outermost one's span where it is not there throughout. against: of the left-hand lanes, driven the other way.
+    """
     for name in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
         for found in road.iterfind(name):
             if any(float(found.get(key, "0")) != 0.0 for key in "abcd"):
@@ -124,25 +218,118 @@ def _driving_lanes(road: etree._Element, owner: str) -> tuple[float, int, float]
                     "0 throughout, which is all that is read",
                     etree.tostring(found).decode().strip(),
                 )
-    offset, driving = 0.0, []
-    lanes = sections[0].findall("right/lane")
-    for lane in sorted(lanes, key=lambda lane: -int(lane.get("id", "0"))):
-        widths = lane.findall("width")
-        changes = any(float(width.get(key, "0")) != 0.0 for width in widths for key in "bcd")
-        if len(widths) != 1 or changes:
-            raise must_be(f"The width of lane {lane.get('id')}", owner, "constant", f"{len(widths)} <width>")
-        width = _number(widths[0], "a", owner)
-        if lane.get("type") == "driving":
-            driving.append((int(lane.get("id", "0")), offset - 0.5 * width, width))
-        offset -= width
-    if not driving:
-        raise InputError(f"{owner} has no driving lane to the right of its reference line.".capitalize())
-    numbers, width = [number for number, _, _ in driving], driving[0][2]
-    if numbers != list(range(numbers[0], numbers[0] - len(numbers), -1)):
-        raise must_be("The driving lanes", owner, "beside each other", numbers)
-    if any(abs(other - width) > _SAME for _, _, other in driving):
-        raise must_be("The driving lanes", owner, "of one width", [other for _, _, other in driving])
-    return driving[-1][1], len(driving), width
+    sections = road.findall("lanes/laneSection")
+    if not sections:
+        raise must_be("The lane sections", owner, "at least one", 0)
+    begins = [_number(section, "s", owner) if len(sections) > 1 else 0.0 for section in sections]
+    side = "left" if against else "right"
+    here = [sorted(section.findall(f"{side}/lane"), key=_rank) for section in sections]
+    fullest = max(here, key=lambda lanes: sum(lane.get("type") in _DRIVEN for lane in lanes))
+    most = [_rank(lane) for lane in fullest if lane.get("type") in _DRIVEN]
+    if not most:
+        raise InputError(f"{owner} has no driving lane to the {side} of its reference line.".capitalize())
+    if most != list(range(most[0], most[0] + len(most))):
+        raise must_be("The driving lanes", owner, "beside each other", most)
+    outer = most[-1]
+    knots: list[tuple[float, float]] = []  # width of the outermost lane along the road
+    ramps: list[tuple[float, float, str]] = []
+    centres: dict[int, float] = {}
+    widths: dict[int, float] = {}
+    for section, (begin, lanes) in enumerate(zip(begins, here, strict=True)):
+        end = begins[section + 1] if section + 1 < len(begins) else length
+        driven = [_rank(lane) for lane in lanes if lane.get("type") in _DRIVEN]
+        if driven not in (most, most[:-1]):
+            wanted = f"the same throughout but for the outermost, {outer}"
+            raise must_be("The driving lanes", f"{owner} at s = {begin:g}", wanted, driven)
+        offset = 0.0
+        for lane in lanes:
+            rank = _rank(lane)
+            if rank > outer:
+                break
+            if rank == outer and lane.get("type") in _DRIVEN:
+                knots += _widths(lane, begin, end, owner)
+                ramps.append((begin, end, str(lane.get("type"))))
+                centres[rank] = offset
+                continue
+            (_, one), (_, other), *more = _widths(lane, begin, end, owner)
+            if one != other or more:
+                raise must_be(f"The width of lane {lane.get('id')}", owner, "constant", f"{one:g}..{other:g} m")
+            if (
+                abs(centres.setdefault(rank, offset) - offset) > _SAME
+                or abs(widths.setdefault(rank, one) - one) > _SAME
+            ):
+                raise must_be(
+                    f"Lane {lane.get('id')}", owner, "the same in every section", f"{one:g} m at s = {begin:g}"
+                )
+            offset += one
+        if outer not in driven:
+            knots += [(begin, 0.0), (end, 0.0)]
+    width = max(value for _, value in knots)
+    if any(abs(widths[rank] - width) > _SAME for rank in most[:-1]):
+        raise must_be("The driving lanes", owner, "of one width", [*(widths[rank] for rank in most[:-1]), width])
+    spans = _span_of(knots, width, ramps, length, owner, against=against)
+    if spans and len(most) == 1:
+        raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
+    return -(centres[outer] + 0.5 * width), len(most), width, spans
+
+
+def _rank(lane: etree._Element) -> int:
+    """How far out a lane is: 1 beside the reference line."""
+    return abs(int(lane.get("id", "0")))
+
+
+def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> list[tuple[float, float]]:
+    """The width of a lane in a section at the places between which it changes linearly: pairs of s and width, m."""
+    found: list[tuple[float, float]] = []
+    entries = lane.findall("width")
+    if not entries:
+        raise InputError(f"Lane {lane.get('id')} of {owner} must have a <width>.")
+    for number, entry in enumerate(entries):
+        first = begin + (_number(entry, "sOffset", owner) if len(entries) > 1 else 0.0)
+        last = begin + _number(entries[number + 1], "sOffset", owner) if number + 1 < len(entries) else end
+        if any(float(entry.get(key, "0")) != 0.0 for key in "cd"):
+            raise must_be(f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial")
+        a, b = _number(entry, "a", owner), float(entry.get("b", "0"))
+        found += [(first, a), (last, a + b * (last - first))]
+    return found
+
+
+def _span_of(
+    knots: Sequence[tuple[float, float]], width: float, ramps: Sequence[tuple[float, float, str]], length: float,
+    owner: str, *, against: bool,
+) -> tuple[LaneSpan, ...]:  # fmt: skip
+    """Where the outermost lane is, () where that is throughout. knots: its width along the road."""
+    if all(abs(value - width) <= _SAME for _, value in knots):
+        return ()
+    if against:
+        raise must_be("The width of the outermost lane", owner, "constant where a road is driven against its direction",
+                      [value for _, value in knots])  # fmt: skip
+    whole = [s for s, value in knots if abs(value - width) <= _SAME]
+    gone = [s for s, value in knots if abs(value) <= _SAME]
+    begin, end = min(whole), max(whole)
+    before, behind = [s for s in gone if s <= begin], [s for s in gone if s >= end]
+    opens, closes = max(before, default=begin), min(behind, default=end)
+    for s, value in knots:  # it opens once, is whole, and ends once, along straight edges
+        wanted = width
+        if s < begin:
+            wanted = 0.0 if s <= opens else width * (s - opens) / (begin - opens)
+        elif s > end:
+            wanted = 0.0 if s >= closes else width * (closes - s) / (closes - end)
+        square = s in (begin, end) and abs(value) <= _SAME  # it begins or ends at once
+        if abs(value - wanted) > 1e-4 and not square:
+            what = "one that opens once and ends once, each along a straight edge"
+            raise must_be("The outermost lane", owner, what, f"{value:g} m wide at s = {s:g}")
+    on = [e for b, e, kind in ramps if kind == "onRamp"]
+    off = [b for b, e, kind in ramps if kind == "offRamp"]
+    first = not before and begin <= _SAME
+    last = not behind and end >= length - _SAME
+    return (
+        LaneSpan(
+            0, -math.inf if first else begin, math.inf if last else end, 0.0 if first else begin - opens,
+            0.0 if last else closes - end, max(on, default=-math.inf) if first else -math.inf,
+            min(off, default=math.inf) if last else math.inf,
+        ),
+    )  # fmt: skip
 
 
 def beside(reference: tuple[Piece, ...], offset: float, owner: str) -> tuple[Piece, ...]:

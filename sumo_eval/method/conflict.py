@@ -1,0 +1,206 @@
+"""Conflicts of two ways, as where one road leads into another or crosses it: their area, the time to it, PET.
+
+A way is a function of the place along the road; on it the ego has a speed. The time to collision on conflicting ways is
+the time after which the bodies would touch if the ego kept its speed on its way while the other does what its script
+does (Hayward 1972: on a collision course, whatever the angle). Bodies are upright rectangles, as wide and long as the
+turned bodies reach along and across the road.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.kernels import kernel, rows
+from sumo_eval.scenario import ConcreteScenario
+from sumo_eval.scenario.motion import quintic
+from sumo_eval.scenario.undisturbed import Tracks, tracks
+from sumo_eval.settings import ZoneSettings
+from sumo_eval.trajectory import FloatArray
+
+STEP = 0.1  # s between two looks; contact between two is found on the straight line from one to the other
+HORIZON = 6.0  # s ahead in which a collision course counts, ITTC 0.17 1/s
+_LONGEST = 60.0  # s that are looked at, at most
+
+_WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
+
+
+class Conflict(NamedTuple):
+    """How two undisturbed ways conflict. begin, end: of the stretch of the ego's way over which the other passes, x, m.
+
+    enters, leaves: when the other's body is in the ego's strip, s. time_to: until the ego's front is at `begin` at its
+    speed, s. pet: from the one's leaving until the other's entering, s; 0 where both are there at once. All nan where
+    the other never comes into the ego's strip.
+    """
+
+    begin: float
+    end: float
+    enters: float
+    leaves: float
+    time_to: float
+    pet: float
+
+
+def crossing_conflict(concrete: ConcreteScenario, other: int, size: tuple[float, float]) -> Conflict:
+    """The conflict with number `other` that crosses the ego's way, nobody reacting. size: the ego's body, m."""
+    ego = concrete.ego
+    until = min((concrete.road.length - ego.x) / max(ego.speed, 1.0), _LONGEST)
+    found = tracks([concrete], [size], STEP, until)
+    times: FloatArray = np.arange(found.others.shape[2], dtype=np.float64) * STEP
+    track, long, wide = _extents(found.others[:, other], concrete, other)
+    x, y = track[0, :, 0], track[0, :, 1]
+    apart = np.abs(y - ego.y_at(x)) - wide[0] - 0.5 * size[1]
+    inside = np.flatnonzero(apart < 0.0)
+    if not inside.size:
+        return Conflict(*(math.nan,) * 6)
+    first, last = int(inside[0]), int(inside[-1])
+    enters = float(times[first]) if first == 0 else _zero(times[first - 1 : first + 1], apart[first - 1 : first + 1])
+    leaves = math.inf
+    if last + 1 < len(times):
+        leaves = _zero(times[last : last + 2], apart[last : last + 2])
+    begin = float((x - long[0])[inside].min())
+    end = float((x + long[0])[inside].max())
+    arrives = (begin - 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    clears = (end + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    return Conflict(begin, end, enters, leaves, arrives, max(arrives - leaves, enters - clears, 0.0))
+
+
+def _zero(times: FloatArray, values: FloatArray) -> float:
+    """Where a straight line through two values is 0."""
+    return float(times[0] + (times[1] - times[0]) * values[0] / (values[0] - values[1]))
+
+
+def conflict_criticality(
+    placed: Sequence[ConcreteScenario], other: int, delays: Sequence[float], size: tuple[float, float],
+    settings: ZoneSettings,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Max ITTC, 1/s, impact speed, m/s, and the smallest distance of the bodies, m, of cases with one scenario.
+
+    The ego keeps its way and brakes ideally to a standstill from the first move of number `other` plus its delay on, or
+    keeps its speed where that leads into nobody: 0 then. Max ITTC is the largest inverse time to collision on the
+    conflicting ways, with any of the others; inf where ideal braking hits.
+    """
+    strength = settings.deceleration
+    speeds = np.array([concrete.ego.speed for concrete in placed])
+    until = float(np.max(_begins(placed, other) + np.array(delays) + speeds / strength)) + HORIZON
+    found = tracks(placed, [size] * len(placed), STEP, min(until, _LONGEST))
+    first = found.begins[:, other]
+    from_then = np.where(np.isinf(first), 0.0, first) + np.array(delays)
+    kept, _, nearest = _with_all(placed, found, size, np.full(len(placed), np.inf), strength, 0)
+    inverse, impact = np.zeros(len(placed)), np.zeros(len(placed))
+    at = np.flatnonzero(np.isinf(kept))
+    if at.size:
+        hit = Tracks(found.egos[at], found.others[at], found.begins[at])
+        inverse[at], impact[at], nearest[at] = _with_all(
+            [placed[i] for i in at.tolist()], hit, size, from_then[at], strength, round(HORIZON / STEP)
+        )
+    return inverse, impact, nearest
+
+
+def _with_all(
+    placed: Sequence[ConcreteScenario], found: Tracks, size: tuple[float, float], begins: FloatArray, strength: float,
+    horizon: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Max ITTC, impact speed and smallest distance of the bodies, of the others the most critical. begins: when each
+    ego begins to brake, s. horizon: looks ahead.
+    """
+    x, v = np.array([[concrete.ego.x, concrete.ego.speed] for concrete in placed]).T[:, :, None]
+    time, wait = np.arange(found.others.shape[2]) * STEP, begins[:, None]
+    braking = np.clip(time - wait, 0.0, v / strength)
+    speed = v - strength * braking
+    egos = np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
+    of_each = [_with(placed, found, egos, number, size, horizon) for number in range(found.others.shape[1])]
+    inverse, impact, nearest = (np.array(part) for part in zip(*of_each, strict=True))
+    return inverse.max(axis=0), impact.max(axis=0), nearest.min(axis=0)
+
+
+def _with(
+    placed: Sequence[ConcreteScenario], found: Tracks, egos: FloatArray, other: int, size: tuple[float, float],
+    horizon: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Max ITTC, impact speed and smallest distance of the bodies with number `other`. egos: x and speed, (n, T, 2)."""
+    track, long, wide = _extents(found.others[:, other], placed[0], other)
+    ways = np.zeros(len(placed), _WAY)
+    for i, concrete in enumerate(placed):
+        way = concrete.ego.way
+        own = (0.0, 0.0, 1.0) if way is None else (way.offset, way.begin, way.length(concrete.ego.speed))
+        ways[i] = (concrete.ego.y, *own)
+    told = np.stack([track[:, :, 0], track[:, :, 1], long + 0.5 * size[0], wide + 0.5 * size[1]], axis=2)
+    result = np.zeros((len(placed), 3))
+    _search_rows(ways, egos, told, STEP, horizon, result)
+    hit = np.flatnonzero(result[:, 1] >= 0.0)
+    impact = np.zeros(len(placed))
+    at = result[hit, 1].astype(np.intp)
+    heading, speed, across = (track[hit, at, channel] for channel in (2, 3, 4))
+    along = speed * np.cos(heading) - across * np.sin(heading)
+    sideways = speed * np.sin(heading) + across * np.cos(heading)
+    impact[hit] = np.hypot(egos[hit, at, 1] - along, sideways)
+    return np.where(result[:, 1] >= 0.0, np.inf, result[:, 0]), impact, np.maximum(result[:, 2], 0.0)
+
+
+def _begins(placed: Sequence[ConcreteScenario], other: int) -> FloatArray:
+    """When the first move of number `other` begins at the latest, s, as far as its script says that."""
+    found = []
+    for concrete in placed:
+        script, ego = concrete.actors[other].script, concrete.ego
+        on_the_road = (concrete.road.length - ego.x) / max(ego.speed, 1.0)
+        found.append(min((on_the_road if act.program else act.begin for act in script), default=0.0))
+    return np.array(found)
+
+
+def _extents(track: FloatArray, concrete: ConcreteScenario, other: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Tracks (n, T, 5) of a body, and half of what it reaches along and across the road, (n, T), m."""
+    actor = concrete.actors[other]
+    c, s = np.abs(np.cos(track[:, :, 2])), np.abs(np.sin(track[:, :, 2]))
+    return track, 0.5 * (actor.length * c + actor.width * s), 0.5 * (actor.length * s + actor.width * c)
+
+
+@kernel
+def _y_at(way: Any, x: float) -> float:
+    return float(way.y + way.offset * quintic(min(max((x - way.begin) / way.length, 0.0), 1.0)))
+
+
+@kernel
+def _apart(way: Any, x: float, other: Any) -> tuple[float, float]:
+    """How far apart the bodies are along and across the road, m; both negative where they touch."""
+    return abs(other[0] - x) - other[2], abs(other[1] - _y_at(way, x)) - other[3]
+
+
+@kernel
+def _share(before: float, after: float) -> float:
+    """The share of a step after which a distance that goes straight to a negative one is 0."""
+    return before / (before - after) if before > 0.0 else 0.0
+
+
+@rows
+def _search_rows(
+    ways: NDArray[Any], egos: FloatArray, others: FloatArray, step: float, horizon: int, result: FloatArray
+) -> None:
+    """Largest inverse TTC, the step at which both touch (-1: never), the smallest distance. egos: x and speed."""
+    for i in range(len(ways)):
+        way = ways[i]
+        inverse, nearest, touch = 0.0, math.inf, -1.0
+        count = egos.shape[1]
+        for k in range(count):
+            x, speed = egos[i, k, 0], egos[i, k, 1]
+            along, across = _apart(way, x, others[i, k])
+            nearest = min(nearest, max(along, across))
+            if along < 0.0 and across < 0.0:
+                touch = float(k)
+                break
+            if speed <= 0.0:
+                continue
+            last_along, last_across = along, across
+            for ahead in range(1, min(horizon, count - 1 - k) + 1):
+                along, across = _apart(way, x + speed * step * ahead, others[i, k + ahead])
+                if along < 0.0 and across < 0.0:
+                    share = max(_share(last_along, along), _share(last_across, across))
+                    time = step * (ahead - 1 + share)
+                    inverse = max(inverse, 1.0 / max(time, 1e-6))
+                    break
+                last_along, last_across = along, across
+        result[i, 0], result[i, 1], result[i, 2] = inverse, touch, nearest

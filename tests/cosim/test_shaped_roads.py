@@ -1,0 +1,104 @@
+"""Driving where lanes open and end: the way of an ego, the end of its lane, merging, missing an exit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sumo_eval import Command
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.trajectory import Recording
+
+POINTS = {
+    "ramp_merge": {"ego_speed": 24.0, "other_speed": 24.0, "offset": 15.0, "other_acceleration": -2.0},
+    "lane_drop": {"ego_speed": 24.0, "other_speed": 24.0, "offset": -15.0, "other_acceleration": 0.0},
+    "exit": {"ego_speed": 24.0, "other_speed": 24.0, "gap": 35.0, "other_acceleration": -2.0},
+}
+
+
+def case(name: str, **changes: float) -> ConcreteScenario:
+    return catalogue.load(name).concrete(**{**POINTS[name], **changes})
+
+
+def clips(found: Recording) -> set[str]:
+    return {clip.what for clip in found.clips}
+
+
+class Straight:
+    """Keeps its lane and its speed, and remembers what it was told."""
+
+    def act(self, seen: Any) -> Command:
+        if seen.time == 0.0:
+            self.told = seen.goal, seen.change, [line.centre for line in seen.lane_borders]
+        self.edges = (*getattr(self, "edges", ()), round(seen.ego.y - seen.right_edge, 3))
+        return Command(0.0, 0.0)
+
+
+def test_an_ego_that_stays_in_a_lane_that_ends_leaves_the_road_where_its_centre_crosses_the_edge() -> None:
+    ads = Straight()
+    found = simulate(case("ramp_merge", offset=60.0), ads)
+    # the edge moves from y = -1.75 m at 660 m to 1.75 m at 720 m: it is at 0 at 690 m; 24 m/s and 0.05 s are 1.2 m
+    assert found.end_reason == "off_road"
+    assert 690.0 < found.ego.x[-1] <= 691.2
+    assert "goal_missed" in clips(found)
+    lanes = [((0.0, 0.0), (660.0, 0.0)), ((0.0, 3.5), (3000.0, 3.5)), ((0.0, 7.0), (3000.0, 7.0))]
+    assert ads.told == ((1000.0, 3.5), (440.0, 660.0), lanes)
+    assert (ads.edges[0], min(ads.edges) < 0.0 < ads.edges[-1] + 0.2) == (-1.75, True)
+
+
+def test_who_misses_an_exit_drives_on_and_the_case_says_so() -> None:
+    found = simulate(case("exit"), Straight())
+    assert (found.end_reason, clips(found) & {"goal_missed"}) == ("road_end", {"goal_missed"})
+
+
+def test_law_whose_rule_is_for_the_pedals_changes_lanes_on_the_fixed_way() -> None:
+    concrete = case("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0)
+    found = simulate(concrete, "no_reaction")
+    wanted = concrete.ego.y_at(found.ego.x)
+    assert np.abs(found.ego.y - wanted).max() < 0.03
+    assert found.ego.y[-1] == pytest.approx(3.5, abs=1e-3)
+    assert np.all(found.ego.speed == 24.0)
+    assert found.end_reason == "road_end"
+
+
+@pytest.mark.parametrize("name", sorted(POINTS))
+@pytest.mark.parametrize("ads", ["idm", "lane_changer"])
+def test_who_chooses_a_gap_reaches_its_goal_without_a_touch(name: str, ads: str) -> None:
+    concrete = case(name)
+    assert concrete.ego.way is not None
+    found = simulate(concrete, ads)
+    assert (found.collision, "goal_missed" in clips(found)) == (None, False)
+    assert found.ego.y[-1] == pytest.approx(concrete.ego.y + concrete.ego.way.offset, abs=0.02)
+    assert found.ego.acceleration.min() > -4.0
+
+
+def test_who_finds_no_gap_waits_before_the_end_of_its_lane() -> None:
+    concrete = case("ramp_merge", offset=0.0, other_acceleration=0.0, ego_speed=16.0, other_speed=16.0)
+    wall = [replace(concrete.actors[0], name=f"other_{k}", start=replace(concrete.actors[0].start, x=60.0 + 18.0 * k))
+            for k in range(40)]  # fmt: skip
+    found = simulate(replace(concrete, actors=tuple(wall), time_limit=32.0), "idm")
+    assert found.collision is None
+    assert found.ego.x.max() + 2.25 <= 660.0 - 20.0 + 0.1  # 20 m before the end, a shortest change
+    assert np.abs(found.ego.y).max() < 0.01
+    assert found.ego.speed[-1] < 1.0
+
+
+def test_law_a_case_on_such_a_road_has_the_bits_alone_that_it_has_in_company() -> None:
+    cases = [case("ramp_merge", offset=offset) for offset in (-30.0, 15.0, 60.0)]
+    together = list(simulate_many(cases, "idm"))
+    for concrete, packed in zip(cases, together, strict=True):
+        alone = simulate(concrete, "idm")
+        for one, other in ((alone.ego, packed.ego), (alone.actors["other"], packed.actors["other"])):
+            assert np.array_equal(one.x, other.x)
+            assert np.array_equal(one.y, other.y)
+            assert np.array_equal(one.speed, other.speed)
+
+
+def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to() -> None:
+    found = simulate(case("exit", gap=65.0, other_acceleration=0.0), "sumo:IDM")
+    assert (found.collision, found.end_reason, found.error) == (None, "road_end", None)
+    assert found.ego.y[-1] == pytest.approx(0.0, abs=1e-6)

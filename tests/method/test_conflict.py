@@ -1,0 +1,102 @@
+"""Conflicts of ways: the time to collision on them against closed forms, and the area, time to it and PET by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sumo_eval.method.conflict import conflict_criticality, crossing_conflict
+from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
+from sumo_eval.scenario import ConcreteScenario
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.settings import ZoneSettings
+
+SIZE = (4.5, 1.8)
+ZONES = ZoneSettings()  # ideal braking with 5 m/s2
+RAMP = {"lanes": 3, "length": 2000.0, "lane": [{"lane": 0, "end": 500.0, "ramp_until": 120.0}]}
+
+
+def scene(speed: float, other: dict[str, Any], **more: Any) -> ConcreteScenario:
+    """The ego at x = 50 m; bodies are 4.5 x 1.8 m."""
+    content = {
+        "name": "t", "parameter": [{"name": "v", "low": 1.0, "high": 50.0, "step": 1.0, "unit": "m/s"}],
+        "zone": {"obstacle": "other", "conflict": True}, "vehicle": [{"name": "other", **other}],
+        "road": {"lanes": 2, "length": 2000.0, "crossing": [{"x": 300.0}]}, **more,
+        "ego": {"speed": "v", **more.get("ego", {})},
+    }  # fmt: skip
+    return scenario_from(content, "t", Path()).concrete(v=speed)
+
+
+def critical(concrete: ConcreteScenario, delay: float = 0.0) -> tuple[float, float, float]:
+    found = conflict_criticality([concrete], 0, [delay], SIZE, ZONES)
+    return tuple(float(it[0]) for it in found)
+
+
+@pytest.mark.parametrize(
+    ("speed", "lead", "gap", "delay"),
+    [(20.0, 0.0, 60.0, 0.0), (20.0, 10.0, 20.0, 0.0), (20.0, 10.0, 30.0, 1.0), (15.0, 5.0, 40.0, 1.0)],
+)
+def test_law_behind_a_vehicle_in_the_lane_it_is_the_closed_form(
+    speed: float, lead: float, gap: float, delay: float
+) -> None:
+    concrete = scene(speed, {"speed": lead, "gap": gap})
+    wanted = float(max_inverse_ttc(speed, lead, gap, deceleration=5.0, delay=delay))
+    assert critical(concrete, delay)[0] == pytest.approx(wanted, rel=1e-2)
+
+
+def test_law_ideal_braking_that_hits_hits_as_the_closed_form_says() -> None:
+    inverse, impact, _ = critical(scene(20.0, {"speed": 0.0, "gap": 30.0}))
+    assert inverse == np.inf
+    # sqrt(400 - 2 * 5 * 30) = 10 m/s; found at most one look of 0.1 s (0.5 m/s) late
+    assert impact == pytest.approx(float(ideal_impact_speed(20.0, 0.0, 30.0, deceleration=5.0)), abs=0.51)
+
+
+@pytest.mark.parametrize("leaves", [2.3, 2.6, 4.0])
+def test_law_a_crossing_vehicle_counts_as_long_as_the_ego_would_find_it_in_its_way(leaves: float) -> None:
+    # It is in the strip (2.25 + 0.9 m to both sides) from 1 s until `leaves`; the ego's front is 20 m from its side.
+    across = 6.3 / (leaves - 1.0)
+    concrete = scene(10.0, {"speed": across, "heading": 90.0, "x": 50.0 + 2.25 + 20.0 + 0.9, "y": -3.15 - across})
+    t = np.linspace(0.0, 2.5, 250_001)
+    v = 10.0 - 5.0 * np.clip(t - 0.5, 0.0, 2.0)
+    d = 20.0 - 10.0 * np.minimum(t, 0.5) - 0.5 * np.clip(t - 0.5, 0.0, 2.0) * (10.0 + v)
+    counts = (t + d / np.maximum(v, 1e-9) < leaves) & (v > 0.0)
+    assert critical(concrete, 0.5)[0] == pytest.approx(float((v / d)[counts].max()), rel=0.05)
+    if leaves == 4.0:  # it is there all the time: the closed form for a standing vehicle
+        assert critical(concrete, 0.5)[0] == pytest.approx(
+            float(max_inverse_ttc(10.0, 0.0, 20.0, deceleration=5.0, delay=0.5)), rel=1e-2
+        )
+
+
+def test_who_would_meet_nobody_is_in_no_conflict_however_hard_it_is_to_brake() -> None:
+    concrete = scene(20.0, {"speed": 5.0, "heading": 90.0, "x": 75.0, "y": -20.0})
+    assert critical(concrete)[0] == 0.0
+
+
+def test_law_a_merge_behind_a_slower_vehicle_is_the_approach_to_it() -> None:
+    # 25 m/s against 15 m/s and 50 m: they would touch after 5 s, at x = 175 m, when the change (120..220 m) has brought
+    # the ego's side over the other's; from the ramp it is the closed form of a vehicle in the own lane.
+    ego = {"goal_lane": 1, "change_from": 120.0}
+    concrete = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
+    assert critical(concrete)[0] == pytest.approx(float(max_inverse_ttc(25.0, 15.0, 50.0, deceleration=5.0)), rel=1e-2)
+    beside = scene(25.0, {"speed": 15.0, "gap": 50.0, "y": 3.5}, road=RAMP)  # which stays on the ramp's lane
+    assert critical(beside)[0] == 0.0
+
+
+def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand() -> None:
+    # The other's side is at x = 99.1..100.9 m. In the ego's strip from y = -3.15 to 3.15 m: 2.1 m/s from y = -10 m on.
+    concrete = scene(10.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0})
+    found = crossing_conflict(concrete, 0, SIZE)
+    assert (found.begin, found.end) == pytest.approx((99.1, 100.9))
+    assert (found.enters, found.leaves) == pytest.approx((6.85 / 2.1, 13.15 / 2.1))
+    assert found.time_to == pytest.approx((99.1 - 52.25) / 10.0)
+    assert found.pet == 0.0  # both at once: from 4.685 s on, while it is there from 3.262 s to 6.262 s
+    sooner = crossing_conflict(scene(30.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE)
+    # the ego's rear leaves at (100.9 + 2.25 - 50) / 30 = 1.772 s
+    assert sooner.pet == pytest.approx(6.85 / 2.1 - 53.15 / 30.0)
+    later = crossing_conflict(scene(5.0, {"speed": 2.1, "heading": 90.0, "x": 100.0, "y": -10.0}), 0, SIZE)
+    assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
+    away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
+    assert np.isnan(away.pet)

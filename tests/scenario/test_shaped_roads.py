@@ -1,0 +1,159 @@
+"""Roads whose lanes open, end, are ramps or are crossed: where they are, what is refused, what SUMO is given."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from lxml import etree
+
+from sumo_eval.cosim.sumo.sumo_files import network_xml, road_edges, routes_xml, vehicle_edges
+from sumo_eval.errors import InputError
+from sumo_eval.method.anthropomorphic import slice_points
+from sumo_eval.report.page_data import drawn_shape
+from sumo_eval.scenario import LogicalScenario, catalogue
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.sampling.samples import central_point
+from sumo_eval.settings import VehicleSettings
+
+SHAPED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.road.shaped)
+RAMP = {"lane": 0, "end": 300.0, "taper": 50.0, "ramp_until": 120.0}
+BASE: dict[str, Any] = {
+    "name": "t",
+    "parameter": [{"name": "v", "low": 10.0, "high": 30.0, "step": 10.0, "unit": "m/s"}],
+    "ego": {"speed": "v"},
+    "zone": "none",
+    "road": {"lanes": 3, "length": 900.0, "lane": [RAMP]},
+    "vehicle": [{"name": "other", "speed": 20.0, "x": 20.0, "y": 7.0}],
+}
+
+
+def read(**changes: Any) -> LogicalScenario:
+    return scenario_from({**BASE, **changes}, "t", Path())
+
+
+def test_the_edge_moves_in_a_straight_line_over_the_taper() -> None:
+    road = read().road
+    # lane 0 (y -1.75..1.75) is whole until 300 m and gone at 350 m; at 325 m half of its 3.5 m are left
+    assert road.right_edge_at([0.0, 300.0, 325.0, 350.0, 800.0]).tolist() == [-1.75, -1.75, 0.0, 1.75, 1.75]
+    assert road.left_edge_at([0.0, 325.0]).tolist() == [8.75, 8.75]
+    assert (road.lanes_at(100.0), road.lanes_at(310.0)) == ((0, 1, 2), (1, 2))
+    opens = read(road={"lanes": 2, "length": 900.0, "lane": [{"lane": 1, "begin": 200.0, "taper": 40.0}]}).road
+    assert opens.left_edge_at([100.0, 160.0, 190.0, 200.0]).tolist() == [1.75, 1.75, 1.75 + 3.5 * 0.75, 5.25]
+
+
+def test_the_seven_points_of_d_stay_on_the_road_where_a_lane_has_ended() -> None:
+    road = read().road
+    points = slice_points(np.array([200.0, 400.0]), np.array([3.5, 2.0]), road)
+    assert points[0, :, 1].tolist() == [2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0]
+    # behind the lane's end the road begins at y = 1.75: the three points to the right share 0.25 m
+    assert points[1, :4, 1] == pytest.approx([1.75, 1.75 + 0.25 / 3, 1.75 + 0.5 / 3, 2.0])
+
+
+def test_sections_are_edges_and_a_ramp_is_one_of_its_own_beside_them() -> None:
+    road = read().road
+    net = etree.fromstring(network_xml(road).encode())
+    lanes = {str(lane.get("id")): str(lane.get("shape")) for lane in net.iter("lane")}
+    assert road_edges(road) == ("road0", "road1", "road2")
+    assert lanes["ramp0_0"] == "0.00,0.00 120.00,0.00"
+    assert lanes["road0_0"] == "0.00,3.50 120.00,3.50"
+    assert lanes["road1_0"] == "120.00,0.00 300.00,0.00"
+    assert lanes["road2_0"] == "300.00,3.50 900.00,3.50"
+    links = {(it.get("from"), it.get("fromLane"), it.get("to"), it.get("toLane")) for it in net.iter("connection")}
+    assert ("ramp0", "0", "road1", "0") in links
+    assert ("road1", "1", "road2", "0") in links
+    assert not any(one == "road1" and lane == "0" for one, lane, _, _ in links)  # it ends: who is there has to merge
+    assert vehicle_edges(road, 0.0, 3.5) == ("ramp0", "road1", "road2")
+    assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
+
+
+@pytest.mark.parametrize("name", SHAPED)
+def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name: str, tmp_path: Path) -> None:
+    logical = catalogue.SCENARIOS[name]
+    concrete = logical.concretes(central_point(logical)[None])[0]
+    (tmp_path / "n.xml").write_text(network_xml(logical.road), encoding="utf-8")
+    (tmp_path / "r.xml").write_text(routes_xml(concrete, VehicleSettings()), encoding="utf-8")
+    sumo = Path(sys.executable).with_name("sumo")
+    if not sumo.exists():
+        pytest.skip("SUMO's program is not beside this Python")
+    done = subprocess.run(
+        [str(sumo), "-n", "n.xml", "-r", "r.xml", "--end", "3", "--no-step-log", "--duration-log.disable", "true"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_pages_draw_what_is_not_there_the_lines_of_ramps_and_the_roads_that_cross() -> None:
+    road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "crossing": [{"x": 500.0}]}).road
+    assert drawn_shape(road) == {
+        "gone": [[[900.0, -1.75], [900.0, 1.75], [350.0, 1.75], [300.0, -1.75]]],
+        "solid": [[0.0, 120.0, 1.75]],
+        "crossings": [[500.0, 7.0, 100.0]],
+    }
+
+
+@pytest.mark.parametrize(
+    ("ego", "begin", "by", "ends"),
+    [
+        ({"goal_lane": 1, "change_from": 150.0}, 150.0, 300.0, True),
+        ({"goal_lane": 1, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, True),
+        ({"y": 3.5, "goal_lane": 2, "change_from": 150.0, "change_by": 250.0}, 150.0, 250.0, False),
+    ],
+)
+def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(
+    ego: dict[str, Any], begin: float, by: float, ends: bool
+) -> None:
+    way = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego.way
+    assert way is not None
+    assert (way.offset, way.begin, way.by, way.ends) == (3.5, begin, by, ends)
+    assert way.length(20.0) == 80.0  # 4 s
+    assert way.length(200.0) == by - begin
+    start = read(ego={"speed": "v", **ego}).concrete(v=20.0).ego
+    assert start.y_at([begin, begin + 40.0, begin + 80.0]).tolist() == [start.y, start.y + 1.75, start.y + 3.5]
+
+
+ROAD = {"lanes": 3, "length": 900.0}
+GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"road": {**ROAD, "lane": [{**RAMP, "lane": 1}]}}, "must be 0 or 2, of a road of at least 2 lanes"),
+        ({"road": {**ROAD, "lane": [RAMP, RAMP]}}, "must have lane 0 once"),
+        ({"road": {**ROAD, "lane": [{"lane": 0}]}}, "must have a `begin` or an `end`"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "end": 890.0}]}}, "must be in order within 0..900 m"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_until": 310.0}]}}, "must be within 0..300 m, where the lane is"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it must be one that"),
+        ({"road": {**ROAD, "lane": [{**RAMP, "rmp_until": 31.0}]}}, "ramp_until"),
+        ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
+        ({"road": {**ROAD, "lane": [RAMP], "line": [{"length": 500.0, "radius": 300.0}]}}, "must be straight where"),
+        ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and there is one already"),
+        ({"ego": {"speed": "v", "change_from": 150.0}}, "so it must have a `goal_lane`"),
+        ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),
+        ({"ego": {**GOAL, "goal_lane": 7}}, "must be below 3"),
+        ({"ego": {**GOAL, "goal_lane": 2}}, "must be a lane beside lane 0"),
+        ({"ego": {**GOAL, "change_from": 100.0}}, "must be within 120..300 m and 20 m apart, where both lanes are"),
+        ({"ego": {**GOAL, "y": 7.0}}, "must have a `change_by`: neither its lane nor the other one ends"),
+        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 600.0}]}, "must be on a lane"),
+    ],
+)  # fmt: skip
+def test_a_shape_that_cannot_be_is_one_sentence(changes: dict[str, Any], sentence: str) -> None:
+    from sumo_eval.scenario.file import check_points
+
+    with pytest.raises(InputError) as caught:
+        check_points(read(**changes), np.array([[20.0]]))
+    assert sentence in str(caught.value)
+
+
+def test_the_drawings_of_shipped_scenarios_are_up_to_date() -> None:
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        [sys.executable, str(root / "tools" / "draw_shapes.py"), "--check"], check=False,
+        capture_output=True, text=True, cwd=root,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "")
