@@ -63,5 +63,5 @@ def test_the_one_row_in_which_fsm_differs_is_one_formula_of_the_program(step):
     assert row["crash"] == row["crash_dt001"] == "1"
     settings = replace(SETTINGS, step=step, record_interval=step, time_limit=8.0)
     concrete = of_row("cut_in", row, run_up=True)
-    assert collides(concrete, FsmAsCoded, settings)
+    assert collides(concrete, FsmAsCoded(), settings)
     assert 0.01 < least_gap(simulate(concrete, "fsm", settings)) < 0.03
