@@ -21,15 +21,17 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "oracles"))
 from r157_cases import collides, of_row  # type: ignore[import-not-found]
 
 
-def fsm_as_coded() -> FuzzySafetyModel:
+class FsmAsCoded(FuzzySafetyModel):
     """`fsm` with CFS and without a resting gap, as the other program has it."""
-    return FuzzySafetyModel(standstill_gap=0.0, as_coded=True)
+
+    def __init__(self) -> None:
+        super().__init__(standstill_gap=0.0, as_coded=True)
 
 
 NAMES: tuple[tuple[str, str, Any], ...] = (
     ("CC_human_driver", "careful_driver", "careful_driver"),
     ("FSM", "fsm", "fsm"),
-    ("FSM", "fsm, as coded", fsm_as_coded),
+    ("FSM", "fsm, as coded", FsmAsCoded),
     ("RSS", "rss", "rss"),
     ("Reg157", "reg157", "reg157"),
 )
