@@ -85,8 +85,8 @@ def ours_and_theirs() -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "idm"])
 def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str) -> None:
-    """Contact or none in every case, and impacts as hard within 2 km/h: the target of their CCRb goes on at 2 km/h where
-    ours comes to a stop.
+    """Contact or none in every case, and impacts as hard within 2 km/h: the target of their CCRb goes on at that
+    where ours comes to a stop.
     """
     for name, own, theirs in ours_and_theirs():
         one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads) for case in (own, theirs))
