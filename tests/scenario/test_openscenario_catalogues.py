@@ -85,10 +85,12 @@ def ours_and_theirs() -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
 @pytest.mark.campaign
 @pytest.mark.parametrize("ads", ["careful_driver", "no_reaction", "idm"])
 def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str) -> None:
-    """Contact or none in every case, and impacts as hard within 0.3 m/s (what the bodies' lengths leave open)."""
+    """Contact or none in every case, and impacts as hard within 2 km/h: the target of their CCRb goes on at that
+    where ours comes to a stop.
+    """
     for name, own, theirs in ours_and_theirs():
         one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads) for case in (own, theirs))
         assert (one.collision is None) == (two.collision is None), name
         if one.collision is not None and two.collision is not None:
             speeds = [it.ego_velocity[0] - it.other_velocity[0] for it in (one.collision, two.collision)]
-            assert speeds[0] == pytest.approx(speeds[1], abs=0.3), name
+            assert speeds[0] == pytest.approx(speeds[1], abs=2.0 / 3.6), name
