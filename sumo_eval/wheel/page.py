@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, Final
 
 import jinja2
 
+from sumo_eval.record.store import EGO
 from sumo_eval.report.html import asset
-from sumo_eval.report.page_data import drawn_line
+from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_bodies, drawn_line, encode_trajectories
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Collision, Trajectory
 
 VIEW: Final = 600.0  # m of road that are drawn before its beginning and behind its end
 _TEMPLATES: Final = files("sumo_eval.wheel") / "templates"
@@ -58,6 +61,20 @@ def drive_view(
             "ego": {"kind": "car", "length": vehicle.length, "width": vehicle.width},
             "others": [{"kind": it.body, "length": it.length, "width": it.width} for it in concrete.actors],
         },
+    }  # fmt: skip
+
+
+def replay(
+    concrete: ConcreteScenario, name: str, vehicles: Mapping[str, Trajectory], collision: Collision | None
+) -> dict[str, Any]:
+    """What the page's player shows of a drive. name: what it is called there. vehicles: by name, the ego's `ego`."""
+    hit = contact(collision, vehicles.get(EGO))
+    if hit is not None and collision is not None:
+        hit["speed"] = round(collision.relative_speed, 3)
+    return {
+        "channels": CHANNEL_STEPS, "road": drawn_road(concrete.road), "bodies": drawn_bodies(concrete),
+        "views": [{"name": name, "vehicles": {it: k for k, it in enumerate(vehicles)}, "contact": hit}],
+        "trajectories": encode_trajectories(list(vehicles.values())),
     }  # fmt: skip
 
 

@@ -18,11 +18,10 @@ import numpy as np
 
 from sumo_eval.errors import InputError, said
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import EGO, open_store
-from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_bodies, encode_trajectories
+from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.trajectory import Recording
-from sumo_eval.wheel.page import drawn_road, drive_view, sheet
+from sumo_eval.wheel.page import drive_view, replay, sheet
 from sumo_eval.wheel.plan import HIGH, LOW, Plan, PracticeSettings, QuestionSettings, StudyCase
 from sumo_eval.wheel.trip import ENDS, TASK, new_tape, one_drive, settings_at
 from sumo_eval.wheel.window import Window
@@ -241,11 +240,4 @@ def replay_of(plan: Plan, case: StudyCase, ads: str) -> dict[str, Any]:
     fact = case.ads[ads]
     with open_store(plan.run / FACTS) as store:
         vehicles = store.trajectories(fact.case)
-    hit = contact(fact.collision, vehicles.get(EGO))
-    if hit is not None and fact.collision is not None:
-        hit["speed"] = round(fact.collision.relative_speed, 3)
-    return {
-        "channels": CHANNEL_STEPS, "road": drawn_road(case.concrete.road), "bodies": drawn_bodies(case.concrete),
-        "views": [{"name": "the blue car", "vehicles": {name: k for k, name in enumerate(vehicles)}, "contact": hit}],
-        "trajectories": encode_trajectories(list(vehicles.values())),
-    }  # fmt: skip
+    return replay(case.concrete, "the blue car", vehicles, fact.collision)

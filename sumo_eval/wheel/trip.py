@@ -16,7 +16,7 @@ from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
-from sumo_eval.wheel.page import drive_view, page, sheet
+from sumo_eval.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.wheel.quality import Quality, quality_of
 from sumo_eval.wheel.tape import Writer, digest, head_of, read_tape
 from sumo_eval.wheel.window import Window
@@ -98,6 +98,7 @@ async def trips(
         lines = [ENDS.get(recording.end_reason, recording.error or recording.end_reason), *quality.sentences()]
         answer = await window.ask(
             sheet("Your drive", "\n".join(lines), f"It is kept in {path}.",
+                  replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors}, recording.collision),
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip
         if answer.get("button") != "again":
