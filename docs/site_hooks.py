@@ -72,7 +72,10 @@ def _leaderboard() -> str:
         "maintainers, or add its row to the suite's file in `sumo_eval/settings/suites/`.",
         "",
     ]
-    for path in sorted((ROOT / "sumo_eval" / "settings" / "suites").glob("*.scores.json"), reverse=True):
+    kept = sorted((ROOT / "sumo_eval" / "settings" / "suites").glob("*.scores.json"), reverse=True)
+    if not kept:
+        text.append("No scores are kept here yet: yours may be the first.")
+    for path in kept:
         found = json.loads(path.read_text(encoding="utf-8"))
         text += [
             f"## {path.name.removesuffix('.scores.json')}",
