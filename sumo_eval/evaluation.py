@@ -42,6 +42,7 @@ from sumo_eval.scoring.quantities import (
     combine,
     describe_zones,
     drive_measures,
+    driven_in_blocks,
     drivers_left_out,
     point_terms,
     simulated_alone,
@@ -142,6 +143,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
                     *left_out,
                     *plausible.notes,
                     *simulated_alone(logical, name, store),
+                    *driven_in_blocks(facts),
                     *reference_notes(rows),
                     *beyond_range(facts, severity),
                 )

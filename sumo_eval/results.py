@@ -183,6 +183,16 @@ class DrivenAlone:
 
 
 @dataclass(frozen=True, slots=True)
+class DrivenInBlocks:
+    """Drives of a policy over arrays, whose bits may depend on which cases it is shown together: how many in blocks
+    of how many cases.
+    """
+
+    drives: int
+    sizes: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class BeyondRange:
     """Collisions outside the range that a severity is known for, by what lies outside, in the severity's own words."""
 
@@ -278,6 +288,7 @@ class RequirementMissed:
 ScoreNote = (
     DrivesLeftOut
     | DrivenAlone
+    | DrivenInBlocks
     | BeyondRange
     | ThinReferences
     | OutsideSupport

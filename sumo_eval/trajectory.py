@@ -189,7 +189,15 @@ class Clip:
 
 
 AloneReason = Literal[
-    "on_traci", "one_object", "not_together", "asks_sumo", "batch", "draws", "together_failed", "pack_lost"
+    "on_traci",
+    "one_object",
+    "not_together",
+    "asks_sumo",
+    "batch",
+    "draws",
+    "together_failed",
+    "pack_lost",
+    "block_lost",
 ]
 
 _ALONE: dict[AloneReason, str] = {
@@ -203,6 +211,8 @@ _ALONE: dict[AloneReason, str] = {
     "draws": "The ADS draws from the global random generators, so that its cases have to follow one another.",
     "together_failed": "Cases that were driven together failed: {}.",
     "pack_lost": "Its pack was lost. {}",
+    "block_lost": "The block of cases that its policy over arrays drives together was lost, so the policy was shown "
+    "this case alone, which may change the last bits of its answers. {}",
 }
 
 
@@ -216,7 +226,7 @@ class Alone:
     @property
     def by_nature(self) -> bool:
         """Whether such cases are driven alone whatever happens in them; else something went wrong."""
-        return self.why not in ("together_failed", "pack_lost")
+        return self.why not in ("together_failed", "pack_lost", "block_lost")
 
     def __str__(self) -> str:
         """The reason as a sentence, for logs and reports."""

@@ -532,10 +532,11 @@ class Batch(Policies):
     """
 
     def __init__(
-        self, policy: PolicyController, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None
-    ) -> None:
+        self, policy: PolicyController, step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
+        folder: Path | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(step_timeout, seeds, plant)
-        self._policy = policy
+        self._policy, self._folder = policy, folder
         self._act: Callable[[Any], Any] = policy.act
         self._held = 0
 
@@ -549,8 +550,10 @@ class Batch(Policies):
         briefing = told(world.cases[0], world.settings, self._step_timeout)
         try:
             self._policy.reset(replace(briefing, values=None), TRACI, EGO)
-        except Exception as error:
-            raise ControllerError(f"The ADS raised in reset: {said(error)}.") from error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+            self._fail_all(world, error, "in reset")
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""
@@ -559,19 +562,13 @@ class Batch(Policies):
                             world.others[live], world.cases)  # fmt: skip
         asked = clock.perf_counter()
         try:
-            answer = np.asarray(self._act(seen), dtype=np.float64)
-        except Exception as error:
-            raise ControllerError(f"The ADS raised at {time:.2f} s: {said(error)}.") from error
+            answer = self._answer(seen, len(live))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
+            self._fail_all(world, error, f"at {time:.2f} s")
+            return
         took = clock.perf_counter() - asked
-        if took > self._step_timeout * len(live):
-            raise ControllerTimeoutError(
-                f"The ADS must answer within {self._step_timeout:g} s a case, took longer at {time:.2f} s."
-            )
-        if answer.shape not in ((len(live),), (len(live), 1), (len(live), 2)):
-            raise ControllerError(
-                f"The actions of the ADS must have the shape ({len(live)},) or ({len(live)}, 2), got {answer.shape} "
-                f"at {time:.2f} s."
-            )
         world.shared_latency(took / len(live))
         command = world.egos["command"]
         answer = answer.reshape(len(live), -1)
@@ -579,6 +576,38 @@ class Batch(Policies):
         command["steering"][live] = answer[:, 1] if answer.shape[1] == 2 else 0.0
         if not self._direct:
             self._delayed.pass_on(world, time, lambda case: took / len(live))
+
+    def _answer(self, seen: Observations, rows: int) -> NDArray[np.float64]:
+        asked = clock.perf_counter()
+        try:
+            answer = np.asarray(self._act(seen), dtype=np.float64)
+            overdue = clock.perf_counter() - asked > self._step_timeout * rows
+        except ControllerTimeoutError:  # of the watch over it
+            overdue = True
+        if overdue:
+            raise ControllerTimeoutError(f"The ADS must answer within {self._step_timeout:g} s a case, took longer")
+        if answer.shape not in ((rows,), (rows, 1), (rows, 2)):
+            raise ControllerError(
+                f"The actions of the ADS must have the shape ({rows},) or ({rows}, 2), got {answer.shape}"
+            )
+        return answer
+
+    def _fail_all(self, world: World, error: BaseException, when: str) -> None:
+        """What goes wrong in a call belongs to all rows that it was for."""
+        rows = np.flatnonzero(world.egos["live"]).tolist()
+        if isinstance(error, RefusedCallError | self._traci.TraCIException) and not self._alone:
+            for row in rows:
+                world.leave(row, ASKS_SUMO)
+            return
+        if len(rows) > 1:
+            when = f"{when}, in one call for {len(rows)} cases, which fails them all"
+        if isinstance(error, ControllerError):
+            fault, sentence = _fault(error), str(with_time(error, when))
+        else:
+            fault, sentence = "ads_error", f"The ADS raised {when}: {said(error)}."
+        for row in rows:
+            world.keep_fault(int(world.rows[row]), error, self._policy.target, self._folder)
+            world.fail(row, fault, sentence)
 
     def let_go(self, world: World, row: int) -> None:
         """Close it when the last row has ended."""

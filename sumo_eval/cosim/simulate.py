@@ -33,6 +33,7 @@ from sumo_eval.cosim.doors.controller import (
     find_controller,
     load_controller,
     own_vehicle_type,
+    takes_arrays,
 )
 from sumo_eval.cosim.doors.entry import split_entry, steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
@@ -140,10 +141,10 @@ def _policies(
     ads: Sequence[Any], step_timeout: float, seeds: Sequence[int], plant: FmuPlant | None = None,
     folder: Path | None = None, every: int = 1,
 ) -> Driver:  # fmt: skip
-    if getattr(ads[0].target, "batch", False) is True:
+    if takes_arrays(ads[0].target):
         if every > 1:
             raise InputError("A policy over arrays (`batch`) is asked at every step; it takes no `period`.")
-        return Batch(ads[0], step_timeout, seeds, plant)
+        return Batch(ads[0], step_timeout, seeds, plant, folder)
     return OneEach(ads, step_timeout, seeds, plant, folder, every)
 
 
@@ -294,10 +295,13 @@ def _riders(
         return _Riders(lambda index: type(target), lambda index: target), None
     if not is_policy(ads):
         return nobody, ON_TRACI
-    if getattr(ads.target, "batch", False) is True:  # type: ignore[attr-defined]
-        return (_Riders(lambda index: controller, lambda index: ads, every=every), None) if batches else (nobody, BATCH)
     if asks_traci(ads.target if ads.target is not None else ads.act):  # type: ignore[attr-defined]
         return nobody, ASKS_SUMO
+    if takes_arrays(ads.target):  # type: ignore[attr-defined]
+        if not batches:
+            return nobody, BATCH
+        all_of_them = wrap(ads)
+        return _Riders(lambda index: controller, lambda index: all_of_them, folder, every), None
     if ads.target is None or isinstance(found, type):  # type: ignore[attr-defined]
         each = partial(adapted, found, described, options)
         return _Riders(lambda index: controller, lambda index: wrap(each()), folder, every), None

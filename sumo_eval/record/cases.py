@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -20,12 +22,33 @@ Status = Literal[
 ALONE = "Simulated alone: "
 """How the log of a case begins that was to be simulated together with others, for who reads it."""
 
+IN_BLOCK = "in_block"
+"""The clip of a case that a policy over arrays drove in a block of so many cases."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The cases that a policy over arrays drives together, whichever of them are wanted: its numbers may depend on it.
+
+    first: number of their first point; the others follow. name: stands for what they are.
+    """
+
+    first: int
+    name: str
+    concretes: tuple[ConcreteScenario, ...] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, first: int, concretes: Sequence[ConcreteScenario]) -> Block:
+        """Of the points from `first` on."""
+        return cls(first, hashlib.sha256(repr(concretes).encode()).hexdigest(), tuple(concretes))
+
 
 @dataclass(frozen=True, slots=True)
 class Case:
     """One run to do. `driver` is the ADS's name, the human's name, or that of the role; `controller` its locator.
 
     `fingerprint` stands for everything that the outcome depends on; two cases with the same one have the same facts.
+    block: which cases its ADS drives it with in one call; None where company changes nothing.
     """
 
     point: int
@@ -38,6 +61,7 @@ class Case:
     seed: int = 0
     population: PopulationSettings = PopulationSettings()  # noqa: RUF009 - frozen
     fingerprint: str = ""
+    block: Block | None = None
 
     @property
     def key(self) -> str:
@@ -47,6 +71,11 @@ class Case:
         """
         mark = "" if self.role == "ads" else "~"
         return f"{self.concrete.scenario}-{self.point:04d}-{mark}{self.driver}"
+
+
+def on_its_own(cases: Sequence[Case]) -> bool:
+    """Whether there is one case, which is driven without company."""
+    return len(cases) == 1 and cases[0].block is None
 
 
 @dataclass(frozen=True, slots=True)

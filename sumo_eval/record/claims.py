@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, get_args
 
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.record.cases import Case, Setup, Status
+from sumo_eval.record.cases import Case, Setup, Status, on_its_own
 from sumo_eval.record.frames import FrameError, Message
 from sumo_eval.record.kept import EGO, KeptRecording, most_bytes, samples, unpack
 from sumo_eval.settings import SimulationSettings
@@ -123,10 +123,12 @@ class _Reading:
         self._most = _most_samples(setup.simulation)
 
     def results(self, cases: Sequence[Case]) -> Results:
-        if self._plain is None and len(cases) > 1:
+        if self._plain is None and not on_its_own(cases):
             return None
         results = [
-            _alone(one) if isinstance(one, list) and len(one) == 2 and len(cases) > 1 else self._result(one, case)
+            _alone(one)
+            if isinstance(one, list) and len(one) == 2 and not on_its_own(cases)
+            else self._result(one, case)
             for one, case in zip(_list(self._plain, "the results", len(cases)), cases, strict=True)
         ]
         if next(self._blobs, None) is not None:

@@ -11,10 +11,10 @@ from typing import Any
 
 from sumo_eval.errors import InputError
 from sumo_eval.record import loops
-from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status
+from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads
 from sumo_eval.record.identity import IDENTITY_BOUND, read_identity, tell_identity
-from sumo_eval.record.packs import Pack, Packs
+from sumo_eval.record.packs import Pack, Packs, driven
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.worker import answer, run_together
 from sumo_eval.settings.locators import load_object
@@ -62,7 +62,7 @@ def run_in_children(
         read=lambda pack, message: believed(message, pack, setup),
         bound=lambda pack: bound(pack, setup),
         home=lambda pack: home(pack[0], setup),
-        size=len,
+        size=driven,
     )
     with _pool(workers, setup, setup.run.cases_per_child) as pool:
         for outcomes in pool.run(work, packs.take, partial(_settled, packs=packs, setup=setup), stopping):
@@ -124,12 +124,12 @@ def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:
 def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     """What a pack brought; its other cases go back to the packs, to be run alone."""
     pack = ended.item
-    if len(pack) == 1:
+    if on_its_own(pack):
         return [_outcome(ended, *packs.remark(pack[0]), setup)]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
         happened = what_happened(ended, setup, "It", "ran it")
-        why = Alone("pack_lost", clean(happened))
+        why = Alone("pack_lost" if pack[0].block is None else "block_lost", clean(happened))
         packs.did_not_come_through(pack, [why] * len(pack), printed, too_slow=ended.how == "overdue")
         return []
     results: Results = ended.result
@@ -146,7 +146,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         if isinstance(result, Alone):
             packs.run_alone(case, result)
         else:
-            found.append(Outcome(case, result.status, result.recording, result.error, result.log))
+            found.append(Outcome(case, result.status, result.recording, result.error, result.log, result.error_place))
     return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
 
 

@@ -282,7 +282,7 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
     seconds, timed = 0.0, 0
     for space in spaces:
-        some = replace(space, numbers=_spread(space.numbers))
+        some = _some(space)
         ads_cases = list(plan.ads(some))
         kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
         kinds += [(list(plan.reference(some, role)), space.numbers) for role in REFERENCES]
@@ -301,9 +301,16 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
 
 
-def _spread(numbers: Sequence[int]) -> Sequence[int]:
-    """At most `_TIMED` of them, from one end to the other."""
-    return numbers[:: -(-len(numbers) // _TIMED)] if numbers else numbers
+def _some(space: Space) -> Space:
+    """A space of at most `_TIMED` of the points to do, from one end to the other."""
+    numbers = list(space.numbers[:: -(-len(space.numbers) // _TIMED)]) if space.numbers else []
+    return replace(
+        space,
+        points=space.points[numbers],
+        hazardous=space.hazardous[numbers],
+        weights=space.weights[numbers],
+        numbers=range(len(numbers)),
+    )
 
 
 def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sumo_eval.cosim.doors.controller import find_controller
+from sumo_eval.cosim.doors.controller import find_controller, takes_arrays
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.record.cases import Case
 from sumo_eval.record.frames import FrameError, Message
@@ -67,7 +67,13 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
     files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}  # such as a model's table
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
-    return _text({"locator": locator, "version": _version(base, module), "sources": sources})
+    over_arrays = {"batch": True} if kind == "ADS" and takes_arrays(found) else {}
+    return _text({"locator": locator, "version": _version(base, module), "sources": sources, **over_arrays})
+
+
+def is_over_arrays(identity: str) -> bool:
+    """Whether this is the identity of a policy over arrays."""
+    return json.loads(identity).get("batch") is True
 
 
 def tell_identity(named: tuple[str, str], folder: Path) -> Message:

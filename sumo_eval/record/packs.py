@@ -3,6 +3,7 @@
 Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver has a form for many
 cases. A pack costs something of its own, so packs are as large as may be, and towards the end equally large, so that
 all workers have work to the end. What does not come through in a pack runs alone, so that a faulty case costs itself.
+Cases of one block, which a policy over arrays drives in one call, go together whatever their number.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import islice
 
 from sumo_eval.cosim.simulate import probable_end
@@ -17,7 +19,7 @@ from sumo_eval.record.cases import Case
 from sumo_eval.trajectory import Alone
 
 Pack = tuple[Case, ...]
-Kind = tuple[str, str, str]
+Kind = tuple[str, str, str, str]
 
 LEAST = 32  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
 _PACKS_AHEAD = 4  # full packs for each worker that are held ready: the end is seen in time to divide it evenly
@@ -40,6 +42,7 @@ class Packs:
         self._largest_of: dict[Kind, int] = {}
         self._in_time: dict[Kind, int] = {}  # size beyond which packs of a kind take too long
         self._remarks: dict[str, tuple[Alone, str]] = {}
+        self._last: Kind | None = None  # of the case that was made ready last
 
     def take(self) -> Pack | None:
         """The next cases to run; None when there are none at the moment."""
@@ -52,7 +55,10 @@ class Packs:
             if not self._ahead:
                 return None
         kind, queue = next(iter(self._ahead.items()))
-        pack = queue.take(min(self._size, self._largest_of.get(kind, self._largest)))
+        in_block = bool(kind[-1])
+        while in_block and kind == self._last and self._make_ready(1):  # until all of the block is there
+            pass
+        pack = queue.take(len(queue) if in_block else min(self._size, self._largest_of.get(kind, self._largest)))
         self._number_ahead -= len(pack)
         if not len(queue):
             del self._ahead[kind]
@@ -63,13 +69,20 @@ class Packs:
         room = self._most_ahead - self._number_ahead
         if room <= 0 or self._all_seen:
             return
-        for case in islice(self._waiting, room):
-            self._ahead.setdefault(_kind(case), _Queue()).add((case,))
-            self._number_ahead += 1
+        self._make_ready(room)
         if self._number_ahead < self._most_ahead:  # the least number of equal packs for each worker that hold the rest
             self._all_seen = True
             rounds = math.ceil(self._number_ahead / (self._workers * self._largest)) or 1
             self._size = min(max(math.ceil(self._number_ahead / (self._workers * rounds)), LEAST), self._largest)
+
+    def _make_ready(self, number: int) -> int:
+        """Take in so many of the waiting cases; how many there were."""
+        before = self._number_ahead
+        for case in islice(self._waiting, number):
+            self._last = _kind(case)
+            self._ahead.setdefault(self._last, _Queue()).add((case,))
+            self._number_ahead += 1
+        return self._number_ahead - before
 
     def came_through(self, pack: Pack) -> None:
         """Every case of a pack has its result: packs of the kind may become as large as they were."""
@@ -92,14 +105,15 @@ class Packs:
 
     def never_together(self, pack: Pack) -> None:
         """Cases of this kind have no form for many: they run alone."""
-        kind = _kind(pack[0])
+        loose = [replace(case, block=None) for case in pack]
+        kind = _kind(loose[0])
         self._largest_of[kind] = 1
-        self._ahead.setdefault(kind, _Queue()).add(pack)
-        self._number_ahead += len(pack)
+        self._ahead.setdefault(kind, _Queue()).add(loose)
+        self._number_ahead += len(loose)
 
     def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
         """Let a case run alone, next of all. printed: what its log then says besides."""
-        self._alone.append((case, why, printed))
+        self._alone.append((replace(case, block=None), why, printed))
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
         """Why a case ran alone, and what its log says besides; said once."""
@@ -132,4 +146,9 @@ class _Queue:
 
 
 def _kind(case: Case) -> Kind:
-    return case.role, case.controller, case.concrete.scenario
+    return case.role, case.controller, case.concrete.scenario, "" if case.block is None else case.block.name
+
+
+def driven(pack: Pack) -> int:
+    """How many cases are simulated for a pack: all of a block, whichever of it are wanted."""
+    return len(pack) if pack[0].block is None else len(pack[0].block.concretes)

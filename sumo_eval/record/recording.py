@@ -6,15 +6,22 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said
-from sumo_eval.record.cases import Case, Outcome, Role, Setup
+from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.engines import Stopping, identify, never, run_packs
-from sumo_eval.record.identity import files_identity, harness_identity, people_identity, with_fingerprint
+from sumo_eval.record.identity import (
+    files_identity,
+    harness_identity,
+    is_over_arrays,
+    people_identity,
+    with_fingerprint,
+)
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.store import Store
 from sumo_eval.results import EVALUATED
@@ -66,6 +73,7 @@ class Planner:
     source: Path
     harness: str
     identities: Mapping[str, str]
+    over_arrays: frozenset[str] = frozenset()  # locators of the policies that drive cases in blocks
 
     @property
     def setup(self) -> Setup:
@@ -73,12 +81,28 @@ class Planner:
         return Setup(self.settings.simulation, self.settings.run, self.source)
 
     def ads(self, space: Space) -> Iterator[Case]:
-        """Every ADS at every point."""
+        """Every ADS at every point; policies over arrays block by block."""
+        seed, size = self.settings.seed, self._cases_in_block
+        by_case = [ads for ads in self.settings.ads if size == 1 or ads.locator not in self.over_arrays]
         for number in space.numbers:
             concrete = space.concrete(number)
-            for ads in self.settings.ads:
-                case = Case(number, concrete, "ads", ads.name, ads.locator, seed=self.settings.seed)
-                yield self._finished(case)
+            for ads in by_case:
+                yield self._finished(Case(number, concrete, "ads", ads.name, ads.locator, seed=seed))
+        by_block = [ads for ads in self.settings.ads if ads not in by_case]
+        for _, numbers in groupby(space.numbers if by_block else (), key=lambda number: number // size):
+            wanted = list(numbers)
+            first = wanted[0] // size * size
+            concretes = [space.concrete(number) for number in range(first, min(first + size, len(space.points)))]
+            block = Block.of(first, concretes)
+            for ads in by_block:
+                for number in wanted:
+                    case = Case(number, concretes[number - first], "ads", ads.name, ads.locator, seed=seed, block=block)
+                    yield self._finished(case)
+
+    @property
+    def _cases_in_block(self) -> int:
+        """How many cases a policy over arrays drives together: of the points, whoever works them off."""
+        return min(self.settings.run.cases_per_pack, self.settings.run.cases_per_child)
 
     def reference(self, space: Space, role: Role) -> Iterator[Case]:
         """The ideal vehicle, or the one that does nothing, at every point, whatever the ADSs did there."""
@@ -121,6 +145,7 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     setup = Setup(settings.simulation, settings.run, source)
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
+    over_arrays = frozenset(ads.locator for ads in settings.ads if is_over_arrays(identities[ads.locator]))
     for ads in settings.ads:
         steps_between(ads.period or 0.0, settings.simulation.step, f"ADS `{ads.name}`")
         identities[ads.locator] += files_identity(ads, source)
@@ -129,7 +154,7 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
 
         open_people(settings.drivers, source)  # a file that cannot be read must not be found out after the simulation
         identities[RECORDED] = people_identity(settings.drivers, source)
-    return Planner(settings, source, harness, identities)
+    return Planner(settings, source, harness, identities, over_arrays)
 
 
 def _plant_identity(settings: EvaluationSettings, source: Path) -> str:

@@ -20,6 +20,7 @@ from sumo_eval.cosim.doors.controller import (
     ObjectController,
     ObservingController,
     PolicyController,
+    takes_arrays,
 )
 from sumo_eval.cosim.doors.json_lines import JsonLinesProgram
 from sumo_eval.cosim.doors.observation import Senses
@@ -54,7 +55,8 @@ def watched(controller: Controller, limits: RunSettings) -> Controller:
     if isinstance(controller, ObjectController) and Compiled.rides(controller.target):
         return controller
     if isinstance(controller, PolicyController):
-        return WatchedPolicy(controller, limits.step_timeout, limits.memory_limit)
+        watch = WatchedBatch if takes_arrays(controller) else WatchedPolicy
+        return watch(controller, limits.step_timeout, limits.memory_limit)
     if isinstance(controller, ObservingController):
         return WatchedObserver(controller, limits.step_timeout, limits.memory_limit)
     return WatchedController(controller, limits.step_timeout, limits.memory_limit)
@@ -156,4 +158,17 @@ class WatchedPolicy(WatchedController):
 
     def act(self, seen: Any) -> Any:
         """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
+        return self._in_time(self._act, seen)
+
+
+class WatchedBatch(WatchedPolicy):
+    """A policy over arrays: one answer may take as many times the limit as it is for cases."""
+
+    def __init__(self, policy: PolicyController, step_timeout: float, memory_limit: float) -> None:
+        super().__init__(policy, step_timeout, memory_limit)
+        self._for_a_case = step_timeout
+
+    def act(self, seen: Any) -> Any:
+        """Ask the policy. Raises ControllerTimeoutError when it is over its time."""
+        self._step_timeout = self._for_a_case * len(seen.number)
         return self._in_time(self._act, seen)

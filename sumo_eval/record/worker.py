@@ -18,14 +18,14 @@ from sumo_eval.cosim.simulate import simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
-from sumo_eval.record.cases import Case, Outcome, Setup
+from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, on_its_own
 from sumo_eval.record.claims import STATUS, Result, Results, as_message
 from sumo_eval.record.frames import Message
 from sumo_eval.record.kept import keep
 from sumo_eval.record.watch import watched
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
-from sumo_eval.trajectory import Alone, Recording
+from sumo_eval.trajectory import Alone, Clip, Recording
 
 DRAWS = Alone("draws")
 
@@ -50,7 +50,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
     `Alone` in the place of a result: why that case has to run alone. None for them all: cases of this kind always have
     to.
     """
-    if len(cases) == 1:
+    if on_its_own(cases):
         outcome = run_case(cases[0], setup)
         recording = outcome.recording
         kept = keep(recording) if isinstance(recording, Recording) else recording
@@ -121,6 +121,8 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
     if role == "no_reaction":
         return simulate_together(concretes, no_reaction, settings)
+    if cases[0].block is not None:
+        return _simulate_block(cases, cases[0].block, setup)
     _seed_global_generators(cases[0])
     before = _states_of_global_generators()
     found = list(
@@ -136,6 +138,26 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         )
     )
     return found if _states_of_global_generators() == before else [DRAWS] * len(cases)
+
+
+def _simulate_block(cases: Sequence[Case], block: Block, setup: Setup) -> list[Recording | Alone]:
+    """What a policy over arrays does in cases of a block, in all of which it is asked, wanted or not, in one call."""
+    number = len(block.concretes)
+    _seed_global_generators(replace(cases[0], concrete=block.concretes[0]))
+    found = list(
+        simulate_together(
+            block.concretes,
+            cases[0].controller,
+            _settings(cases[0], setup),
+            folder=setup.folder,
+            step_timeout=setup.run.step_timeout,
+            seeds=[cases[0].seed] * number,
+            wrap=lambda ads: watched(ads, setup.run),
+        )
+    )
+    size = Clip(IN_BLOCK, 1, 0.0, float(number), float(number))
+    wanted = [found[case.point - block.first] for case in cases]
+    return [one if isinstance(one, Alone) else replace(one, clips=(*one.clips, size)) for one in wanted]
 
 
 def _driver(case: Case) -> SyntheticDriver:

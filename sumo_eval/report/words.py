@@ -18,6 +18,7 @@ from sumo_eval.results import (
     CaseResult,
     CasesMissing,
     DrivenAlone,
+    DrivenInBlocks,
     DrivesLeftOut,
     Evaluation,
     GentlerThanIdeal,
@@ -583,7 +584,13 @@ def score_note(note: ScoreNote) -> str:
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(number for _, number in alone)
             ran = f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
-            return f"{ran}, which changes no result. {why}"
+            return f"{ran}, which changes no result but those of policies over arrays. {why}"
+        case DrivenInBlocks(drives, sizes):
+            return (
+                f"Its policy over arrays was shown cases in blocks of {' and '.join(map(str, sizes))}, whose "
+                f"composition the evaluation fixes ({count(drives, 'drive')}): the last bits of its answers may depend "
+                "on which cases stand together."
+            )
         case BeyondRange(severity, reasons):
             why = "; ".join(f"{number} x {reason}" for reason, number in reasons)
             hits = sum(number for _, number in reasons)

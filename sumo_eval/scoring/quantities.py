@@ -22,6 +22,7 @@ from sumo_eval.method.plausibility import Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
+from sumo_eval.record.cases import IN_BLOCK
 from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.results import (
     EVALUATED,
@@ -29,6 +30,7 @@ from sumo_eval.results import (
     CaseResult,
     CasesMissing,
     DrivenAlone,
+    DrivenInBlocks,
     DrivesLeftOut,
     GentlerThanIdeal,
     IdealCollidesToo,
@@ -63,6 +65,12 @@ def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[S
     """Drives that were to be simulated together with others, and had to be done again alone."""
     reasons = store.simulated_alone(logical.name, ads)
     return (DrivenAlone(tuple(reasons.items())),) if reasons else ()
+
+
+def driven_in_blocks(facts: Sequence[Fact]) -> tuple[ScoreNote, ...]:
+    """Drives of a policy over arrays, and how many cases it was shown together."""
+    sizes = [int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK]
+    return (DrivenInBlocks(len(sizes), tuple(sorted(set(sizes)))),) if sizes else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -199,16 +199,45 @@ def test_a_policy_over_arrays_drives_as_one_over_single_observations(scenario, a
     assert not alone
 
 
-def test_a_policy_over_arrays_that_gives_too_few_actions_is_told_so():
+def test_a_policy_over_arrays_that_gives_too_few_actions_fails_all_cases_of_the_call():
     class TooFew(AllAtOnce):
         def act(self, seen):
             return np.zeros(1)
 
     cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0)]
-    why: Counter[Alone] = Counter()
-    found = list(simulate_many(cases, TooFew, SHORT, alone=why))
-    assert [recording.end_reason for recording in found] == ["time_limit"] * 2  # alone one action is right
-    assert "must have the shape (2,) or (2, 2), got (1,)" in str(next(iter(why)))
+    for recording in simulate_many(cases, TooFew, SHORT):
+        assert recording.end_reason == "ads_error"
+        assert recording.error == (
+            "The actions of the ADS must have the shape (2,) or (2, 2), got (1,) at 0.00 s, in one call for 2 cases, "
+            "which fails them all."
+        )
+
+
+def test_a_fault_in_a_call_over_arrays_belongs_to_all_its_cases_and_a_bad_number_to_its_row():
+    class Raises(AllAtOnce):
+        def act(self, seen):
+            if seen.time > 0.4:
+                raise ValueError("no path found")
+            return np.where(seen.ego.speed == 10.0, np.nan, 0.0)
+
+    cases = [case(lead(50.0, speed=speed), speed=speed) for speed in (10.0, 15.0, 20.0)]
+    bad, *others = simulate_many(cases, Raises, SHORT)
+    assert (bad.end_reason, bad.error) == (
+        "ads_error", "`acceleration` of the ADS's Command must be a finite number, got nan at 0.00 s.",
+    )  # fmt: skip
+    for recording in others:
+        assert recording.end_reason == "ads_error"
+        assert "in one call for 2 cases, which fails them all: ValueError: no path found" in recording.error
+        assert "in act" in recording.error_place
+
+    class FailsInReset(AllAtOnce):
+        def reset(self, briefing):
+            raise ValueError("no weights")
+
+    for recording in simulate_many(cases, FailsInReset, SHORT):
+        assert recording.error == (
+            "The ADS raised in reset, in one call for 3 cases, which fails them all: ValueError: no weights."
+        )
 
 
 def test_what_cannot_be_driven_together_is_driven_alone_and_counted(alone):

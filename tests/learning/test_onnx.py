@@ -193,7 +193,7 @@ def test_an_answer_that_is_no_number_ends_the_case_with_a_sentence(tmp_path: Pat
                        Interface((Feature("ego.speed"),), (Action("acceleration"),)))  # fmt: skip
     recording = simulate(CUT_OUT.concrete(**POINT), f"onnx:{path}", SHORT)
     assert recording.end_reason == "ads_error"
-    assert "must be finite numbers" in (recording.error or "")
+    assert "must be a finite number, got nan" in (recording.error or "")
 
 
 def test_too_many_outputs_end_the_case_with_a_sentence(tmp_path: Path) -> None:

@@ -159,6 +159,12 @@ class PolicyController(ObservingController):
             self.target.close()
 
 
+def takes_arrays(policy: Any) -> bool:
+    """Whether an object or a class with `act` says that it wants arrays of observations: `batch = True`."""
+    own = policy.target if isinstance(policy, PolicyController) else policy
+    return getattr(own, "batch", False) is True and callable(getattr(own, "act", None))
+
+
 def as_command(action: Any) -> Wanted:
     """What an action asks for: a Command, pedals or a Plan as it is; else an acceleration in m/s2, or a pair with the
     steering wheel angle in rad.

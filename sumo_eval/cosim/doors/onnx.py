@@ -106,8 +106,6 @@ class OnnxPolicy:
                     f"rows, as its table has {wanted} actions, got {answer.shape}"
                 )
             found[begin : begin + rows] = answer.reshape(rows, wanted)[: len(part)]
-        if not np.isfinite(found).all():
-            raise ControllerError(f"The output `{self._output}` of {self._name} must be finite numbers, got nan or inf")
         return found
 
 

@@ -1,0 +1,153 @@
+"""A policy over arrays is shown its cases in blocks that the evaluation fixes: the same bytes, however a run goes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from record.batch_policies import SIZE
+
+import sumo_eval
+from sumo_eval.errors import StoppedError
+from sumo_eval.record.cases import ALONE, IN_BLOCK, Block, Case, Outcome, Setup
+from sumo_eval.record.engines import identify, run_cases
+from sumo_eval.record.facts import merge, record_facts, verify
+from sumo_eval.record.identity import is_over_arrays
+from sumo_eval.record.store import open_store
+from sumo_eval.report.words import score_note
+from sumo_eval.results import DrivenInBlocks
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+    SimulationSettings,
+)
+
+LOGICAL = catalogue.load("front_vehicle_low_speed")
+SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
+HERE = Path(__file__).parent
+LEVELS = 3
+
+
+def evaluation(name: str = "OfTheMean", **run: Any) -> EvaluationSettings:
+    return EvaluationSettings(
+        name="blocks",
+        seed=5,
+        scenario=(ScenarioSettings(LOGICAL.name, SamplingSettings(levels=LEVELS)),),
+        ads=(AdsSettings("mine", f"batch_policies.py:{name}"),),
+        simulation=SIMULATION,
+        drivers=DriverSettings(count=2),
+        run=RunSettings(**{"cases_per_pack": SIZE, "workers": 1, **run}),
+    )
+
+
+def recorded(settings: EvaluationSettings, source: Path, out: Path, **more: Any) -> str:
+    record_facts(settings, source, out, **more)
+    return digest(out)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An uninterrupted run of six points, in blocks of four and two, with one worker."""
+    folder = tmp_path_factory.mktemp("whole")
+    record_facts(evaluation(), HERE, folder / "run")
+    return folder / "run"
+
+
+def digest(run: Path) -> str:
+    return sumo_eval.open_run(run).digest()
+
+
+def test_the_same_bytes_whatever_the_workers_and_the_engine_and_after_a_loss(whole: Path, tmp_path: Path) -> None:
+    one = digest(whole)
+    shutil.copytree(whole, tmp_path / "one")
+    for number, run in enumerate([{"workers": 2}, {"workers": 8}, {"engine": "serial"}]):
+        assert recorded(evaluation(**run), HERE, tmp_path / f"other{number}") == one
+    assert recorded(evaluation(cases_per_pack=3), HERE, tmp_path / "three") != one, "the composition is in the bits"
+
+    with open_store(tmp_path / "one" / "facts.sqlite", create=True) as store:  # one of each block is missing
+        facts = store.facts("ads", LOGICAL.name, "mine")
+        clips = {fact.point: [clip.requested for clip in fact.clips if clip.what == IN_BLOCK] for fact in facts}
+        assert clips == {0: [4.0], 1: [4.0], 2: [4.0], 3: [4.0], 4: [2.0], 5: [2.0]}
+        store.note("complete", "")
+        store.unseal()
+        store.remove([fact.case for fact in facts if fact.point in (1, 5)])
+    assert recorded(evaluation(workers=2), HERE, tmp_path / "one", resume=True) == one
+    assert verify(tmp_path / "one", 0.3)[1] == []
+
+
+def test_verify_finds_it_when_the_answers_of_a_block_change(tmp_path: Path) -> None:
+    record_facts(evaluation("OfTheProcess"), HERE, tmp_path / "run")
+    assert verify(tmp_path / "run", 0.1)[1]
+
+
+def test_a_run_that_is_stopped_goes_on_in_the_same_blocks(whole: Path, tmp_path: Path) -> None:
+    asked = iter([False])
+    with pytest.raises(StoppedError):
+        record_facts(evaluation(), HERE, tmp_path / "two", stopping=lambda: next(asked, True))
+    assert recorded(evaluation(workers=2), HERE, tmp_path / "two", resume=True) == digest(whole)
+
+
+def test_a_shard_drives_the_blocks_of_the_whole(whole: Path, tmp_path: Path) -> None:
+    shards = [tmp_path / "first", tmp_path / "second"]
+    for number, shard in enumerate(shards, start=1):
+        record_facts(evaluation(), HERE, shard, shard=(number, 2))
+    merge(shards, tmp_path / "merged")
+    assert digest(tmp_path / "merged") == digest(whole)
+
+
+def block_of(name: str, wanted: list[int]) -> list[Case]:
+    """Some cases of a block of four."""
+    concretes = [LOGICAL.concrete(ego_speed=15.0 + number, lead_speed=5.0) for number in range(SIZE)]
+    block = Block.of(0, concretes)
+    return [
+        Case(number, concretes[number], "ads", "mine", f"batch_policies.py:{name}", block=block) for number in wanted
+    ]
+
+
+def driven(name: str, wanted: list[int], **run: Any) -> list[Outcome]:
+    outcomes = run_cases(block_of(name, wanted), Setup(SIMULATION, RunSettings(workers=1, **run), HERE))
+    return sorted(outcomes, key=lambda outcome: outcome.case.point)
+
+
+def test_some_cases_of_a_block_are_what_they_are_when_all_are_wanted(tmp_path: Path) -> None:
+    every = driven("OfTheMean", [0, 1, 2, 3])
+    for wanted in ([2], [0, 3]):
+        for outcome in driven("OfTheMean", wanted, engine="serial"):
+            assert outcome.recording.drives == every[outcome.case.point].recording.drives  # type: ignore[union-attr]
+
+
+def test_an_exception_in_a_call_belongs_to_all_cases_of_the_block(tmp_path: Path) -> None:
+    for outcome in driven("Raises", [0, 1, 2, 3]):
+        assert outcome.status == "ads_error"
+        assert outcome.error == (
+            "The ADS raised at 0.40 s, in one call for 4 cases, which fails them all: ValueError: no path found."
+        )
+        assert outcome.error_place == "batch_policies.py:29 in act"
+        assert not outcome.log.startswith(ALONE)
+
+
+def test_a_block_that_is_lost_is_driven_case_by_case_and_the_log_says_so(tmp_path: Path) -> None:
+    for outcome in driven("Exits", [0, 1, 2, 3]):
+        assert outcome.status == "collision"
+        assert outcome.log.startswith(f"{ALONE}The block of cases that its policy over arrays drives together was lost")
+        assert "died with exit code 7" in outcome.log
+
+
+def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object(tmp_path: Path) -> None:
+    locators = [f"batch_policies.py:{name}" for name in ("OfTheMean", "the_object", "ByCase")]
+    found = identify([("ADS", locator) for locator in locators], Setup(SIMULATION, RunSettings(), HERE))
+    assert [is_over_arrays(found[locator]) for locator in locators] == [True, True, False]
+
+
+def test_the_note_beside_the_score_says_that_cases_were_shown_in_blocks() -> None:
+    assert score_note(DrivenInBlocks(6, (2, 4))) == (
+        "Its policy over arrays was shown cases in blocks of 2 and 4, whose composition the evaluation fixes "
+        "(6 drives): the last bits of its answers may depend on which cases stand together."
+    )
