@@ -36,7 +36,7 @@ def drawings() -> dict[str, str]:
     found = {}
     for logical in SCENARIOS.values():
         concrete = logical.concretes(central_point(logical)[None])[0]
-        if logical.road.bent or concrete.lively or concrete.ego.lateral_speed:
+        if not logical.road.shaped and (logical.road.bent or concrete.lively or concrete.ego.lateral_speed):
             found[f"{logical.name}.svg"] = drawing(concrete)
     return found
 

@@ -78,7 +78,7 @@ def test_the_partition_of_a_cut_in_finds_the_interval_and_a_most_dangerous_point
     slice_of_gaps = [[60 / 3.6, 20 / 3.6, gap, 0.9] for gap in (0.0, 27.0, 80.0)]
     assert zones.hazardous(slice_of_gaps).tolist() == [False, True, False]
     assert boundary_error(zones, 5_000).feasible < 0.01
-    assert any("a coarser one of" in note for note in zones.notes)
+    assert any("coarser than the scenario's own" in note for note in zones.notes)
 
 
 def test_a_braking_lead_is_judged_by_the_search_and_learnt():

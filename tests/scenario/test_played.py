@@ -147,7 +147,7 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
         ({"do": "sinus", "deceleration": None}, "must have `acceleration`"),
         ({"do": "speed_profile", "deceleration": None, "times": [1.0], "speeds": [1.0, 2.0]}, "as many `times`"),
         ({"do": "speed_profile", "deceleration": None, "times": [2.0, 1.0], "speeds": [1.0, 2.0]}, "ascending"),
-        ({"do": "path", "deceleration": None, "points": [[10.0, 90.0]]}, "must be on the map"),
+        ({"do": "path", "deceleration": None, "points": [[10.0, 400.0]]}, "must be on the map"),
         ({"do": "path", "deceleration": None, "lanes": [7], "places": [10.0]}, "within 0..1"),
         ({"do": "follow", "deceleration": None}, "must have `model`"),
         ({"do": "follow", "deceleration": None, "model": "IDM", "when": "time > 1"}, "follows from the start"),

@@ -112,7 +112,8 @@ def test_every_concrete_scenario_starts_within_the_road_and_apart(logical):
         bodies = sorted(
             [Actor("ego", concrete.ego, length=ego_length(concrete)), *concrete.actors], key=lambda body: body.start.x
         )
-        assert all(0.0 < body.start.x < logical.road.length for body in bodies)
+        assert 0.0 < concrete.ego.x < logical.road.length
+        assert all(0.0 < body.start.x < logical.road.length + logical.road.run_out for body in bodies)
         for a, b in itertools.pairwise(bodies):
             if a.start.y == b.start.y:
                 assert b.start.x - a.start.x >= (a.length + b.length) / 2 - 1e-9
