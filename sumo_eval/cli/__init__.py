@@ -26,6 +26,7 @@ TASKS: Final = {
     "Drive yourself": {"drive": "drive"},
     "From recordings to rates": {"learn": "rates", "campaign": "rates"},
     "People and open constants": {"humans": "people", "calibrate": "people", "sensitivity": "people"},
+    "Believe the tool": {"qualify": "qualify"},
     "Write an ADS or a scenario": {"import": "importing", "check": "tools", "schema": "tools", "bench": "tools"},
 }
 """What people do: task -> its commands, each with the file of this folder that defines it."""
@@ -55,6 +56,7 @@ MEANT: Final = {
     "humans": "people drivers recordings events exposure opinion population similarity",
     "calibrate": "k5 k6 tune scale",
     "sensitivity": "k1 k2 constants vary",
+    "qualify": "credible credibility believe selftest trustworthy",
     "import": "openscenario convert translate read",
     "check": "validate lint test contract",
     "schema": "json editor autocomplete",

@@ -1,0 +1,1 @@
+"""Whether this installation on this machine may be believed: known answers, found again."""
