@@ -394,6 +394,8 @@ _ADAPTERS = (NativeModel, FunctionController, ObjectController, ListenerControll
 
 def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None) -> Controller:
     """A fresh controller from what a locator names, or from what was given in its place. options: of its entry."""
+    if (refusal := _foreign(found, described)) is not None:
+        raise InputError(refusal)
     if inspect.isclass(found):
         found = made(found, options or {}, described)
     elif options and hasattr(found, "options"):
@@ -410,27 +412,43 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         return ObjectController(found)
     if callable(found):
         return PolicyController(found, None) if _takes_one_argument(found) else FunctionController(found)
-    foreign = next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
-    hint = (
-        f" It has `{foreign}`, as {FOREIGN[foreign]}: put it in a class with `act(observation)` that calls it "
-        "(docs/ads/observation.md)."
-        if foreign is not None
-        else " Or, without TraCI, a function (observation) or one with `act`."
-    )
     raise InputError(
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
-        f"got {type(found).__name__}.{hint}"
+        f"got {type(found).__name__}. Or, without TraCI, a function (observation) or one with `act`."
     )
 
 
 FOREIGN = {
-    "run_step": "CARLA's agents have it",
-    "compute_planner_trajectory": "nuPlan's planners have it",
-    "compute_trajectory": "nuPlan's planners have it",
-    "predict": "the models of stable-baselines3 have it",
-    "plan": "CommonRoad's planners have it",
+    "run_step": ("CARLA's agents have it", "CarlaAgent", "carla"),
+    "compute_planner_trajectory": ("nuPlan's planners have it", "NuPlanPlanner", "nuplan"),
+    "compute_trajectory": ("nuPlan's planners have it", "NuPlanPlanner", "nuplan"),
+    "predict": ("the models of stable-baselines3 have it", "", ""),
+    "plan": ("CommonRoad's planners have it", "CommonRoadPlanner", "commonroad"),
 }
-"""Methods by which the ADSs of other tools are called."""
+"""Methods by which the ADSs of other tools are called: whose, the adapter that drives them, and its page."""
+_SMARTS = ("SMARTS's agents have it", "SmartsAgent", "smarts")
+
+
+def _foreign(found: Any, described: str) -> str | None:
+    """Why the ADS of another tool is refused, in a sentence that names its adapter; None: it is none."""
+    kind = found if inspect.isclass(found) else type(found)
+    smarts = any(base.__module__.partition(".")[0] == "smarts" for base in kind.__mro__)
+    own = ("act", "step")
+    if not smarts and (isinstance(found, _ADAPTERS) or any(callable(getattr(found, name, None)) for name in own)):
+        return None
+    name = "act" if smarts else next((name for name in FOREIGN if callable(getattr(found, name, None))), None)
+    call = getattr(kind, "__call__", None)  # noqa: B004  of the class itself: CARLA's agents have one without arguments
+    if name is None or (not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1):
+        return None
+    whose, adapter, page = _SMARTS if smarts else FOREIGN[name]
+    way = f"`sumo_eval.adapters:{adapter}?options.agent={described}` drives it (docs/ads/{page}.md). Or " * bool(
+        adapter
+    )
+    return (
+        f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
+        f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with `act(observation)` that calls "
+        "it (docs/ads/observation.md)."
+    )
 
 
 def _takes_one_argument(function: Callable[..., Any]) -> bool:

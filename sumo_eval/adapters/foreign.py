@@ -1,0 +1,61 @@
+"""What the adapters share: the ADS that they drive, and vectors."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from sumo_eval.errors import InputError, must_be, said
+from sumo_eval.settings.locators import load_object
+
+
+def found_agent(agent: Any, method: str, owner: str) -> Any:
+    """The class or object that `agent` names, which must have `method`. Raises InputError for anything else.
+
+    A `file.py:Name` lies where the process runs, or where Python looks for modules: an evaluation file's folder is one.
+    """
+    if isinstance(agent, str):
+        place = agent.rpartition(":")[0]
+        folder = next((Path(p) for p in ("", *sys.path) if place.endswith(".py") and Path(p, place).is_file()), None)
+        agent = load_object(agent, folder, f"{owner}'s agent")
+    if not callable(getattr(agent, method, None)):
+        raise must_be("`agent`", owner, f"a class or an object with a method `{method}`", agent)
+    return agent
+
+
+def made_agent(agent: Any, options: Mapping[str, Any], owner: str) -> Any:
+    """An object of the agent's class, made with the options; an object is taken as it is."""
+    if not inspect.isclass(agent):
+        if options:
+            raise InputError(f"{owner} takes no more options where `agent` is an object: {', '.join(options)}.")
+        return agent
+    try:
+        return agent(**options)
+    except KeyboardInterrupt:
+        raise
+    except Exception as error:
+        raise InputError(f"{owner}: making a {agent.__name__} failed: {said(error)}.") from error
+
+
+def takes(function: Any, name: str) -> bool:
+    """Whether a function or a class has a parameter of that name."""
+    try:
+        return name in inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return False
+
+
+def positional(function: Any) -> int:
+    """How many arguments a bound method must be given in order."""
+    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = inspect.signature(function).parameters.values()
+    return sum(p.kind in kinds and p.default is p.empty for p in parameters)
+
+
+def vector(x: float, y: float) -> SimpleNamespace:
+    """A vector in the plane."""
+    return SimpleNamespace(x=x, y=y, z=0.0)

@@ -1,0 +1,90 @@
+"""ADSs with the interfaces of other tools drive through their adapters, unchanged; without one they are refused."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.errors import InputError
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import SimulationSettings
+
+HERE = Path(__file__).parent
+SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+SHORT = SimulationSettings(time_limit=2.0)
+
+
+@pytest.fixture(autouse=True)
+def _path(monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path, str(HERE)])
+
+
+def drive(locator, settings=None):
+    found = simulate(SLOWER, locator, settings or SimulationSettings(time_limit=40.0), step_timeout=10.0)
+    assert found.error is None, (found.error, found.log)
+    assert found.collision is None
+    return found
+
+
+FOLLOWERS = [
+    "CarlaAgent?options.agent=foreign_agents:BasicAgent",
+    "SmartsAgent?options.agent=foreign_agents:Follower",
+    "NuPlanPlanner?period=0.2&options.agent=foreign_agents.py:SimplePlanner",
+    "CommonRoadPlanner?period=0.2&options.agent=foreign_agents:LanePlanner",
+]
+
+
+@pytest.mark.parametrize("locator", FOLLOWERS)
+def test_a_follower_of_another_tool_ends_at_the_leads_speed_and_its_own_gap(locator):
+    # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x 10 = 17 m
+    found = drive(f"sumo_eval.adapters:{locator}")
+    assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.2)
+    assert found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5 == pytest.approx(17.0, abs=1.0)
+    assert abs(found.ego.y).max() < 1e-6
+
+
+def test_carlas_steer_is_to_the_right():
+    found = drive("sumo_eval.adapters:CarlaAgent?options.agent=foreign_agents:LeaderboardAgent", SHORT)
+    assert found.ego.y[-1] < -0.05
+
+
+def test_smartss_lane_action_is_to_the_left():
+    agent = "foreign_agents:LaneChanger&options.action=LaneWithContinuousSpeed"
+    found = drive(f"sumo_eval.adapters:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0))
+    assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "adapter", "page"),
+    [
+        ("BasicAgent", "run_step", "CarlaAgent", "carla"),
+        ("LeaderboardAgent", "run_step", "CarlaAgent", "carla"),
+        ("Follower", "act", "SmartsAgent", "smarts"),
+        ("SimplePlanner", "compute_planner_trajectory", "NuPlanPlanner", "nuplan"),
+        ("LanePlanner", "plan", "CommonRoadPlanner", "commonroad"),
+    ],
+)
+def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, method, adapter, page):
+    with pytest.raises(InputError) as refused:
+        load_controller(f"foreign_agents:{name}")
+    said = str(refused.value)
+    assert f"It has `{method}`, as " in said
+    assert f"`sumo_eval.adapters:{adapter}?options.agent=foreign_agents:{name}` drives it" in said
+    assert (HERE.parents[1] / "docs" / "ads" / f"{page}.md").is_file()
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("CarlaAgent?options.agent=foreign_agents:LanePlanner", "a class or an object with a method `run_step`"),
+        ("CarlaAgent?options.agent=nowhere:Agent", "there is no module `nowhere`"),
+        ("SmartsAgent?options.agent=foreign_agents:Follower&options.action=Continous", "Did you mean `Continuous`?"),
+        ("CommonRoadPlanner?options.agent=foreign_agents:LanePlanner&options.dt=0", "a number greater than 0 s"),
+    ],
+)
+def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
+    with pytest.raises(InputError) as refused:
+        load_controller(f"sumo_eval.adapters:{locator}")
+    assert sentence in str(refused.value)
