@@ -100,7 +100,7 @@ class Ego(Actor):
 
 
 class Actors(list[Actor]):
-    """As `carla.ActorList`: a list that can be filtered; there are vehicles alone."""
+    """A list of actors that can be filtered, in the form of `carla.ActorList`; there are vehicles alone."""
 
     def filter(self, pattern: str) -> Actors:
         """The actors whose kind a pattern names."""
