@@ -273,9 +273,9 @@ def drivers_sentence(settings: EvaluationSettings) -> str:
 # --- what could not be evaluated --------------------------------------------------------------------------------------
 
 
-def _void(score: ScenarioResult) -> bool:
-    """Whether a collision in the safe zone left no D, so that nobody misses the D_i of a case."""
-    return score.d is None and score.safe_collisions > 0
+def _wants_no_index(score: ScenarioResult) -> bool:
+    """Whether there is no D whatever the cases' D_i are, so that nobody misses one."""
+    return score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers")
 
 
 def cases_of(evaluation: Evaluation, score: ScenarioResult) -> list[CaseResult]:
@@ -294,7 +294,7 @@ def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
                 missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
             elif case.no_reaction_severity is None:
                 missing.append((case, "The case of `no_reaction` here could not be evaluated, so U0 is not known."))
-            elif case.counts_for_index and not _void(score) and case.index is None:
+            elif case.counts_for_index and not _wants_no_index(score) and case.index is None:
                 why = (
                     index_note_words(case)
                     or reference_note_words(case)

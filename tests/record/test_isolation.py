@@ -257,6 +257,16 @@ def test_folders_of_owners_that_have_gone_are_removed_and_others_are_not(
     assert left == {mine.name, other.name, *(f"sumo_eval_pool_{name}_x" for name in kept)}
 
 
+def test_the_process_that_makes_children_leaves_what_its_owner_says_to_the_owner() -> None:
+    script = (
+        "import sys; import sumo_eval.record.loaded_loops\n"
+        "for kind in (EOFError, BlockingIOError, ValueError):\n"
+        "    sys.excepthook(kind, kind('ended'), None)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "ValueError: ended"
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_signal_ends_a_run_whatever_its_children_do(tmp_path: Path, number: signal.Signals) -> None:
     ads = (
