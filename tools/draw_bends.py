@@ -8,11 +8,10 @@ be a few seconds later if nobody reacted. Where moves wait for a condition, the 
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
+from pictures import write_or_check
 
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.catalogue import SCENARIOS
@@ -23,7 +22,6 @@ from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 WIDTH = 900.0  # px
 LATER = (0.0, 1.5, 3.0)  # s
 EGO, OTHER, ON_FOOT = "#0072b2", "#b26a00", "#a3174e"
@@ -130,21 +128,5 @@ def _box(
     return points, f'fill="{colour}" fill-opacity="{1.0 - 0.28 * time:.2f}" stroke="{colour}"'
 
 
-def main() -> int:
-    """Write them, or say which are stale."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if one is missing or stale")
-    arguments = parser.parse_args()
-    stale = 0
-    for name, text in drawings().items():
-        path = FOLDER / name
-        if not arguments.check:
-            path.write_text(text, encoding="utf-8")
-        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
-            print(f"docs/pictures/{name} is stale; run tools/draw_bends.py.")
-            stale = 1
-    return stale
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write_or_check(drawings(), __file__, __doc__ or ""))

@@ -8,11 +8,10 @@ which the first of the others begins to do something, if nobody reacts: the ego 
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
 
 import numpy as np
+from pictures import write_or_check
 
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario.catalogue import SCENARIOS
@@ -21,7 +20,6 @@ from sumo_eval.scenario.sampling.samples import central_point
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import VehicleSettings
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 WIDTH = 900.0  # px
 LATER = (0.0, 2.0, 4.0)  # s after the first move
 LOOK = 0.05  # s between two places of a vehicle
@@ -108,21 +106,5 @@ def _paint(colour: str, time: float) -> str:
     return f'fill="{colour}" fill-opacity="{1.0 - 0.2 * time:.2f}" stroke="{colour}"'
 
 
-def main() -> int:
-    """Write them, or say which are stale."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if one is missing or stale")
-    arguments = parser.parse_args()
-    stale = 0
-    for name, text in drawings().items():
-        path = FOLDER / name
-        if not arguments.check:
-            path.write_text(text, encoding="utf-8")
-        elif not path.is_file() or path.read_text(encoding="utf-8") != text:
-            print(f"docs/pictures/{name} is stale; run tools/draw_shapes.py.")
-            stale = 1
-    return stale
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write_or_check(drawings(), __file__, __doc__ or ""))

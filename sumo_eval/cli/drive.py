@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
+from sumo_eval.cli.named_values import named_values
 
 
 @click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
@@ -57,7 +58,7 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
             _collect(Path(what))
         return
     logical = find(what, Path.cwd())
-    concrete, settings = concrete_of(logical, _numbers(values)), settings_at(rate)
+    concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
     where = (Path.cwd() / what).resolve() if what.endswith((".toml", ".xosc")) else what
     asyncio.run(
         opened(
@@ -83,19 +84,6 @@ def _collect(path: Path) -> None:
         f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
         f"sumo-eval humans opinion RUN {found.files[1]}"
     )
-
-
-def _numbers(texts: tuple[str, ...]) -> dict[str, float]:
-    from sumo_eval.errors import InputError
-
-    found = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        try:
-            found[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--set must have the form NAME=VALUE with a number, got {text!r}.") from None
-    return found
 
 
 def _again(path: Path) -> int:

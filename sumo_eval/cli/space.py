@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
+from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
 
 
@@ -107,7 +108,6 @@ def boundary(
 
     SCENARIO is a shipped name, a scenario file (.toml) or module:name; ADS a controller as in an evaluation file.
     """
-    from sumo_eval.errors import InputError
     from sumo_eval.record.cases import Setup
     from sumo_eval.scenario.catalogue import find
     from sumo_eval.settings import RunSettings, SimulationSettings
@@ -115,14 +115,7 @@ def boundary(
     from sumo_eval.studies.boundary_page import summary, write_boundary
     from sumo_eval.studies.slices import slice_of
 
-    fixed = {}
-    for text in fix:
-        name, _, value = text.partition("=")
-        try:
-            fixed[name.strip()] = float(value)
-        except ValueError:
-            raise InputError(f"--fix must have the form NAME=VALUE with a number, got {text!r}.") from None
-    logical = slice_of(find(scenario, Path.cwd()), fixed)
+    logical = slice_of(find(scenario, Path.cwd()), named_values(fix, "--fix"))
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     with Progress() as progress:
         found = find_boundary(

@@ -136,13 +136,7 @@ def moved(
         if lateral > KINEMATIC_UP_TO:
             count_clip(clips, _BEYOND_KINEMATIC, time, lateral, KINEMATIC_UP_TO)
     target = _limit_acceleration(wanted, lateral, limits, time, clips)
-    after, faster, distance = drive(speed, acceleration, target, limits, step)
-    if faster > limits.max_speed:
-        count_clip(clips, _SPEED, time, faster, limits.max_speed)
-        after, faster = 0.0, limits.max_speed
-        distance = 0.5 * (speed + faster) * step
-    elif abs(after - target) > _GRANTED and faster > 0.0:
-        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+    after, faster, distance = _drive_within(speed, acceleration, target, limits, step, time, clips)
     x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)
     return x, y, heading, faster, after, end
 
@@ -185,6 +179,24 @@ def slip_rates(
 
 
 @kernel
+def _drive_within(
+    speed: float, acceleration: float, target: float, limits: Any, step: float, time: float, clips: Any
+) -> tuple[float, float, float]:
+    """Acceleration, speed and distance after a step of `drive`, m/s2, m/s, m, held to the vehicle's highest speed.
+
+    Counts what that speed, or the rate at which acceleration may change, took away.
+    """
+    after, faster, distance = drive(speed, acceleration, target, limits, step)
+    if faster > limits.max_speed:
+        count_clip(clips, _SPEED, time, faster, limits.max_speed)
+        after, faster = 0.0, limits.max_speed
+        distance = 0.5 * (speed + faster) * step
+    elif abs(after - target) > _GRANTED and faster > 0.0:
+        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+    return after, faster, distance
+
+
+@kernel
 def moved_dynamic(
     x: float, y: float, heading: float, speed: float, acceleration: float, wheel: float, slip: float, yaw_rate: float,
     wanted: float, steering: float, limits: Any, step: float, time: float, clips: Any,
@@ -198,13 +210,7 @@ def moved_dynamic(
     stop = math.radians(limits.max_steering_wheel_angle_deg)
     end = _limit_steering(wheel, steering, stop, limits, step, time, clips)
     target = _limit_acceleration(wanted, speed * yaw_rate, limits, time, clips)
-    after, faster, distance = drive(speed, acceleration, target, limits, step)
-    if faster > limits.max_speed:
-        count_clip(clips, _SPEED, time, faster, limits.max_speed)
-        after, faster = 0.0, limits.max_speed
-        distance = 0.5 * (speed + faster) * step
-    elif abs(after - target) > _GRANTED and faster > 0.0:
-        count_clip(clips, _ACCELERATION_RATE, time, target, after)
+    after, faster, distance = _drive_within(speed, acceleration, target, limits, step, time, clips)
     if speed < _SLOWEST_SLIP or faster < _SLOWEST_SLIP:
         curvature = _curvature(0.5 * (wheel + end), limits)
         x, y, heading = _along_arc(x, y, heading, distance, curvature, limits.wheelbase)

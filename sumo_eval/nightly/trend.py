@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import GateLine, History, Night, Value
-from sumo_eval.report.html import REPORT, asset, template
+from sumo_eval.report.html import REPORT, asset, template, write_page
 
 TREND = "trend.html"
 CHARTS = (
@@ -97,12 +96,7 @@ def write_trend(folder: Path, history: History) -> Path:
         groups=[(scenario, charts(scenario, nights, values, gates)) for scenario in scenarios],
         width=WIDTH, height=HEIGHT, left=LEFT, right=WIDTH - RIGHT, top=TOP, bottom=HEIGHT - BOTTOM,
     )  # fmt: skip
-    path = folder / TREND
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The trend page {path} cannot be written: {error}.") from error
-    return path
+    return write_page(folder / TREND, page, "The trend page")
 
 
 def failed_nights(nights: Sequence[Night]) -> list[dict[str, Any]]:

@@ -72,10 +72,15 @@ def write_report(
     """
     path = evaluation.folder / REPORT
     page = template("report.html.j2").render(_context(evaluation, partitions, beside))
+    return write_page(path, page, "The report")
+
+
+def write_page(path: Path, page: str, what: str) -> Path:
+    """Write a page and return its path. what: it is, as a sentence begins that says that it cannot be written."""
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
-        raise InputError(f"The report {path} cannot be written: {error}.") from error
+        raise InputError(f"{what} {path} cannot be written: {error}.") from error
     return path
 
 
@@ -172,11 +177,7 @@ def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path
         name=evaluation.name, content={"change": content}, case_page=report.as_uri() if report.is_file() else "",
         css=asset("report.css"), page_js=asset("page.js"),
     )  # fmt: skip
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The page {path} cannot be written: {error}.") from error
-    return path
+    return write_page(path, page, "The page")
 
 
 def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:

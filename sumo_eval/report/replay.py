@@ -8,7 +8,7 @@ from typing import Any
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.html import asset, template
+from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page_data import (
     CHANNEL_STEPS,
@@ -56,11 +56,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         field_js=asset("field.js"), scene_js=asset("scene3d.js"), replay_js=asset("replay.js"),
         page_js=asset("replay_page.js"), data=packed_json(data),
     )  # fmt: skip
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The replay {path} cannot be written: {error}.") from error
-    return path
+    return write_page(path, page, "The replay")
 
 
 def known_case(run: Path, key: str) -> Fact:

@@ -8,8 +8,7 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from sumo_eval.errors import InputError
-from sumo_eval.report.html import asset, template
+from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed
 
 MOST_ROWS = 400  # of the table; the files beside the page have all of them
@@ -37,8 +36,4 @@ def write_study(
         page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
         figure=packed(figure.to_json()), plotly=packed(get_plotlyjs()),
     )  # fmt: skip
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"The page {path} cannot be written: {error}.") from error
-    return path
+    return write_page(path, page, "The page")

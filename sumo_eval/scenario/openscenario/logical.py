@@ -30,6 +30,7 @@ from sumo_eval.scenario.openscenario.reading import (
     attribute,
     child,
     children,
+    decimal,
     fault,
     not_played,
     only,
@@ -170,7 +171,7 @@ def _single(element: Element) -> Axis:
     if kind.tag != "DistributionRange":
         raise not_played(kind)
     low, high = _range(kind)
-    step = _decimal(kind, "stepWidth")
+    step = decimal(kind, "stepWidth")
     if step <= 0.0:
         raise fault(kind, f"`stepWidth` must be above 0, got {step:g}")
     if low == high:
@@ -208,19 +209,9 @@ def _listed(element: Element, name: str, names: tuple[str, ...], rows: Sequence[
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
 
 
-def _decimal(element: Element, name: str) -> float:
-    try:
-        value = float(attribute(element, name))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise fault(element, f"`{name}` must be a finite number, got {element.get(name)}")
-    return value
-
-
 def _range(element: Element) -> tuple[float, float]:
     limits = child(element, "Range")
-    low, high = _decimal(limits, "lowerLimit"), _decimal(limits, "upperLimit")
+    low, high = decimal(limits, "lowerLimit"), decimal(limits, "upperLimit")
     if low > high:
         raise fault(limits, f"`lowerLimit` must be at most `upperLimit`, got {low:g} and {high:g}")
     return low, high
@@ -234,7 +225,7 @@ def _drawn(element: Element) -> Axis:
         density = Distribution("uniform", (("loc", low), ("scale", high - low)))
     elif kind.tag == "NormalDistribution":
         low, high = _range(kind)
-        mean, variance = _decimal(kind, "expectedValue"), _decimal(kind, "variance")
+        mean, variance = decimal(kind, "expectedValue"), decimal(kind, "variance")
         if variance <= 0.0:
             raise fault(kind, f"`variance` must be above 0, got {variance:g}")
         density = Distribution("norm", (("loc", mean), ("scale", math.sqrt(variance))))

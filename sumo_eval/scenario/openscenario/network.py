@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sumo_eval.errors import did_you_mean
-from sumo_eval.scenario.openscenario.reading import Element, attribute, fault, read_xml
+from sumo_eval.scenario.openscenario.reading import Element, attribute, decimal, fault, read_xml
 from sumo_eval.scenario.road.opendrive import reference_line
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 
@@ -117,22 +117,12 @@ def _read(path: Path, changed: int) -> Network:
     return Network(path, roads)
 
 
-def _number(element: Element, name: str) -> float:
-    try:
-        value = float(attribute(element, name))
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise fault(element, f"`{name}` must be a finite number, got {element.get(name)}")
-    return value
-
-
 def _road(element: Element, name: str) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
     line, _ = reference_line(element, owner)
     first = element.find("planView/geometry")
     assert first is not None
-    begin = Pose(*(_number(first, key) for key in ("x", "y", "hdg")))
+    begin = Pose(*(decimal(first, key) for key in ("x", "y", "hdg")))
     sections = element.findall("lanes/laneSection")
     if len(sections) != 1:
         raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
@@ -147,7 +137,7 @@ def _road(element: Element, name: str) -> MapRoad:
             widths = lane.findall("width")
             if len(widths) != 1 or any(float(widths[0].get(key, "0")) != 0.0 for key in "bcd"):
                 raise fault(lane, "its width must be one constant")
-            width, number = _number(widths[0], "a"), int(attribute(lane, "id"))
+            width, number = decimal(widths[0], "a"), int(attribute(lane, "id"))
             lanes[number] = Lane(number, str(lane.get("type")), sign * (offset + 0.5 * width), width)
             offset += width
     return MapRoad(name, begin, line, lanes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import lru_cache
 from pathlib import Path
@@ -112,6 +113,17 @@ def attribute(element: Element, name: str) -> str:
     if found is None:
         raise fault(element, f"`{name}` is missing")
     return str(found)
+
+
+def decimal(element: Element, name: str) -> float:
+    """An attribute of a format without parameters, as a finite number."""
+    try:
+        value = float(attribute(element, name))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise fault(element, f"`{name}` must be a finite number, got {element.get(name)}")
+    return value
 
 
 def one_of(element: Element, name: str, known: tuple[str, ...], default: str | None = None) -> str:

@@ -53,26 +53,21 @@ class Scope:
 
 def text(element: Element, name: str, scope: Scope, default: str | None = None) -> str:
     """An attribute as text, worked out."""
-    written = element.get(name)
-    if written is None:
-        if default is not None:
-            return default
-        written = attribute(element, name)
-    found = worked_out(str(written), scope, element)
+    if default is not None and element.get(name) is None:
+        return default
+    found = worked_out(attribute(element, name), scope, element)
     return found if isinstance(found, str) else f"{found:g}"
 
 
 def number(element: Element, name: str, scope: Scope, default: float | None = None) -> float:
     """An attribute as a finite number, worked out."""
-    written = element.get(name)
-    if written is None:
-        if default is not None:
-            return default
-        written = attribute(element, name)
-    found = worked_out(str(written), scope, element)
+    if default is not None and element.get(name) is None:
+        return default
+    written = attribute(element, name)
+    found = worked_out(written, scope, element)
     value = _number(found)
     if value is None or not math.isfinite(value):
-        raise fault(element, f"`{name}` must be a finite number, got {shown(str(written))}")
+        raise fault(element, f"`{name}` must be a finite number, got {shown(written)}")
     return value
 
 

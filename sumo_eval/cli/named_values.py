@@ -1,0 +1,19 @@
+"""Options that give values to names, NAME=VALUE."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def named_values(texts: Iterable[str], option: str) -> dict[str, float]:
+    """The numbers by name. option: what they were given with. Raises InputError for whatever has another form."""
+    from sumo_eval.errors import InputError
+
+    found = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise InputError(f"{option} must have the form NAME=VALUE with a number, got {text!r}.") from None
+    return found
