@@ -5,9 +5,10 @@ It runs in an environment of its own, whose packages need not agree with ours:
     python -m venv planner && planner/bin/pip install commonroad-reactive-planner
     sumo-eval run --ads "exec:planner/bin/python reactive_planner.py" --ads idm
 
-The road becomes a CommonRoad scenario, every vehicle that is seen one that keeps its speed for the horizon of 6 s; the
-planner plans every 0.3 s, its own default, from where the ego is, and the harness's tracker follows. Where it finds no
-trajectory the ego brakes. Straight roads.
+The road becomes a CommonRoad scenario, every vehicle that is seen one that keeps its speed for the horizon of 6 s. The
+planner plans every 0.3 s, its own default, from where its last plan has it by then, as its own runner does, and the
+harness's tracker follows. Where it finds no trajectory the ego brakes, and it plans on from where the ego is. Straight
+roads.
 """
 
 import json
@@ -44,7 +45,7 @@ class Driver:
             x = np.linspace(begin - 100.0, end + 300.0, 200)
             self.lanes.append([np.stack([x, np.full_like(x, line[of][0][1])], 1) for of in ("left", "centre", "right")])
         self.boundary = create_road_boundary_obstacle(self.scenario([]))[1]
-        self.wanted, self.next, self.planner, self.holds = told["desired_speed"], 0.0, None, False
+        self.wanted, self.next, self.planner, self.last = told["desired_speed"], 0.0, None, None
         self.every = config.planning.dt * config.planning.replanning_frequency
 
     def scenario(self, others):
@@ -74,31 +75,37 @@ class Driver:
         prediction = TrajectoryPrediction(Trajectory(1, later), shape)
         return DynamicObstacle(1000 + it["number"], ObstacleType.CAR, shape, begin, prediction)
 
-    def answer(self, seen):
-        if seen["time"] < self.next - 1e-9:
-            return {"plan": None} if self.holds else BRAKE
-        self.next = seen["time"] + self.every
-        me, vehicle = seen["ego"], self.config.vehicle
-        self.config.scenario = self.scenario(seen["vehicles"])
+    def start(self, me):
+        """Where the next plan begins, on the map and along the road."""
+        vehicle = self.config.vehicle
+        if self.last is not None:
+            place, (plan, along, across) = self.config.planning.replanning_frequency, self.last
+            state = plan.state_list[place]
+            state.time_step = 0
+            return state, (along[place], across[place])
         here = InitialState(
             time_step=0, position=np.array([me["x"], me["y"]]), orientation=me["heading"], velocity=me["speed"],
             acceleration=me["acceleration"], yaw_rate=0.0, slip_angle=0.0,
         )  # fmt: skip
-        begin = ReactivePlannerState.create_from_initial_state(here, vehicle.wheelbase, vehicle.wb_rear_axle)
+        return ReactivePlannerState.create_from_initial_state(here, vehicle.wheelbase, vehicle.wb_rear_axle), None
+
+    def answer(self, seen):
+        if seen["time"] < self.next - 1e-9:
+            return BRAKE if self.last is None else {"plan": None}
+        self.next = seen["time"] + self.every
+        vehicle, self.config.scenario = self.config.vehicle, self.scenario(seen["vehicles"])
+        begin, along = self.start(seen["ego"])
         if self.planner is None:
             self.planner = ReactivePlanner(self.config)
-            self.planner.set_reference_path(
-                coordinate_system=CoordinateSystem(self.lanes[0][1], clcs_params=CLCSParams())
-            )
+            line = CoordinateSystem(self.lanes[0][1], clcs_params=CLCSParams())
+            self.planner.set_reference_path(coordinate_system=line)
         self.planner.set_collision_checker(self.config.scenario, road_boundary_obstacle=self.boundary)
         self.planner.reset(
-            self.config, begin, collision_checker=self.planner.collision_checker,
-            coordinate_system=self.planner.coordinate_system,
+            self.config, begin, along, self.planner.collision_checker, self.planner.coordinate_system,
         )  # fmt: skip
-        self.planner.set_desired_velocity(self.wanted, me["speed"])
-        found = self.planner.plan()
-        self.holds = found is not None
-        if not self.holds:
+        self.planner.set_desired_velocity(self.wanted, begin.velocity)
+        self.last = found = self.planner.plan()
+        if found is None:
             return BRAKE
         axle, dt = vehicle.wb_rear_axle, self.config.planning.dt
         states = [ReactivePlannerState.shift_state_to_center(state, axle) for state in found[0].state_list]
