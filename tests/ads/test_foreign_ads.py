@@ -139,6 +139,7 @@ def test_a_controller_of_flow_sees_its_environment(flow: None) -> None:
     find_spec("acados") is None or "OPENPILOT" not in os.environ,
     reason="comma-deps-acados or a checkout of openpilot, named by OPENPILOT, is not here",
 )
+@pytest.mark.filterwarnings("default")  # of acados
 def test_openpilots_longitudinal_mpc_follows_gently() -> None:
     """Its own limit is -3.5 m/s2."""
     found = drive(f"openpilot_long.py:Longitudinal?options.source={os.environ['OPENPILOT']}", seconds=30.0)
