@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
+from sumo_eval.report.checks import checks_content
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gates import GateResult
@@ -206,6 +207,12 @@ SECTIONS = (
     Section("people", "The drivers", lambda evaluation, _: people_context(evaluation), "how human the humans are"),
     Section(
         "opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder), "what people gave the ADSs"
+    ),
+    Section(
+        "checks",
+        "Checks",
+        lambda evaluation, _: checks_content(evaluation),
+        "what must hold in every drive, row by row",
     ),
     Section("collisions", "Collisions", always, "every collision and what it cost"),
     Section("preventability", "Preventability", always, "which collisions the reference avoids"),

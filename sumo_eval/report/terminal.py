@@ -11,6 +11,7 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
@@ -154,6 +155,7 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for note in score.notes
         if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
+    lines += check_lines(evaluation)
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
         f"{file} of the catalogue does not play: {why}"
