@@ -104,6 +104,7 @@ def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path
         ads=(_absolute(ads, source),),
         drivers=_people(settings.drivers, source),
         simulation=replace(settings.simulation, plant=plant),
+        run=replace(settings.run, qualification=""),  # it is about the run that this case is of
     )
 
 
