@@ -360,6 +360,11 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
 
     Raises InputError where it is more than how the vehicle follows.
     """
+    named = _named_type(target)
+    return None if named is None else named.vtype_on(road)
+
+
+def _named_type(target: Any) -> NativeModel | None:
     given = getattr(target, "vehicle_type", None)
     if given is None:
         return None
@@ -370,8 +375,11 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
     model = attributes.pop("carFollowModel", "Krauss")
     if model not in SUMO_MODELS:
         raise unknown("SUMO car-following model", model, SUMO_MODELS)
+    for name in attributes:
+        if name.startswith(PARAMETER):
+            raise InputError(f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter.")
     _check_attributes(attributes, owner)
-    return NativeModel(model, attributes).vtype_on(road)
+    return NativeModel(model, attributes)
 
 
 def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
@@ -400,6 +408,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         found = made(found, options or {}, described)
     elif options and hasattr(found, "options"):
         found.options = dict(options)
+        _named_type(found)  # refused before the first case
     elif options:
         raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
     if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
