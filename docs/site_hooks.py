@@ -10,10 +10,10 @@ import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from latex2mathml.converter import convert
-from mkdocs.structure.files import File, Files
+if TYPE_CHECKING:
+    from mkdocs.structure.files import Files
 
 TOP = ("ARCHITECTURE", "CONTRIBUTING", "CHANGELOG", "GLOSSARY", "README")
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,16 +21,18 @@ _LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the repository's own pages under `project/`, and a page for every scenario's folder of decisions."""
+    """Add the repository's own pages under `project/`, the gallery of scenarios and the leaderboard."""
+    from mkdocs.structure.files import File
+
     for name in TOP:
         text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
         files.append(File.generated(config, f"project/{name.lower()}.md", content=text))
-    files.append(File.generated(config, "gallery.md", content=_gallery()))
-    files.append(File.generated(config, "leaderboard.md", content=_leaderboard()))
+    files.append(File.generated(config, "gallery.md", content=gallery()))
+    files.append(File.generated(config, "leaderboard.md", content=leaderboard()))
     return files
 
 
-def _gallery() -> str:
+def gallery() -> str:
     """A page with every scenario: its picture, its parameters, where it is described."""
     text = [
         "# Gallery of scenarios",
@@ -38,31 +40,33 @@ def _gallery() -> str:
         "The middle of each space, driven by `idm` in SUMO. Blue: the ADS. Ochre: the others.",
         "",
     ]
-    for heading, folder in (
-        ("Scenarios that ship", ROOT / "sumo_eval" / "scenario" / "files"),
-        ("Scenario files to begin with", ROOT / "docs" / "examples" / "scenarios"),
-    ):
-        text += [f"## {heading}", ""]
-        for path in sorted(folder.glob("*.toml")):
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-            name = path.stem
-            page, pictures = ROOT / "docs" / "scenarios" / f"{name}.md", ROOT / "docs" / "pictures"
-            candidates = (pictures / "moving" / f"{name}.svg", pictures / f"{name}.svg")
-            shown = next((one for one in candidates if one.is_file()), None)
-            title = f"[{name}](scenarios/{name}.md)" if page.is_file() else name
-            text += [f"### {title}", "", content["about"], ""]
-            if shown:
-                text += [f"![{content['about']}]({shown.relative_to(ROOT / 'docs').as_posix()})", ""]
-            text += ["| parameter | range | |", "|---|---|---|"]
-            text += [
-                f"| `{one['name']}` | {one['low']:g} to {one['high']:g} {one.get('unit', '')} | {one['about']} |"
-                for one in content["parameter"]
-            ]
-            text += ["", f'`use = "{name if folder.name == "files" else path.name}"`', ""]
+    for path in sorted((ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")):
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        name = path.stem
+        page, pictures = ROOT / "docs" / "scenarios" / f"{name}.md", ROOT / "docs" / "pictures"
+        candidates = (pictures / "moving" / f"{name}.svg", pictures / f"{name}.svg")
+        shown = next((one for one in candidates if one.is_file()), None)
+        title = f"[{name}](scenarios/{name}.md)" if page.is_file() else name
+        text += [f"## {title}", "", content["about"], ""]
+        if shown:
+            text += [f"![{content['about']}]({shown.relative_to(ROOT / 'docs').as_posix()})", ""]
+        text += ["| parameter | range | |", "|---|---|---|"]
+        text += [f"| `{one['name']}` | {_range(one)} | {one['about']} |" for one in content["parameter"]]
+        text += ["", f'`use = "{name}"`', ""]
     return "\n".join(text)
 
 
-def _leaderboard() -> str:
+def _range(parameter: dict[str, Any]) -> str:
+    """The values of a parameter in words: a list, or the ends of a range, and the unit."""
+    unit = parameter.get("unit", "")
+    if "values" in parameter:
+        said = ", ".join(f"{value:g}" for value in parameter["values"])
+    else:
+        said = f"{parameter['low']:g} to {parameter['high']:g}"
+    return f"{said} {unit}".rstrip()
+
+
+def leaderboard() -> str:
     """The golden scores of every suite, best first."""
     text = [
         "# Leaderboard",
@@ -102,6 +106,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def _formula(latex: str, display: str) -> str:
+    from latex2mathml.converter import convert
+
     made = convert(" ".join(latex.split()), display=display)
     # In a span, because Markdown takes a line that begins with another tag for a block.
     return f"\n{made}\n" if display == "block" else f"<span>{made}</span>"

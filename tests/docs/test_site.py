@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import shlex
@@ -90,10 +91,24 @@ def test_every_page_of_the_menu_is_there() -> None:
         assert made.match(path) or (DOCS / path).is_file(), path
 
 
-def test_every_scenario_of_the_gallery_has_a_picture() -> None:
-    files_to_begin_with = [path.stem for path in (DOCS / "examples" / "scenarios").glob("*.toml")]
-    pictures = {path.stem for path in (DOCS / "pictures").rglob("*.svg")}
-    assert {*SCENARIOS, *files_to_begin_with} <= pictures
+def hooks() -> Any:
+    """What the site does to its pages, as a module."""
+    spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "site_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_gallery_has_every_scenario_with_its_picture_and_its_parameters() -> None:
+    gallery = hooks().gallery()
+    for name, logical in SCENARIOS.items():
+        assert f"](scenarios/{name}.md)\n" in gallery, name
+        part = gallery.split(f'`use = "{name}"`')[0].split("\n## ")[-1]
+        assert "](pictures/" in part, name
+        for parameter in logical.names:
+            assert f"| `{parameter}` | " in part, (name, parameter)
 
 
 def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:
