@@ -13,8 +13,9 @@ import click
 @click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
 @click.option("--steps", is_flag=True, help="List the sentences of use cases that are understood.")
 def import_(file: str | None, folder: str | None, conformity: bool, steps: bool) -> None:
-    """Say what is understood of FILE, and what does not play: an OpenSCENARIO scenario or variation (.xosc), or a use
-    case as a Gherkin table (.feature.md, .feature).
+    """Say what is understood of FILE, and what does not play.
+
+    FILE: an OpenSCENARIO scenario or variation (.xosc), or a use case as a Gherkin table (.feature.md, .feature).
 
     Of a catalogue (osc_alks, ncap_2026, autoware): its files, the points of each and how many play.
 

@@ -109,8 +109,10 @@ def plot(
 @click.option("--evidence", is_flag=True, help="Claims, arguments and evidence of the run, as JSON and a page.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
 def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path) -> None:
-    """Write the cases, all drives and all trajectories of RUN as tables; with CASE, that case as a SUMO configuration,
-    as OpenSCENARIO, and as an evaluation that drives it again; with --evidence, what the run claims, for a safety case.
+    """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
+
+    A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it again; with
+    --evidence it is what the run claims, for a safety case.
     """
     if evidence:
         if case is not None or kind is not None:

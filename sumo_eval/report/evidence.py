@@ -146,7 +146,7 @@ def _collisions(
 ) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
-    share, under = ("encounters", "this exposure") if known else ("the points", "equal weights")
+    under = "this exposure" if known else "equal weights of its points"
     judged = [case for case in cases if case.evaluated]
     hit = tuple(case.case for case in judged if case.collided)
     exposure = np.array([case.exposure for case in judged])
@@ -161,7 +161,7 @@ def _collisions(
     it = found.collision_probability
     return _claim(
         score, "collisions",
-        claim=f"The collision share of {share} of {about} is below {it.high:.3g} in this space under {under}.",
+        claim=f"The collision share of {about} is below {it.high:.3g} in this space under {under}.",
         verdict="supported" if score.not_evaluated == 0 else "not supported",
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the cases, or, where "
         "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
@@ -214,9 +214,9 @@ def _avoided(
     against = [case.case for case in cases if case.avoidable]
     return _claim(
         score, "avoided",
-        claim=f"{about} avoids more than {max(ends[0], 0.0):.3g} of the harm that the ideal vehicle avoids and a car "
-        "that does nothing does not.",
-        verdict="supported",
+        claim=f"{about} avoids at least {ends[0]:.3g} of the harm that the ideal vehicle avoids and a car that does "
+        "nothing does not.",
+        verdict="supported" if ends[0] > 0.0 else "open",
         argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - Ug) over all evaluated "
         "cases; cases without an outcome count as worst.",
         evidence=(
