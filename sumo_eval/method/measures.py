@@ -231,8 +231,8 @@ _FINER = 0.005  # s, to which a PET is found between the samples
 def conflict_pet(ego: Trajectory, other: Trajectory, collision: Collision | None = None) -> float:
     """PET of conflicting ways, s: least time between the ego's body and the other's being at one place (Allen 1978).
 
-    Whoever of both comes first, at whatever angle. 0: contact with it; nan: they passed over no common place. Bodies are
-    rectangles. The samples are looked at in pairs, then 0.005 s around the closest pair, where places are linear.
+    Whoever of both comes first, at whatever angle. 0: contact with it; nan: they passed over no common place. Bodies
+    are rectangles. The samples are looked at in pairs, then 0.005 s around the closest pair, where places are linear.
     """
     if collision is not None:
         return 0.0
