@@ -36,7 +36,7 @@ BRAKE = {"acceleration": -6.0}
 class Driver:
     def __init__(self, told):
         self.config = config = ReactivePlannerConfiguration()
-        config.debug.multiproc, config.debug.logging_level = False, "ERROR"
+        config.debug.multiproc, config.debug.logging_level = False, "CRITICAL"
         config.vehicle.length, config.vehicle.width = told["vehicle"]["length"], told["vehicle"]["width"]
         self.lanes = []
         for line in told["road"]["lane_borders"]:

@@ -116,7 +116,7 @@ class CarlaAgent:
     agent: a class, an object or the name of one. Its constructor is given the options, and `vehicle` if it takes one.
     """
 
-    def __init__(self, agent: Any, **options: Any) -> None:
+    def __init__(self, agent: Any = None, **options: Any) -> None:
         kind = found_agent(agent, "run_step", _NAME)
         self._ego = Ego()
         own = {"vehicle": self._ego, **options} if isinstance(kind, type) and takes(kind, "vehicle") else options

@@ -27,7 +27,7 @@ class CommonRoadPlanner:
     dt: s between two time steps of scenario and trajectory. horizon: s of the predictions, at constant velocity.
     """
 
-    def __init__(self, agent: Any, dt: float = 0.1, horizon: float = 5.0, **options: Any) -> None:
+    def __init__(self, agent: Any = None, dt: float = 0.1, horizon: float = 5.0, **options: Any) -> None:
         for name, value in (("dt", dt), ("horizon", horizon)):
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
                 raise must_be(f"`{name}`", _NAME, "a number greater than 0 s", value)

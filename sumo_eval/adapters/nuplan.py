@@ -24,7 +24,7 @@ _HISTORY = 2.0  # s, nuPlan's own buffer
 class NuPlanPlanner:
     """Drives a planner with nuPlan's interface. agent: a class, an object or the name of one, made with the options."""
 
-    def __init__(self, agent: Any, **options: Any) -> None:
+    def __init__(self, agent: Any = None, **options: Any) -> None:
         self.agent = made_agent(found_agent(agent, "compute_planner_trajectory", _NAME), options, _NAME)
 
     def reset(self, scenario: Briefing) -> None:
