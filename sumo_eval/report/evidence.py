@@ -167,7 +167,7 @@ def _collisions(
         "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
-            f"As informative as {found.effective_cases:.1f} equally frequent cases.",
+            f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
         ),
         interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
         cases=hit[:MOST_CASES], assumptions=assumptions,
