@@ -156,13 +156,13 @@ class ManoeuvreTable(Checked):
             "keep_speed",
             "brake",
             "change_lane",
-            "change_lane_cosine",
             "move_sideways",
             "accelerate",
             "speed_profile",
             "sinus",
             "path",
             "follow",
+            "change_lane_cosine",
         ],
         About(
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
