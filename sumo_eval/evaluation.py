@@ -135,7 +135,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
                 measured = drive_measures(
-                    facts, store, plausible.people, logical.road.lane_width
+                    facts, store, plausible.people, logical
                 )  # beside the paper: TTC, DRAC, PET, plausibility ...
                 rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity, method.collision)
                 if nobody:

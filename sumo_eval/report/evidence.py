@@ -161,13 +161,13 @@ def _collisions(
     it = found.collision_probability
     return _claim(
         score, "collisions",
-        claim=f"The collision share of {about} is below {it.high:.3g} in this space under {under}.",
+        claim=f"The collision share of {about} is below {it.high:z.3g} in this space under {under}.",
         verdict="supported" if score.not_evaluated == 0 else "not supported",
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the cases, or, where "
         "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
         evidence=(
             f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
-            f"As informative as {found.effective_cases:.1f} equally frequent cases.",
+            f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
         ),
         interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
         cases=hit[:MOST_CASES], assumptions=assumptions,
@@ -214,13 +214,13 @@ def _avoided(
     against = [case.case for case in cases if case.avoidable]
     return _claim(
         score, "avoided",
-        claim=f"{about} avoids at least {ends[0]:.3g} of the harm that the ideal vehicle avoids and a car that does "
+        claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids and a car that does "
         "nothing does not.",
         verdict="supported" if ends[0] > 0.0 else "open",
         argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - Ug) over all evaluated "
         "cases; cases without an outcome count as worst.",
         evidence=(
-            f"A = {score.avoided_share:.3g}; {count(score.avoidable_collisions, 'avoidable collision')}, "
+            f"A = {score.avoided_share:z.3g}; {count(score.avoidable_collisions, 'avoidable collision')}, "
             f"{score.unavoidable_collisions} unavoidable.",
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],

@@ -12,8 +12,9 @@ from typing import Any
 from urllib.parse import quote
 
 from sumo_eval.report.checks import checks_content
-from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison
+from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.confidence_section import confidence_content
+from sumo_eval.report.gate_settings import HIGHER_IS_BETTER
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
@@ -89,9 +90,11 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
                 "pairs": one.pairs,
                 "changes": [(kind, one.count(kind), kind in WORSE) for kind in (*WORSE, *BETTER) if one.count(kind)],
                 "quantities": [
-                    (name, quantity_words(name, value, comparison.confidence).replace("->", "→"), value.certain)
+                    (name, _arrow(quantity_words(name, value, comparison.confidence)), _standing(name, value))
                     for name, value in one.quantities.items()
+                    if not value.unchanged
                 ],
+                "unchanged": [name.replace("_", " ") for name, value in one.quantities.items() if value.unchanged],
             }
             for one in (comparison.ads if comparison else ())
         ]
@@ -100,6 +103,17 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
         "more": max(0, len(changed) - MOST_CHANGED),
     }
+
+
+def _arrow(words: str) -> str:
+    return words.replace("->", "→")
+
+
+def _standing(name: str, value: QuantityChange) -> str:
+    """Whether a change is certain, and for better or for worse: the class of its word."""
+    if not value.certain or value.difference is None:
+        return ""
+    return "good" if (value.difference > 0.0) == (name in HIGHER_IS_BETTER) else "bad"
 
 
 def _changed(item: ChangedCase) -> dict[str, Any]:

@@ -260,7 +260,7 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
 # --- two runs ---------------------------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
-_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 6}
+_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 4}
 
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
@@ -287,11 +287,15 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evalua
     return [*lines, *gate_lines(gates)]
 
 
+_SEEN = 5e-4
+"""What changes none of the three decimals that are shown is not told."""
+
+
 def moved_words(item: ChangedCase) -> list[str]:
     """By how much what the change is about moved, and everything else in the case that moves a score."""
     about_impact = item.change in ("harsher", "softer")
     words = [f"U {item.by:+z.3g} m/s"] if about_impact and item.by is not None else []
-    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items())]
+    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
@@ -321,7 +325,7 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     )
     if change.difference is None or change.low is None or change.high is None:
         return values
-    if change.difference == change.low == change.high == 0.0:
+    if change.unchanged:
         return f"{change.new:z.{digits}f}, unchanged"
     interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
     return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"
