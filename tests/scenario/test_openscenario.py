@@ -263,6 +263,13 @@ def written_again(path: Path) -> Path:
     return again
 
 
+def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path: Path) -> None:
+    """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full speed are left."""
+    logical = find(str(written(tmp_path, v="50")))
+    assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
+    assert logical.road.length + logical.road.run_out == pytest.approx(1000.0)
+
+
 def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
     path = written(tmp_path, events=TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2)))
     (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
