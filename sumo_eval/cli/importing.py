@@ -6,13 +6,19 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli.named_values import named_values
+
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
 @click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026, autoware): where your copy is.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write the scenario file (.toml) that was understood.")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: the point; default: the first.")
 @click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
 @click.option("--steps", is_flag=True, help="List the sentences of use cases that are understood.")
-def import_(file: str | None, folder: str | None, conformity: bool, steps: bool) -> None:
+def import_(
+    file: str | None, folder: str | None, out: Path | None, values: tuple[str, ...], conformity: bool, steps: bool
+) -> None:
     """Say what is understood of FILE, and what does not play.
 
     FILE: an OpenSCENARIO scenario or variation (.xosc), or a use case as a Gherkin table (.feature.md, .feature).
@@ -27,6 +33,7 @@ def import_(file: str | None, folder: str | None, conformity: bool, steps: bool)
     from sumo_eval.scenario.openscenario.conformity import table
     from sumo_eval.scenario.openscenario.describe import described, listed
     from sumo_eval.scenario.openscenario.logical import read_file
+    from sumo_eval.scenario.openscenario.written import point_of, scenario_content, write_scenario
     from sumo_eval.scenario.usecase import describe as use_cases
     from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 
@@ -52,3 +59,13 @@ def import_(file: str | None, folder: str | None, conformity: bool, steps: bool)
         raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and use cases (.feature.md), got {plain}.")
     for line in lines:
         click.echo(line)
+    if out is None:
+        return
+    if plain.endswith(ENDINGS):
+        write_scenario(read_use_case(Path(plain), given).table, out)
+    elif plain.endswith(".xosc"):
+        read = read_file(Path(plain), given)
+        write_scenario(scenario_content(read, point_of(read, named_values(values, "--set"))), out)
+    else:
+        raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
+    click.echo(f"wrote {out}")

@@ -162,9 +162,11 @@ class ManoeuvreTable(Checked):
             "sinus",
             "path",
             "follow",
+            "change_lane_cosine",
         ],
         About(
-            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; move_sideways at `speed`; "
+            "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
+            "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
             "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
             "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts"
         ),
@@ -178,7 +180,7 @@ class ManoeuvreTable(Checked):
     jerk: Annotated[
         Formula | None, About("of `brake`, `accelerate`: how fast it builds up; default: at once", "m/s3")
     ] = None
-    duration: Annotated[Formula | None, About("of `change_lane`", "s")] = None
+    duration: Annotated[Formula | None, About("of `change_lane`, `change_lane_cosine`", "s")] = None
     speed: Annotated[
         Formula | None,
         About("of `move_sideways`; `accelerate`: the one it leads to; `follow`: the one that it wants", "m/s"),
@@ -832,8 +834,9 @@ class Place:
             numbers = {key: quantity.at(known) for key, quantity in move.numbers}
             if move.do == "brake":
                 brake = Brake(**numbers)
-            elif move.do == "change_lane":
-                moves.append(LaneChange(numbers["begin"], numbers["duration"], numbers["offset"]))
+            elif move.do in ("change_lane", "change_lane_cosine"):
+                cosine = move.do == "change_lane_cosine"
+                moves.append(LaneChange(numbers["begin"], numbers["duration"], numbers["offset"], cosine))
             elif move.do == "move_sideways":
                 moves.append(ConstantLateral(**numbers))
         return Actor(item.name, start, tuple(moves), item.length, item.width, brake, item.slides, item.body)
@@ -874,8 +877,9 @@ def _act(do: str, numbers: Mapping[str, float], *, by_place: bool) -> played.Act
     if do == "accelerate":
         jerk = numbers.get("jerk", math.inf)
         return played.Act(played.SPEED, begin, 0.0, numbers["speed"], 0.0, numbers["acceleration"], jerk)
-    if do == "change_lane":
-        return played.Act(played.SMOOTH, begin, numbers["duration"], 0.0, numbers["offset"])
+    if do in ("change_lane", "change_lane_cosine"):
+        kind = played.SMOOTH if do == "change_lane" else played.COSINE
+        return played.Act(kind, begin, numbers["duration"], 0.0, numbers["offset"])
     if do == "move_sideways":
         move = ConstantLateral(begin, numbers["speed"], numbers["offset"], numbers.get("acceleration", math.inf))
         return played.Act(played.CONSTANT, begin, move.duration, move.speed, move.offset, move.acceleration)
@@ -964,6 +968,7 @@ _NEEDS = {
     "keep_speed": ((), ()),
     "brake": (("deceleration",), ("jerk",)),
     "change_lane": (("duration", "offset"), ()),
+    "change_lane_cosine": (("duration", "offset"), ()),
     "move_sideways": (("speed", "offset"), ("acceleration",)),
     "accelerate": (("speed", "acceleration"), ("jerk",)),
     "speed_profile": (("speeds",), ("times", "places")),
@@ -974,7 +979,8 @@ _NEEDS = {
 """Keys that a manoeuvre must have and those it may have, besides `begin`."""
 
 _ABOVE_ZERO = {
-    ("change_lane", "duration"), ("accelerate", "acceleration"), ("accelerate", "jerk"), ("sinus", "acceleration"),
+    ("change_lane", "duration"), ("change_lane_cosine", "duration"),
+    ("accelerate", "acceleration"), ("accelerate", "jerk"), ("sinus", "acceleration"),
     ("sinus", "cycles"), ("follow", "acceleration"), ("follow", "deceleration"), ("follow", "headway"),
     ("follow", "min_gap"), ("follow", "speed"),
 }  # fmt: skip

@@ -17,6 +17,7 @@ from sumo_eval.scenario.openscenario.conformity import ROWS, table
 from sumo_eval.scenario.openscenario.describe import described
 from sumo_eval.scenario.openscenario.logical import concrete_points, read_file
 from sumo_eval.scenario.openscenario.scene import synchronized
+from sumo_eval.scenario.openscenario.written import point_of, scenario_content, write_scenario
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS = CATALOGUES / "osc_alks" / "logical_scenarios"
@@ -262,6 +263,13 @@ def written_again(path: Path) -> Path:
     return again
 
 
+def test_a_case_ends_before_sumo_takes_the_ego_off_the_road(tmp_path: Path) -> None:
+    """50 m/s for 30 s is more than the road's 1000 m: half a body of 4 m and 5 m for a step at full speed are left."""
+    logical = find(str(written(tmp_path, v="50")))
+    assert logical.road.length == pytest.approx(1000.0 - 2.0 - 5.0)
+    assert logical.road.length + logical.road.run_out == pytest.approx(1000.0)
+
+
 def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
     path = written(tmp_path, events=TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2)))
     (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
@@ -332,3 +340,34 @@ def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
                 assert tag in known, (file.name, tag)
             if tag.endswith("Action") and element.getparent().tag in ("PrivateAction", "LongitudinalAction"):
                 assert tag in known or tag in ("LongitudinalAction", "LateralAction", "RoutingAction"), (file.name, tag)
+
+
+ENDED = (
+    '<StoryboardElementStateCondition storyboardElementType="action" storyboardElementRef="cut" state="endTransition"/>'
+)
+
+
+@pytest.mark.parametrize("events", ["", CUT_IN, TIMED.format(n=1, action=OFFSET, delay=0, when=AT.format(2)),
+                                    CUT_IN + TIMED.format(n=2, action=BRAKE, delay=1, when=ENDED)])  # fmt: skip
+def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, events: str) -> None:
+    """Everybody starts at the same place and does the same, by the scenario file as by the imported one."""
+    read = read_file(written(tmp_path, events=events))
+    write_scenario(scenario_content(read, point_of(read, {})), tmp_path / "again.toml")
+    theirs, again = read.logical.concrete(only=0.0), find("again.toml", tmp_path).concrete(only=0.0)
+    assert (again.ego, again.ego_body, again.road, again.time_limit) == (
+        theirs.ego, theirs.ego_body, theirs.road, theirs.time_limit
+    )  # fmt: skip
+    for one, two in zip(theirs.actors, again.actors, strict=True):
+        assert (one.name, one.start, one.lane_changes, one.brake, one.heading) == (
+            two.name, two.start, two.lane_changes, two.brake, two.heading
+        )  # fmt: skip
+        assert (one.length, one.width, one.body) == (two.length, two.width, two.body)
+        assert [act._replace(name="") for act in one.acts] == [act._replace(name="") for act in two.acts]
+
+
+def test_a_point_that_is_not_there_cannot_be_written(tmp_path: Path) -> None:
+    read = read_file(written(tmp_path))
+    with pytest.raises(InputError, match="must be one of its parameters"):
+        point_of(read, {"kph": 50.0})
+    with pytest.raises(InputError, match=r"must be a file that ends with .toml"):
+        write_scenario({}, tmp_path / "x.xosc")

@@ -6,9 +6,11 @@ import csv
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from lxml import etree
 
 from sumo_eval import evaluate
+from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.report.junit import run_suites, write_junit
 from sumo_eval.report.tables import write_tables
@@ -84,6 +86,17 @@ def test_rows_are_points_and_columns_that_vary_are_the_space(tmp_path: Path) -> 
     assert there.actors[0].start.x - there.ego.x == 30.0 + 4.5  # bumper to bumper, two cars of 4.5 m
     check_points(logical, sample(logical).points)
     assert any("check `Ego keeps its gap above 1 m`: min(gap) >= 1" in line for line in described(read))
+
+
+def test_the_scenario_file_that_it_is_can_be_written(tmp_path: Path) -> None:
+    path = written(tmp_path, FOLLOW)
+    done = CliRunner().invoke(main, ["import", str(path), "--out", str(tmp_path / "same.toml")])
+    assert done.exit_code == 0, done.output
+    same, own = find("same.toml", tmp_path), find(str(path))
+    assert (same.name, same.parameters, same.samples, same.requirements) == (
+        own.name, own.parameters, own.samples, own.requirements
+    )  # fmt: skip
+    assert same.concrete(v=54.0) == own.concrete(v=54.0)
 
 
 def test_plain_gherkin_reads_as_its_markdown_does(tmp_path: Path) -> None:

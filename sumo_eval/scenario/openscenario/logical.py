@@ -529,6 +529,7 @@ def _without_doubles(space: Space, scenes: Sequence[tuple[dict[str, float], Scen
     return _folded(replace(space, axes=tuple(axes))), tuple(dropped)
 
 
+_BEFORE_END = 5.0  # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
 _ONLY = "only"
 _OPTIONS = {
     "road": "which of the file's roads, from 1 on",
@@ -620,7 +621,7 @@ def _unit(name: str) -> str:
 def _road(frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_limit: float) -> Road:
     """The road, judged as far as the fastest ego comes in the time that the file gives, or to the file's end of it."""
     reach = max(found.ego.x + found.ego.speed * time_limit for _, found in scenes)
-    room = frame.length - max(0.5 * found.ego_body.length for _, found in scenes)
+    room = frame.length - max(0.5 * found.ego_body.length for _, found in scenes) - _BEFORE_END
     length = min(math.ceil(reach / _ROUND) * _ROUND, room)
     if frame.line:
         check_line(frame.line, frame.lanes, frame.lane_width, f"the road {frame.name}")

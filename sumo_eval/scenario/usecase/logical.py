@@ -30,12 +30,15 @@ _OPTIONS = {
 
 @dataclass(frozen=True, slots=True)
 class UseCase:
-    """A use case that was read. rows: the number of each row of its tables among the points, from 1 on."""
+    """A use case that was read. rows: the number of each row of its tables among the points, from 1 on. table: the
+    scenario file that it is.
+    """
 
     outline: Outline
     story: Story
     logical: LogicalScenario
     rows: tuple[int, ...]
+    table: Mapping[str, Any]
 
 
 def read_use_case(path: Path, given: Mapping[str, str] | None = None) -> UseCase:
@@ -57,7 +60,7 @@ def read_use_case(path: Path, given: Mapping[str, str] | None = None) -> UseCase
     logical = replace(
         logical, options=tuple(Option(name, "m", about) for name, about in _OPTIONS.items()), notes=tuple(_notes(rows))
     )
-    return UseCase(outline, story, logical, rows)
+    return UseCase(outline, story, logical, rows, table)
 
 
 def _numbers(file: str, given: Mapping[str, str], story: Story) -> dict[str, float]:
