@@ -82,10 +82,9 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
 def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, Trajectory | None]:
     """What is recorded of a case, and how its ego drove; None where it did not come to drive."""
     with open_store(run / run_folder.FACTS) as store:
-        facts = {fact.case: fact for fact in store.facts("ads")}
-        if case not in facts:
-            raise unknown(f"case of run {run}", case, facts)
-        fact = facts[case]
+        fact = store.fact(case)
+        if fact is None or fact.role != "ads":
+            raise unknown(f"case of run {run}", case, [known for known, _, _ in store.names("ads")])
         return fact, None if fact.simulated_time is None else store.trajectory(case)
 
 
