@@ -25,6 +25,7 @@ score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
 
 test: $(VENV)/.installed-dev
+	$(BIN)/python -m compileall -q sumo_eval tests
 	$(BIN)/python -m sumo_eval.record.loops
 	$(BIN)/python -m pytest -n auto --dist loadfile
 

@@ -95,17 +95,16 @@ def demanded_braking(critical: float, proactive: float) -> float:
 def considered(me: Any, other: Any, lateral_closing: float) -> bool:
     """Whether the other vehicle counts: it overlaps already, or will reach the ego's strip before the ego is past.
 
-    (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s.
+    u > w and (lateral gap) / (lateral closing speed) < (d + both lengths) / (u - w) + 0.1 s. Who is not slower than the
+    ego and not in its strip is none of its business, as in the regulation's lateral safety check.
     lateral_closing: m/s.
     """
     across = lateral_gap(me, other)
     if across <= 0.0:
         return True
     closing = me.along - other.along
-    if lateral_closing <= 0.0:
+    if lateral_closing <= 0.0 or closing <= 0.0:
         return False
-    if closing <= 0.0:
-        return True
     lengths = 2.0 * (me.half_length + other.half_length)
     return bool(across / lateral_closing < (bumper_gap(me, other) + lengths) / closing + CUT_IN_MARGIN)
 

@@ -109,6 +109,8 @@ class _Group(click.Group):
             click.echo(f"sumo-eval: {stop}", err=True)
             sys.exit(INTERRUPTED)
         except SumoEvalError as error:
+            if "sumo_eval.record.children" in sys.modules:
+                import_module("sumo_eval.record.children").cool_down()
             _refuse(str(error))
         except OSError as error:
             if error.errno == errno.EPIPE:  # who reads has read enough; click knows how to leave

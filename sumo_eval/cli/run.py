@@ -51,7 +51,10 @@ def run(
 ) -> None:
     """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
     from sumo_eval.record.children import warm_up
+    from sumo_eval.settings.config import read_evaluation
 
+    if evaluation is not None:
+        read_evaluation(evaluation)  # a mistake in it is told at once
     warm_up()  # before the imports below, which take a second
     from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve

@@ -44,6 +44,8 @@ class Child(_ordinary.Process):  # type: ignore[misc]
     run the evaluation again in each of them. Nothing a child needs lives in that script, so it is kept out of sight.
     """
 
+    asked_for = False  # whether this process has asked for any
+
     @staticmethod
     def _Popen(process_obj: Any) -> Any:  # noqa: N802 - the name that multiprocessing looks for
         with _script_out_of_sight(), _children_environment():
@@ -51,6 +53,7 @@ class Child(_ordinary.Process):  # type: ignore[misc]
 
     def start(self) -> None:
         """Start it, also from a daemonic process such as a Dask worker: the lifeline ends it, not the exit handlers."""
+        Child.asked_for = True
         config: dict[str, Any] = multiprocessing.current_process()._config  # type: ignore[attr-defined]
         daemon = config.pop("daemon", None)
         try:
@@ -151,6 +154,12 @@ def warm_up() -> None:
     child_context()
     with _script_out_of_sight(), _children_environment():
         pass  # to begin there is part of entering
+
+
+def cool_down() -> None:
+    """End the process that makes the children where none was ever asked for: it would go on loading for seconds."""
+    if not Child.asked_for:
+        _end_forkserver()
 
 
 def tie_to_owner(lifeline: Connection) -> None:

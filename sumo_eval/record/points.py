@@ -43,7 +43,7 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
     return zones
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)  # more than ship: with fewer places than scenarios, taken in turn, none would be found again
 def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
     """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
     return partition(logical, settings)

@@ -106,6 +106,8 @@ def test_a_vehicle_is_considered_when_it_comes_over_before_the_ego_is_past():
     assert considered(me, other, lateral_closing=0.82)  # 1.7 m / 0.82 m/s < (11 m + 9 m) / 10 m/s + 0.1 s
     assert not considered(me, other, lateral_closing=0.80)
     assert not considered(me, other, lateral_closing=-1.0)
+    for speed in (20.0, 25.0):  # nobody comes over in front of who is not faster
+        assert not considered(me, mover("lead", 15.5, along=speed, y=other.y), lateral_closing=3.0)
     assert considered(me, mover("lead", 15.5, along=10.0), lateral_closing=0.0)
 
 

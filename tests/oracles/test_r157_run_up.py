@@ -48,6 +48,21 @@ def test_they_agree_on_a_sample(model):
     assert set(disagreements(model, 60)) <= {AT_THE_BOUNDARY}
 
 
+@pytest.mark.parametrize("speeds", [("30", "20"), ("60", "50"), ("100", "90")])
+def test_fsm_lets_go_once_it_is_no_faster_than_who_comes_over(speeds):
+    """From 10 km/h faster and 2 m behind: it brakes until it is no faster, 0.6 m too far forward, and they touch.
+
+    The brakes need 0.1 s to let go of 4 m/s2, which takes off 0.2 m/s more; the program's own step of 0.1 s takes off
+    0.287 m/s. Who went on braking would be 2 m/s slower, and behind.
+    """
+    (row,) = (row for row in rows_of("FSM") if point(row) == (*speeds, "2", "0.8"))
+    assert row["crash"] == "1"
+    recording = simulate(of_row("cut_in", row, run_up=True), "fsm", SETTINGS)
+    assert recording.collision is not None
+    slower = recording.collision.other_velocity[0] - recording.collision.ego_velocity[0]
+    assert 0.0 <= slower < 0.4
+
+
 @pytest.mark.campaign
 @pytest.mark.parametrize("model", NAMES)
 def test_they_agree_on_1000_rows(model):

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter, Road, Start, catalogue
+from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.scenario.sampling.samples import central_point, grid, sample
 
 CUT_OUT = catalogue.load("front_vehicle_cut_out")
@@ -163,3 +164,10 @@ def test_the_central_point_steps_aside_where_the_centre_is_impossible():
 
 def test_two_callers_cannot_get_different_grids():
     assert grid(CUT_OUT).tobytes() == grid(CUT_OUT).tobytes()
+
+
+def test_the_additive_recurrence_fills_the_box_evenly():
+    """1,000 points over 10 x 10 cells: 10 each on the mean, and nowhere fewer than 6 or more than 14."""
+    cells = np.floor(steadily(2, 1000) * 10.0).astype(int)
+    counts = np.bincount(10 * cells[:, 0] + cells[:, 1], minlength=100)
+    assert (counts.min() >= 6, counts.max() <= 14, counts.sum()) == (True, True, 1000)

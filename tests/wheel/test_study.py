@@ -66,42 +66,41 @@ async def participant(window: Window, code: str, *, leaves_at: int | None = None
     """Answer every sheet and drive gently until the thanks. leaves_at: the step of the first real drive at which the
     window is closed for good. quits: title of a drive that is ended.
     """
-    peer = await known(window)
     titles: list[str] = []
     number, view = 0, {}
-    with suppress(ConnectionClosed):
-        async for text in peer:
-            message = json.loads(text)
-            if "state" in message:
-                state = message["state"]
-                if quits and view["title"].startswith(quits) and state[0] > 5:
-                    await peer.send('{"quit": true}')
+    async with await known(window) as peer:
+        with suppress(ConnectionClosed):
+            async for text in peer:
+                message = json.loads(text)
+                if "state" in message:
+                    state = message["state"]
+                    if quits and view["title"].startswith(quits) and state[0] > 5:
+                        await peer.send('{"quit": true}')
+                        continue
+                    if leaves_at is not None and view["title"].startswith("Drive") and state[0] >= leaves_at:
+                        raise CrashError
+                    x, speed = state[3][0], state[3][3]
+                    ahead = min((it[1] - x - 4.5 - 2.5 * (speed - it[3]) for it in state[4] if it[1] > x), default=1e3)
+                    pedal = -0.3 if ahead < 4.0 + 1.2 * speed else 0.05
+                    number += 1
+                    given = ["stick", 0, 0.0, max(pedal, 0.0), max(-pedal, 0.0)]
+                    await asyncio.sleep(1.0 / MOST_A_SECOND)  # a quick machine would be shut out for flooding
+                    await peer.send(json.dumps({"input": [number, state[0], *given]}))
                     continue
-                if leaves_at is not None and view["title"].startswith("Drive") and state[0] >= leaves_at:
-                    raise CrashError
-                x, speed = state[3][0], state[3][3]
-                ahead = min((it[1] - x - 4.5 - 2.5 * (speed - it[3]) for it in state[4] if it[1] > x), default=1e3)
-                pedal = -0.3 if ahead < 4.0 + 1.2 * speed else 0.05
-                number += 1
-                given = ["stick", 0, 0.0, max(pedal, 0.0), max(-pedal, 0.0)]
-                await asyncio.sleep(1.0 / MOST_A_SECOND)  # a quick machine would be shut out for flooding
-                await peer.send(json.dumps({"input": [number, state[0], *given]}))
-                continue
-            view = message
-            titles.append(view.get("title", view["show"]))
-            if view["show"] == "drive":
-                await peer.send('{"ready": true}')
-            elif view["show"] == "sheet":
-                if view["title"] == "Thank you":
-                    await peer.send('{"answers": {"button": "end"}}')
-                    break
-                given = {
-                    "button": view["buttons"][-1][0] if quits and "ended" in view["title"] else view["buttons"][0][0]
-                }
-                for it in view.get("questions", ()):
-                    mark = 3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
-                    given[it["key"]] = {"scale": mark, "yes": True, "code": code}[it["kind"]]
-                await peer.send(json.dumps({"answers": given}))
+                view = message
+                titles.append(view.get("title", view["show"]))
+                if view["show"] == "drive":
+                    await peer.send('{"ready": true}')
+                elif view["show"] == "sheet":
+                    if view["title"] == "Thank you":
+                        await peer.send('{"answers": {"button": "end"}}')
+                        break
+                    stops = bool(quits) and "ended" in view["title"]
+                    given = {"button": view["buttons"][-1 if stops else 0][0]}
+                    for it in view.get("questions", ()):
+                        mark = 3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
+                        given[it["key"]] = {"scale": mark, "yes": True, "code": code}[it["kind"]]
+                    await peer.send(json.dumps({"answers": given}))
     assert not window.faults
     return titles
 

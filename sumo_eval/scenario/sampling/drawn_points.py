@@ -75,6 +75,18 @@ def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) ->
     return from_shares(logical, _sobol(len(logical.names), count, stream))
 
 
+def steadily(k: int, count: int) -> FloatArray:
+    """The additive recurrence x_i = frac(1/2 + i / phi^(1..k)): the first `count` points (count, k) of the unit box.
+
+    phi: root of phi^(k+1) = phi + 1. It lies about as evenly as a Sobol sequence, and takes no seed and no scipy.
+    """
+    phi = 2.0
+    for _ in range(60):
+        phi = (1.0 + phi) ** (1.0 / (k + 1))
+    shares: FloatArray = (0.5 + np.outer(np.arange(count), phi ** -np.arange(1.0, k + 1))) % 1.0
+    return shares
+
+
 def _drawn(logical: LogicalScenario, request: Request, label: str, attention: object) -> tuple[FloatArray, FloatArray]:
     """Points drawn in proportion to exposure times attention, and the attention that each got.
 

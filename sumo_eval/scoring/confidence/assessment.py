@@ -91,7 +91,7 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
         intervals_of(score),
         score.half_widths_by_source,
         risk(terms.exposure, loss, random_stream(settings.seed, "risk", score.scenario, score.ads)),
-        further_cases(zones.logical, points, influence(terms, settings.method), FURTHER, settings.seed),
+        further_cases(zones.logical, points, influence(terms, settings.method), FURTHER),
     )
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.drawn_points import evenly
-from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.scenario.sampling.drawn_points import from_shares, steadily
 from sumo_eval.trajectory import FloatArray
 
 NEIGHBOURS = 6
@@ -27,9 +26,7 @@ class FurtherCases:
     shrink: float
 
 
-def further_cases(
-    logical: LogicalScenario, points: FloatArray, influence: FloatArray, count: int, seed: int
-) -> FurtherCases:
+def further_cases(logical: LogicalScenario, points: FloatArray, influence: FloatArray, count: int) -> FurtherCases:
     """`count` further points for cases at `points` (n, k), whose `influence` (n,) is how many points of S each moves.
 
     Each case stands for the part of the space nearest to it, with the error that its neighbours' spread s_i shows; with
@@ -39,7 +36,7 @@ def further_cases(
     unit = logical.to_unit(points)
     near = np.asarray(KDTree(unit).query(unit, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(points), -1)
     variance = np.var(influence[near], axis=1)
-    candidates = evenly(logical, CANDIDATES, random_stream(seed, "further cases", logical.name))
+    candidates = from_shares(logical, steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in KDTree(unit).query(where))

@@ -81,16 +81,16 @@ def test_pairs_that_no_point_can_have_are_not_missing():
 def test_further_cases_go_where_neighbours_differ():
     points = sample(LOW_SPEED, levels=9).points
     influence = np.where(points[:, 0] > 25.0, np.where(np.arange(len(points)) % 2, 1.0, -1.0), 0.0)
-    found = further_cases(LOW_SPEED, points, influence, 12, seed=1)
+    found = further_cases(LOW_SPEED, points, influence, 12)
     assert len(found.points) == 12
     assert LOW_SPEED.feasible(found.points).all()
     assert (found.points[:, 0] > 21.0).all()
     assert 0.5 < found.shrink < 1.0
-    more = further_cases(LOW_SPEED, points, influence, 60, seed=1)
+    more = further_cases(LOW_SPEED, points, influence, 60)
     assert more.shrink < found.shrink
 
 
 def test_where_all_cases_agree_further_ones_tell_nothing():
     points = sample(LOW_SPEED).points
-    found = further_cases(LOW_SPEED, points, np.zeros(len(points)), 5, seed=1)
+    found = further_cases(LOW_SPEED, points, np.zeros(len(points)), 5)
     assert (len(found.points), found.shrink) == (0, 1.0)
