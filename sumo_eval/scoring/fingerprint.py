@@ -21,7 +21,7 @@ _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
 _FILES = ("evaluation.py", "results.py", "trajectory.py")
 _COMPUTES = ("numpy", "scipy", "numba")
-_QUOTED = re.compile(r"""["']([^"'\\n]{1,300})["']""")
+_QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
 _WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
 _LARGEST = 8 << 20  # bytes of a file whose text may name others
 
