@@ -32,6 +32,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.critical import critical_points
 from sumo_eval.scoring.fingerprint import scores_key, sources, space_key
 from sumo_eval.scoring.kept_rows import KeptRows
 from sumo_eval.scoring.kept_scores import RowWriter, Scores, keep_scores, kept_scores
@@ -90,7 +91,9 @@ def evaluate(
     folder = Path(out)
     settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
     record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
-    return score(folder, progress=progress)
+    done = score(folder, progress=progress)
+    let_go(done)
+    return done
 
 
 def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet) -> Evaluation:
@@ -268,6 +271,30 @@ def _zones(
     """The partition of a scenario, kept or computed."""
     key = key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
     return kept_zones(logical, settings.method.zones, kept, key)
+
+
+def let_go(evaluation: Evaluation) -> int:
+    """Take out the trajectories that `[run] keep` does not ask for; how many cases lost theirs comes back.
+
+    What was scored stays scored: D_i, bands and measures of these drives are kept.
+    """
+    keep, folder = evaluation.settings.run.keep, evaluation.folder
+    if keep == "all":
+        return 0
+    facts, source = folder / run_folder.FACTS, Path(evaluation.manifest["source_folder"])
+    with run_folder.only_writer(folder, resume=True):
+        with open_store(facts, create=True) as store:
+            critical: set[tuple[str, int]] = set()
+            if keep == "critical":
+                found = [catalogue.find(entry.use, source) for entry in evaluation.settings.scenario]
+                numbers = {case: number for case, number, _ in store.names("ads")}
+                critical = critical_points(evaluation, {space.name: space for space in found}, numbers)
+            gone = store.let_go(lambda scenario, number: (scenario, number) in critical)
+        kept = KeptResults(folder)
+        with open_store(facts, whole=True):
+            vouch(facts, kept)
+        kept.close()
+    return gone
 
 
 def zone_partitions(evaluation: Evaluation) -> dict[str, ZonePartition]:

@@ -1,7 +1,8 @@
 """What runs of many cases cost: processor time and peak memory of scoring, answers, report and comparison, by size.
 
-    python tools/run_sizes.py make FOLDER POINTS     a run of POINTS cut-ins with made-up drives: no simulation
-    python tools/run_sizes.py measure FOLDER         each command on it, one after the other, in a process of its own
+    python tools/run_sizes.py make FOLDER POINTS [DRIVERS]     a run of POINTS cut-ins with made-up drives, 3 drivers
+                                                               where it is safe: no simulation
+    python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
 
 Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
 depend on that. Seconds are of processor time, children included.
@@ -26,7 +27,6 @@ from sumo_eval.record.store import open_store
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
-DRIVERS = 3
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
 
@@ -47,14 +47,14 @@ def hit(kept: KeptRecording, speed: float) -> KeptRecording:
     return kept._replace(collision=collision, end_reason="contact")
 
 
-def outcomes(space: Space) -> Iterator[Outcome]:
+def outcomes(space: Space, drivers: int) -> Iterator[Outcome]:
     """Every fifth hazardous point is hit by the ADSs, all of them by who does nothing, none by the ideal vehicle."""
     drives = [drive(speed, offset) for speed in (25.0, 28.0, 31.0) for offset in (-0.3, 0.0, 0.3)]
     roles: tuple[tuple[Role, str, str], ...] = (
         ("ads", "first", "idm"), ("ads", "second", "idm"), ("ideal", "ideal", "ideal_braking"),
         ("no_reaction", "no_reaction", "no_reaction"),
     )  # fmt: skip
-    people: list[tuple[Role, str, str]] = [("human", f"driver_{n:02d}", "synthetic") for n in range(DRIVERS)]
+    people: list[tuple[Role, str, str]] = [("human", f"driver_{n:02d}", "synthetic") for n in range(drivers)]
     for number in space.numbers:
         concrete, dangerous = space.concrete(number), bool(space.hazardous[number])
         for place, (role, driver, controller) in enumerate((*roles, *(() if dangerous else people))):
@@ -64,13 +64,13 @@ def outcomes(space: Space) -> Iterator[Outcome]:
             yield Outcome(case, "collision" if collides else "ok", hit(kept, 3.0 + place) if collides else kept)
 
 
-def make(folder: Path, points: int) -> None:
+def make(folder: Path, points: int, drivers: int) -> None:
     """Write the run."""
     settings = EvaluationSettings(
         "made up",
         (ScenarioSettings("cut_in", SamplingSettings("sobol", count=points)),),
         (AdsSettings("first", "idm"), AdsSettings("second", "idm")),
-        drivers=DriverSettings(count=DRIVERS),
+        drivers=DriverSettings(count=max(drivers, 2)),
     )
     space = space_of(settings.scenario[0], settings, Path.cwd())
     with run_folder.only_writer(folder, resume=False):
@@ -78,7 +78,7 @@ def make(folder: Path, points: int) -> None:
         run_folder.write_exposures(folder, {space.logical.name: space.exposure})
         with open_store(folder / run_folder.FACTS, create=True) as store:
             waiting: list[Outcome] = []
-            for outcome in outcomes(space):
+            for outcome in outcomes(space, drivers):
                 waiting.append(outcome)
                 if len(waiting) == AT_ONCE:
                     store.add(*waiting)
@@ -124,6 +124,6 @@ def measure(folder: Path) -> None:
 if __name__ == "__main__":
     task, place, *rest = sys.argv[1:]
     if task == "make":
-        make(Path(place), int(rest[0]))
+        make(Path(place), int(rest[0]), int(rest[1]) if len(rest) > 1 else 3)
     else:
         measure(Path(place))

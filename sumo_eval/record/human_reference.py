@@ -11,8 +11,8 @@ on where it was.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
@@ -24,8 +24,9 @@ from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, le
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
 from sumo_eval.record.coded import decoded, encoded
-from sumo_eval.record.kept_results import KeptResults, Part, key_of
-from sumo_eval.record.spread import Spread, beside, spread_over
+from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.kept_results import Part as KeptPart
+from sumo_eval.record.spread import Part, Result, Spread, beside, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
@@ -109,9 +110,20 @@ def prepared_meanwhile() -> Iterator[None]:
 
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
-    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them."""
+    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them.
+
+    They begin with the first piece of work: where all is kept, none does.
+    """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
-    with spread_over(workers if drives >= _WORTH_PROCESSES else 1, prepare) as spread:
+    with ExitStack() as entered:
+        begun: list[Spread] = []
+
+        def spread(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterable[Result]:
+            if not begun:
+                several = workers if drives >= _WORTH_PROCESSES else 1
+                begun.append(entered.enter_context(spread_over(several, prepare)))
+            return begun[0](work, parts)
+
         yield spread
 
 
@@ -140,7 +152,7 @@ def compute_points(
     work = [place for place, job in enumerate(todo) if job.ads or job.left_out or job.band]
     chunks = [work[first : first + _CHUNK] for first in range(0, len(work), _CHUNK)]
     parts = [(facts, [todo[n] for n in chunk], settings) for chunk in chunks]
-    done, new = 0, list[Part]()
+    done, new = 0, list[KeptPart]()
     for part in spread(_compute_part, parts) if parts else ():
         for result in part:
             place = work[done]
@@ -206,7 +218,7 @@ def _kept_result(job: PointJob, keys: _Keys, kept: KeptResults) -> PointResult:
     )
 
 
-def _parts(result: PointResult, keys: _Keys) -> Iterator[Part]:
+def _parts(result: PointResult, keys: _Keys) -> Iterator[KeptPart]:
     for case, index in result.indexes.items():
         yield "index", keys.indexes[case], 0, encoded(index)
     for case, left_out in result.left_out.items():

@@ -14,7 +14,7 @@ import marshal
 import math
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from itertools import groupby
@@ -47,8 +47,10 @@ CREATE TABLE IF NOT EXISTS trajectories (
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 """
+_LET_GO = 'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
 _TABLES = ("facts", "circumstances", "trajectories")
 _SEAL = "seal"
+_CONTENT = "content"  # the seal before trajectories were let go
 _HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can also write a hash that fits
 _checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
 _COLUMNS = (
@@ -226,15 +228,67 @@ class Store:
 
     def seal(self) -> None:
         """Note how many cases there are, and a hash over the hashes of all: a complete run misses none of them."""
+        self.note(_SEAL, self._sealed())
+
+    def _sealed(self) -> str:
         cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
         for (found,) in self._read('SELECT hash FROM circumstances ORDER BY "case"'):
             cases += 1
             seal.update(found)
-        self.note(_SEAL, f"{cases} {seal.hexdigest()}")
+        return f"{cases} {seal.hexdigest()}"
 
     def unseal(self) -> None:
         """Take the seal off, for a run that goes on."""
         self.note(_SEAL, "")
+        self.note(_CONTENT, "")
+
+    def let_go(self, stays: Callable[[str, int], bool]) -> int:
+        """Take out the trajectories at all points, by scenario and number, but those that stay; all of it or nothing.
+
+        What is recorded besides stays, with a hash of its own, and the hash of all that was recorded stands beside it:
+        what was computed from the trajectories is still known by it. How many cases lost theirs comes back.
+        """
+        content, gone = self.content, 0
+        with self._changes():
+            write = self._connection.execute
+            write(_LET_GO)
+            query = 'SELECT facts.* FROM facts JOIN (SELECT DISTINCT "case" FROM trajectories) USING ("case")'
+            for fact in self._read(query):
+                if stays(fact[1], fact[2]):
+                    continue
+                (beside,) = write('SELECT * FROM circumstances WHERE "case" = ?', fact[:1]).fetchall()
+                write("INSERT OR IGNORE INTO let_go VALUES (?,?)", (fact[0], beside[-1]))
+                write('UPDATE circumstances SET hash = ? WHERE "case" = ?', (_hash(fact, beside[:-1], ()), fact[0]))
+                gone += 1
+            write('DELETE FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)')
+            for name, value in ((_SEAL, self._sealed()), (_CONTENT, content)):
+                write("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
+        for _ in self._read("VACUUM"):  # a file does not shrink by itself
+            pass
+        return gone
+
+    def is_let_go(self, case: str) -> bool:
+        """Whether the trajectories of a case were taken out after it was scored."""
+        return self._hash_before(case) is not None
+
+    def _hash_before(self, case: str) -> bytes | None:
+        if self._without_let_go:
+            return None
+        row = next(self._read('SELECT hash FROM let_go WHERE "case" = ?', (case,)), None)
+        return None if row is None else bytes(row[0])
+
+    @property
+    def _without_let_go(self) -> bool:
+        return next(self._read("SELECT 1 FROM sqlite_master WHERE name = 'let_go'"), None) is None
+
+    def no_trajectory(self, case: str, vehicle: str = EGO) -> InputError:
+        """Why there is no trajectory of a vehicle in a case."""
+        if self.is_let_go(case):
+            return InputError(
+                f"The trajectories of case `{case}` of {self.path.parent} were let go after it was scored "
+                "(`[run] keep`); what was computed of them then is known, anything else needs the evaluation run again."
+            )
+        return InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
 
     def _read(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> Iterator[Any]:
         """The rows of a query; what SQLite cannot read is a sentence that names the file."""
@@ -289,7 +343,7 @@ class Store:
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in _TABLES:
+        for table in _TABLES if self._without_let_go else (*_TABLES, "let_go"):
             self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
 
     @contextmanager
@@ -392,14 +446,19 @@ class Store:
         yield from self._read(query, (role, scenario))
 
     def case_hash(self, case: str) -> bytes:
-        """The hash of all that is recorded of a case, as it stands in the file; empty where there is none."""
+        """The hash of all that was recorded of a case, as it stands in the file; empty where there is none."""
+        before = self._hash_before(case)
+        if before is not None:
+            return before
         row = next(self._read('SELECT hash FROM circumstances WHERE "case" = ?', (case,)), None)
         return b"" if row is None else bytes(row[0])
 
     @property
     def content(self) -> str:
-        """How many cases a complete run has, and a hash over the hashes of all; nothing where it is not complete."""
-        return self.noted(_SEAL)
+        """How many cases a complete run has, and a hash over the hashes of all that was recorded of them; nothing where
+        it is not complete.
+        """
+        return self.noted(_CONTENT) or self.noted(_SEAL)
 
     def counts(self) -> list[tuple[str, str, str, str, int, float]]:
         """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
@@ -430,14 +489,15 @@ class Store:
                 found.update(repr(row).encode())
         return found.hexdigest()
 
-    def case_digest(self, case: str) -> str | None:
-        """A hash of one case's facts and trajectories; None when it is not recorded."""
+    def case_digest(self, case: str, *, drives: bool = True) -> str | None:
+        """A hash of one case's facts, and of its trajectories if `drives`; None when it is not recorded."""
         self._check_one(case)
         row = next(self._read('SELECT * FROM facts WHERE "case" = ?', (case,)), None)
         if row is None:
             return None
-        drives = list(self._read('SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,)))
-        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+        query = 'SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle'
+        found = list(self._read(query, (case,))) if drives else []
+        return hashlib.sha256(repr((row, found)).encode()).hexdigest()
 
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""
@@ -445,7 +505,7 @@ class Store:
         query = 'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?'
         row = next(self._read(query, (case, vehicle)), None)
         if row is None:
-            raise InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
+            raise self.no_trajectory(case, vehicle)
         return unpack(row[0])
 
     def trajectories(self, case: str) -> dict[str, Trajectory]:

@@ -15,6 +15,7 @@ from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.words import (
+    FACTORS,
     LIKENESS_FACTORS,
     MEASURES,
     cases_of,
@@ -155,6 +156,11 @@ def _likeness(
             or "fewer than two drivers to compare with"
         )
         yield f"Eqs. 11-13: no D_i: {why}"
+        return
+    if store.is_let_go(case.case):
+        factors = [getattr(case, field) for field, _ in FACTORS.values()]
+        product = " x ".join(number(value, 4) for value in factors)
+        yield f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go (`[run] keep`)"
         return
     drivers = [
         store.trajectory(one.case)

@@ -80,12 +80,12 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
 
 
 def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, Trajectory | None]:
-    """What is recorded of a case, and how its ego drove; None where it did not come to drive."""
+    """What is recorded of a case, and how its ego drove; None where it did not come to drive, or that was let go."""
     with open_store(run / run_folder.FACTS) as store:
         fact = store.fact(case)
         if fact is None or fact.role != "ads":
             raise unknown(f"case of run {run}", case, [known for known, _, _ in store.names("ads")])
-        return fact, None if fact.simulated_time is None else store.trajectory(case)
+        return fact, None if fact.simulated_time is None or store.is_let_go(case) else store.trajectory(case)
 
 
 def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:

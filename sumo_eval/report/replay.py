@@ -76,6 +76,8 @@ def recorded(run: Path, key: str) -> Fact:
     """A drive that has a recording, by its case's key. Raises InputError."""
     found = known_case(run, key)
     with open_store(run / FACTS) as store:
+        if store.is_let_go(key):
+            raise store.no_trajectory(key)
         if not store.trajectories(key):
             raise InputError(f"Case `{key}` has no recording to replay: {found.error or found.status}.")
     return found

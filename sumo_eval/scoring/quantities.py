@@ -156,6 +156,8 @@ def drive_measures(
         data = kept.get("drive", key)
         if data is None:
             actors = store.trajectories(fact.case)
+            if EGO not in actors:
+                raise store.no_trajectory(fact.case)
             ego = actors.pop(EGO)
             found = (
                 measures(ego, actors, fact.collision),

@@ -14,14 +14,18 @@ import pytest
 import sumo_eval
 from sumo_eval import evaluation as front_door
 from sumo_eval.errors import InputError
+from sumo_eval.evaluation import let_go, zone_partitions
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.record import human_reference
 from sumo_eval.record.kept_results import KEPT
 from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
 from sumo_eval.report.assessed import write_assessed_report
+from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation, ThinReference
-from sumo_eval.scoring import quantities
+from sumo_eval.scenario import catalogue
+from sumo_eval.scoring import critical, quantities
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
@@ -143,6 +147,60 @@ def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy: Pat
     path.write_text("edited", encoding="utf-8")
     write_assessed_report(sumo_eval.score(copy))
     assert path.read_text(encoding="utf-8") == first[1]
+
+
+@pytest.mark.parametrize("keep", ["critical", "none"])
+def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
+    done: Evaluation, copy: Path, keep: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
+    scored = sumo_eval.score(copy)
+    size = (copy / FACTS).stat().st_size
+    settings = replace(scored.settings, run=replace(scored.settings.run, keep=keep))
+    gone = let_go(replace(scored, settings=settings))
+    with open_store(copy / FACTS, whole=True) as store:
+        drives = sum(number for *_, number, _ in store.counts())
+        stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
+        points = {case: point for case, point, _ in store.names("ads")}
+    assert (copy / FACTS).stat().st_size < size
+    collided = {case.case for case in done.cases if case.collided}
+    assert collided
+    if keep == "none":
+        assert (gone, stays) == (drives, set())
+    else:
+        assert collided <= stays
+        assert {points[case] for case in stays} < set(points.values())
+        assert {case for case in points if points[case] in {points[one] for one in stays}} == stays  # whole points
+    assert same(sumo_eval.score(copy), done)
+    lost = next(case for case in done.cases if case.case not in stays and case.index is not None)
+    for refused in (lambda: recorded(copy, lost.case), lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
+                    "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
+        with pytest.raises(InputError, match="were let go after it was scored"):
+            refused()
+    lines = explain_case(done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case)
+    assert any("its trajectories were let go" in line for line in lines)
+    compute_nothing(monkeypatch)
+    assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
+
+
+def test_critical_points_are_collisions_flips_and_the_least_human(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
+    logical = catalogue.load("front_vehicle_low_speed")
+    row = next(iter(done.cases_of("idm", logical.name)))
+    # along one axis: a collision at 2, to which 1 is nearer than to 0; 6 is the least human-like of the rest
+    speeds, likeness = (10.0, 13.5, 14.0, 20.0, 20.4, 26.0, 26.3), (0.9, 0.9, None, 0.9, 0.9, 0.9, 0.1)
+    cases = tuple(
+        replace(row, case=f"{n}", values={"ego_speed": speed, "lead_speed": 5.0}, collided=n == 2, human_likeness=like,
+                status="collision" if n == 2 else "ok")
+        for n, (speed, like) in enumerate(zip(speeds, likeness, strict=True))
+    )  # fmt: skip
+    one = replace(done, scores=(done.score("idm", logical.name),), cases=cases)
+    numbers = {case.case: int(case.case) for case in cases}
+    found = critical.critical_points(one, {logical.name: logical}, numbers)
+    assert {number for _, number in found} <= {1, 2, 3, 6}
+    assert {number for _, number in found} == {1, 2, 6}
 
 
 def test_rows_come_back_as_they_were(done: Evaluation) -> None:
