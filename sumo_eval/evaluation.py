@@ -137,7 +137,18 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
         KeptRows(kept, key, found.chunks),
         exposures,
         found.ranking,
+        _checks(settings, source),
     )
+
+
+def _checks(settings: EvaluationSettings, source: Path) -> dict[str, dict[str, str]]:
+    """Names and conditions of what scenarios require, by scenario."""
+    spaces = [catalogue.find(entry.use, source) for entry in settings.scenario]
+    return {
+        logical.name: {one.name: one.text for one in logical.requirements.all}
+        for logical in spaces
+        if logical.requirements is not None
+    }
 
 
 def refuse_to_score(run: str | os.PathLike[str]) -> None:
@@ -186,11 +197,12 @@ class _Scoring:
         nobody = not logical.has_drivers and not known.compared
         plausible = plausible_people(logical, store, method.plausibility)
         remarks = {ads.name: Remarks(self.severity) for ads in settings.ads}
+        space = f"{entry.use} {space_key(entry, self.source)} {sources('scenario', 'settings')}"
         left_out: dict[str, LeftOut] = {}
         present: dict[str, Sequence[str]] = {}
         for first in range(0, known.points, POINTS_AT_ONCE):
             at_once = range(first, min(first + POINTS_AT_ONCE, known.points))
-            people = self._some_points(logical, known, plausible.people, at_once, remarks, rows, nobody=nobody)
+            people = self._some_points(logical, known, plausible.people, at_once, remarks, rows, space, nobody=nobody)
             left_out |= people.left_out
             present |= people.present
         combined: list[ScenarioResult] = []
@@ -227,10 +239,11 @@ class _Scoring:
         points: range,
         remarks: Mapping[str, Remarks],
         rows: RowWriter,
+        space: str,
         *,
         nobody: bool,
     ) -> Comparison:
-        """Steps 3 to 5 at some points: the rows of every ADS's cases there."""
+        """Steps 3 to 5 at some points: the rows of every ADS's cases there. space: stands for the scenario's files."""
         settings, store, method = self.settings, self.store, self.settings.method
         drives: dict[str, list[Fact]] = {ads.name: [] for ads in settings.ads}
         for fact in store.facts_at(points, "ads", logical.name):
@@ -247,12 +260,12 @@ class _Scoring:
             lambda share: self.progress(stage, points.start + round(share * len(points)), known.points), self.kept,
         )  # fmt: skip
         there = point_terms(  # step 5: U, L, Ug, r, and U0 beside the paper
-            known.weights, points, logical.name, store, self.severity, method.collision
+            known.weights, points, logical, store, self.severity, method.collision
         )
         outside = set(self.exposures.get(logical.name, {}).get("outside_support", ()))
         for name, facts in drives.items():
             measured = drive_measures(
-                facts, store, plausible, logical.road.lane_width, self.kept
+                facts, store, plausible, logical, self.kept, space
             )  # beside the paper: TTC, DRAC, PET, plausibility ...
             inside = known.hazardous[[fact.point for fact in facts]]
             table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method.collision)

@@ -17,7 +17,8 @@ from sumo_eval.method.collision_avoidance import (
     collision_loss,
     impact_severity,
 )
-from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, lane_keeping, measures
+from sumo_eval.method.conflict import Conflict, conflict_at, conflicting
+from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, lane_keeping, measures
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
@@ -48,7 +49,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.settings import CollisionSettings, MethodSettings
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
@@ -101,12 +102,14 @@ class Remarks:
 @dataclass(frozen=True, slots=True)
 class PointTerms:
     """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
-    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated.
+    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated. conflict: of its ways,
+    None where none conflicts with the ego's.
     """
 
     weight: float
     ideal_severity: float | None
     no_reaction_severity: float | None
+    conflict: Conflict | None = None
 
 
 def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
@@ -120,16 +123,30 @@ def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
 
 
 def point_terms(
-    weights: FloatArray, points: range, scenario: str, store: Store, severity: Severity, settings: CollisionSettings
+    weights: FloatArray,
+    points: range,
+    logical: LogicalScenario,
+    store: Store,
+    severity: Severity,
+    settings: CollisionSettings,
 ) -> dict[int, PointTerms]:
     """r, Ug and U0 of some concrete scenarios of a run, by point. weights: r, by the number of the point. severity:
     what stands in the place of U.
     """
-    ideal, unreacting = (
-        {fact.point: _reference_severity(fact, severity, settings) for fact in store.facts_at(points, role, scenario)}
-        for role in ("ideal", "no_reaction")
-    )
-    return {point: PointTerms(float(weights[point]), ideal[point], unreacting.get(point)) for point in ideal}
+    found = store.facts_at(points, "ideal", logical.name)
+    unreacting = {
+        fact.point: _reference_severity(fact, severity, settings)
+        for fact in store.facts_at(points, "no_reaction", logical.name)
+    }
+    return {
+        fact.point: PointTerms(
+            float(weights[fact.point]),
+            _reference_severity(fact, severity, settings),
+            unreacting.get(fact.point),
+            conflict_at(logical, fact.values),
+        )
+        for fact in found
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,20 +156,23 @@ class DriveMeasures:
     criticality: CriticalityMeasures
     plausibility: float
     lane: LaneKeeping
+    conflict_pet: float
 
 
 def drive_measures(
-    facts: Sequence[Fact], store: Store, people: Quantiles, lane_width: float, kept: KeptResults
+    facts: Sequence[Fact], store: Store, people: Quantiles, logical: LogicalScenario, kept: KeptResults, space: str
 ) -> dict[str, DriveMeasures]:
-    """The criticality measures, the plausibility among some people and the lane keeping of every evaluated case.
+    """The criticality measures, the plausibility among some people, the lane keeping of every evaluated case, and the
+    PET with whoever's way conflicts with the ego's, s, nan without one.
 
-    kept: where what was measured of a drive is looked up, and put.
+    kept: where what was measured of a drive is looked up, and put. space: stands for the files of the scenario.
     """
+    lane_width = logical.road.lane_width
     measured, new = {}, list[Part]()
     for fact in facts:
         if fact.status not in EVALUATED:
             continue
-        key = key_of("drive", store.case_hash(fact.case), lane_width, method_sources())
+        key = key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources())
         data = kept.get("drive", key)
         if data is None:
             actors = store.trajectories(fact.case)
@@ -163,34 +183,47 @@ def drive_measures(
                 measures(ego, actors, fact.collision),
                 extremes_of(ego, actors, fact.collision),
                 lane_keeping(ego, lane_width),
+                _conflict_pet(logical, fact, ego, actors),
             )
             new.append(("drive", key, 0, _measured_bytes(*found)))
         else:
             found = _measured(data)
-        criticality, extremes, lane = found
-        measured[fact.case] = DriveMeasures(criticality, plausibility(extremes, people), lane)
+        criticality, extremes, lane, pet = found
+        measured[fact.case] = DriveMeasures(criticality, plausibility(extremes, people), lane, pet)
     kept.put(new)
     return measured
 
 
 _CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
-_NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE}d")
+_NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
 
 
-def _measured_bytes(criticality: CriticalityMeasures, extremes: Mapping[str, float], lane: LaneKeeping) -> bytes:
-    """What was measured of a drive as numbers in the order of their names' first mention."""
+def _measured_bytes(
+    criticality: CriticalityMeasures, extremes: Mapping[str, float], lane: LaneKeeping, pet: float
+) -> bytes:
+    """What was measured of a drive as numbers, in the order of the fields."""
     return _NUMBERS.pack(
         *(getattr(criticality, field.name) for field in fields(criticality)),
         *(extremes[name] for name in EXTREMES),
         *(getattr(lane, field.name) for field in fields(lane)),
+        pet,
     )
 
 
-def _measured(data: bytes) -> tuple[CriticalityMeasures, dict[str, float], LaneKeeping]:
+def _measured(data: bytes) -> tuple[CriticalityMeasures, dict[str, float], LaneKeeping, float]:
     """What `_measured_bytes` wrote."""
-    numbers = _NUMBERS.unpack(data)
+    *numbers, pet = _NUMBERS.unpack(data)
     extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
-    return CriticalityMeasures(*numbers[:_CRITICALITY]), extremes, LaneKeeping(*numbers[-_LANE:])
+    return CriticalityMeasures(*numbers[:_CRITICALITY]), extremes, LaneKeeping(*numbers[-_LANE:]), pet
+
+
+def _conflict_pet(logical: LogicalScenario, fact: Fact, ego: Trajectory, actors: Mapping[str, Trajectory]) -> float:
+    concrete = logical.placed(fact.values)
+    other = conflicting(logical, concrete)
+    if other is None or (name := concrete.actors[other].name) not in actors:
+        return math.nan
+    hit = fact.collision if fact.collision is not None and fact.collision.other == name else None
+    return conflict_pet(ego, actors[name], hit)
 
 
 def _loss(fact: Fact) -> float | None:
@@ -270,6 +303,8 @@ def tabulate(
                 index_note=index.notes if index else (),
                 clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
                 ideal_collided=None if ideal is None else ideal > 0.0,
+                undisturbed_pet=None if there.conflict is None else _finite(there.conflict.pet),
+                time_to_conflict=None if there.conflict is None else _finite(there.conflict.time_to),
             )
         )
     return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
@@ -293,6 +328,7 @@ def _judged(row: CaseResult, index: CaseIndex | None, found: DriveMeasures | Non
         overshoot=lane.overshoot,
         over_line_time=lane.over_line_time,
         settling_time=_finite(lane.settling_time),
+        conflict_pet=_finite(found.conflict_pet),
     )
 
 
