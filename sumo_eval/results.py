@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.settings import EvaluationSettings
@@ -433,10 +433,21 @@ class Ranking:
         return next(pair for pair in self.pairs if (pair.above, pair.below) == (above, below))
 
 
+@runtime_checkable
+class InParts(Protocol):
+    """Rows that know which of them are one ADS's in one scenario, and find one by its name."""
+
+    def part(self, ads: str, scenario: str) -> Sequence[CaseResult]:
+        """Those of one ADS in one scenario."""
+
+    def find(self, case: str) -> CaseResult | None:
+        """The row of a case; None where there is none."""
+
+
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run. ranking: None where nobody ranked its ADSs. checks: of each scenario that has requirements, their
-    names and conditions.
+    """A scored run. cases: of every ADS in every scenario, read from the run's folder when they are asked for. ranking:
+    None where nobody ranked its ADSs. checks: of each scenario that has requirements, their names and conditions.
     """
 
     name: str
@@ -445,7 +456,7 @@ class Evaluation:
     manifest: Mapping[str, Any]
     zones: tuple[ZoneResult, ...]
     scores: tuple[ScenarioResult, ...]
-    cases: tuple[CaseResult, ...]
+    cases: Sequence[CaseResult]
     exposures: Mapping[str, Any] = field(
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
@@ -464,6 +475,18 @@ class Evaluation:
         """
         names = [zone.scenario for zone in self.zones] if scenario is None else [scenario]
         return any(self.exposures.get(name, {}).get("known", False) for name in names)
+
+    def cases_of(self, ads: str, scenario: str) -> Sequence[CaseResult]:
+        """The cases of one ADS in one scenario."""
+        if isinstance(self.cases, InParts):
+            return self.cases.part(ads, scenario)
+        return [case for case in self.cases if (case.ads, case.scenario) == (ads, scenario)]
+
+    def case(self, key: str) -> CaseResult | None:
+        """A case by its key; None where there is none."""
+        if isinstance(self.cases, InParts):
+            return self.cases.find(key)
+        return next((case for case in self.cases if case.case == key), None)
 
     def score(self, ads: str, scenario: str) -> ScenarioResult:
         """The result of one ADS in one scenario."""

@@ -37,7 +37,7 @@ def compare(
     Exit status: 0 the gate holds, 1 it does not, 2 the runs cannot be compared, 3 cases of NEW could not be evaluated.
     """
     from sumo_eval.errors import InputError
-    from sumo_eval.evaluation import score
+    from sumo_eval.evaluation import refuse_to_score, score
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.comparison import compare as compare_runs
     from sumo_eval.report.gate_settings import read_gate
@@ -50,6 +50,8 @@ def compare(
     partners = dict(pair.partition("=")[::2] for pair in pairs)
     if any(not old or not now for old, now in partners.items()):
         raise InputError(f"A pair must have the form BASE=NEW, got {' '.join(pairs)!r}.")
+    for run in (base, new):  # what is wrong with one is told before hours are spent on the other
+        refuse_to_score(run)
     with Progress() as progress:
         before, after = score(base, progress=progress), score(new, progress=progress)
     comparison = compare_runs(before, after, settings, pairs=partners, accept_differences=accept_differences)

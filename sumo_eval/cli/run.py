@@ -56,6 +56,7 @@ def run(
     if evaluation is not None:
         read_evaluation(evaluation)  # a mistake in it is told at once
     warm_up()  # before the imports below, which take a second
+    from sumo_eval.evaluation import let_go
     from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
     from sumo_eval.record.run_folder import refuse_foreign
@@ -87,6 +88,7 @@ def run(
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
     with Progress() as progress:
         result = score_run(folder, progress=progress)
+        let_go(result)
     finish(result)
 
 
@@ -116,12 +118,14 @@ def score(run: Path, changes: tuple[str, ...]) -> None:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the whole run.")
 def merge(shards: tuple[Path, ...], out: Path) -> None:
     """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
+    from sumo_eval.evaluation import let_go
     from sumo_eval.evaluation import score as score_run
     from sumo_eval.record.facts import merge as put_together
 
     put_together(shards, out)
     with Progress() as progress:
         result = score_run(out, progress=progress)
+        let_go(result)
     finish(result)
 
 

@@ -286,6 +286,63 @@ def partition(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class PartitionParts:
+    """A partition as arrays by name and what else cannot be had from its scenario and its settings without fitting."""
+
+    arrays: dict[str, FloatArray]
+    numbers: tuple[float, float, float]
+    most_dangerous: tuple[dict[str, float], ...]
+    zone_shares: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def parts_of(zones: ZonePartition) -> PartitionParts:
+    """What `from_parts` makes the partition of again."""
+    surface, nothing = zones.surface, np.empty((0, 0))
+    return PartitionParts(
+        {
+            "training_points": zones.training_points,
+            "training_inverse_ttc": zones.training_inverse_ttc,
+            "training_target": zones.training_target,
+            "points": surface.points,
+            "weights": surface.weights,
+            "length_scales": surface.length_scales,
+            "zone": nothing if zones.zone_tree is None else np.asarray(zones.zone_tree.data),
+            "zone_index": zones.zone_index.astype(np.float64),
+            "boundary": nothing if zones.boundary_tree is None else np.asarray(zones.boundary_tree.data),
+        },
+        (float(surface.signal_deviation), float(surface.noise_deviation), float(surface.level)),
+        zones.most_dangerous,
+        zones.zone_shares,
+        zones.notes,
+    )
+
+
+def from_parts(logical: LogicalScenario, settings: ZoneSettings, parts: PartitionParts) -> ZonePartition:
+    """The partition of a scenario under some settings, from the parts that were taken of it under these."""
+    arrays, (signal, noise, level) = parts.arrays, parts.numbers
+    fitted = len(arrays["points"]) > 0
+    surface = Surface(
+        arrays["points"], arrays["weights"], arrays["length_scales"], signal, noise, level,
+        _coordinates(logical, arrays["training_points"]) if fitted else _as_they_are,
+    )  # fmt: skip
+    return ZonePartition(
+        logical=logical,
+        settings=settings,
+        training_points=arrays["training_points"],
+        training_inverse_ttc=arrays["training_inverse_ttc"],
+        training_target=arrays["training_target"],
+        surface=surface,
+        most_dangerous=parts.most_dangerous,
+        zone_shares=parts.zone_shares,
+        notes=parts.notes,
+        zone_tree=KDTree(arrays["zone"]) if len(arrays["zone"]) else None,
+        zone_index=arrays["zone_index"].astype(np.intp),
+        boundary_tree=KDTree(arrays["boundary"]) if len(arrays["boundary"]) else None,
+    )
+
+
 def squared_time_target(
     inverse_ttc: ArrayLike, impact_speed: ArrayLike, settings: ZoneSettings = DEFAULT_SETTINGS
 ) -> FloatArray:

@@ -3,37 +3,36 @@
 All three need the fields of the same drives, so a point is one piece of work. Points are read from the store and spread
 over processes.
 
-The band and the indexes with a driver left out depend on the recorded drives and the settings alone, so a run's folder
-keeps what has been computed in `bands.json`: scoring, explaining or comparing a run again reads it there. It may be
-deleted.
+All three depend on the recorded drives and the settings alone, so a run's folder keeps what has been computed
+(`record.kept_results`): scoring, explaining or comparing a run again reads it there, and scoring that was stopped goes
+on where it was.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
 
 import sumo_eval.method
-from sumo_eval.errors import InputError
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, Pairing, indexes_by_group
+from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, IndexNote, Likeness, Pairing, indexes_by_group
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
+from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
-from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.spread import Spread, beside, spread_over
+from sumo_eval.record.coded import decoded, encoded
+from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.kept_results import Part as KeptPart
+from sumo_eval.record.spread import Part, Result, Spread, beside, spread_over
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import AnthropomorphicSettings
-from sumo_eval.text import words_of
 
-KEPT = "bands.json"
-_MEND = "It may be deleted: what it holds is computed again from the recorded drives."
 _CHUNK = 2
+_KEPT_AT_ONCE = 32  # pieces of work that are lost at most where scoring is stopped
 _WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than processes start
 
 
@@ -48,6 +47,28 @@ class PointJob:
     ads: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     band: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CaseIndex:
+    """D_i of a case and what it is the product of, as `method.anthropomorphic.AnthropomorphicIndex` has them."""
+
+    value: float
+    length_factor: float
+    operation_factor: float
+    similarity: float
+    notes: tuple[IndexNote, ...]
+    manoeuvre: Manoeuvre
+    share: float
+    likeness: Likeness | None
+
+    @classmethod
+    def of(cls, index: AnthropomorphicIndex) -> CaseIndex:
+        """Without its slices."""
+        return cls(
+            float(index.value), float(index.length_factor), float(index.operation_factor), float(index.similarity),
+            index.notes, tuple(int(part) for part in index.manoeuvre), float(index.share), index.likeness,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +88,12 @@ class LeftOut:
 class PointResult:
     """What was found at one point, by case."""
 
-    indexes: Mapping[str, AnthropomorphicIndex]
+    indexes: Mapping[str, CaseIndex]
     left_out: Mapping[str, LeftOut]
     band: HumanBand | None
+
+
+_RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Likeness, LeftOut, HumanBand)}
 
 
 @contextmanager
@@ -86,9 +110,20 @@ def prepared_meanwhile() -> Iterator[None]:
 
 @contextmanager
 def point_processes(store: Store, workers: int) -> Iterator[Spread]:
-    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them."""
+    """Where `compute_points` may spread the points of a run: as many processes, if it has enough of them.
+
+    They begin with the first piece of work: where all is kept, none does.
+    """
     drives = sum(number for _, role, _, _, number, _ in store.counts() if role == "human")
-    with spread_over(workers if drives >= _WORTH_PROCESSES else 1, prepare) as spread:
+    with ExitStack() as entered:
+        begun: list[Spread] = []
+
+        def spread(work: Callable[[Part], Result], parts: Sequence[Part]) -> Iterable[Result]:
+            if not begun:
+                several = workers if drives >= _WORTH_PROCESSES else 1
+                begun.append(entered.enter_context(spread_over(several, prepare)))
+            return begun[0](work, parts)
+
         yield spread
 
 
@@ -98,103 +133,98 @@ def compute_points(
     settings: AnthropomorphicSettings,
     spread: Spread,
     progress: Callable[[int], None],
+    kept: KeptResults,
 ) -> list[PointResult]:
     """The results of every job, in order. spread: `map` or that of `point_processes`. `progress` is told how many are
-    done.
+    done. kept: where results are looked up, and put.
     """
     keys = _keys(facts, jobs, settings)
-    bands, left_out = _read(facts.parent / KEPT)
+    results = [_kept_result(job, known, kept) for job, known in zip(jobs, keys, strict=True)]
     todo = [
         replace(
             job,
-            left_out=tuple(case for case in job.left_out if known[case] not in left_out),
-            band=job.band and known[""] not in bands,
+            ads=tuple(case for case in job.ads if case not in result.indexes),
+            left_out=tuple(case for case in job.left_out if case not in result.left_out),
+            band=job.band and result.band is None,
         )
-        for job, known in zip(jobs, keys, strict=True)
+        for job, result in zip(jobs, results, strict=True)
     ]
     work = [place for place, job in enumerate(todo) if job.ads or job.left_out or job.band]
-    found: list[PointResult] = []
-    if work:
-        parts = [
-            (facts, [todo[n] for n in work[first : first + _CHUNK]], settings) for first in range(0, len(work), _CHUNK)
-        ]
-        for part in spread(_compute_part, parts):
-            found += part
-            progress(len(jobs) - len(work) + len(found))
-    elif jobs:
+    chunks = [work[first : first + _CHUNK] for first in range(0, len(work), _CHUNK)]
+    parts = [(facts, [todo[n] for n in chunk], settings) for chunk in chunks]
+    done, new = 0, list[KeptPart]()
+    for part in spread(_compute_part, parts) if parts else ():
+        for result in part:
+            place = work[done]
+            new += _parts(result, keys[place])
+            before = results[place]
+            results[place] = PointResult(
+                {**before.indexes, **result.indexes}, {**before.left_out, **result.left_out}, before.band or result.band
+            )
+            done += 1
+        if len(new) >= _KEPT_AT_ONCE or done == len(work):
+            kept.put(new)
+            new = []
+        progress(len(jobs) - len(work) + done)
+    if jobs and not work:
         progress(len(jobs))
-    computed = dict(zip(work, found, strict=True))
-    new = False
-    for place, result in computed.items():
-        for case, values in result.left_out.items():
-            left_out[keys[place][case]], new = values, True
-        if result.band is not None:
-            bands[keys[place][""]], new = result.band, True
-    if new:
-        _write(facts.parent / KEPT, bands, left_out)
-    return [
-        PointResult(
-            computed[place].indexes if place in computed else {},
-            {case: left_out[known[case]] for case in job.left_out},
-            bands[known[""]] if job.band else None,
-        )
-        for place, (job, known) in enumerate(zip(jobs, keys, strict=True))
-    ]
+    return results
 
 
 # --- what is kept -----------------------------------------------------------------------------------------------------
 
 
-def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[dict[str, str]]:
-    """Under what each job's band ("") and each of its left-out cases are kept."""
+@dataclass(frozen=True, slots=True)
+class _Keys:
+    """Under what the parts of a job are kept: D_i and left-out drivers by case, and the band."""
+
+    indexes: Mapping[str, bytes]
+    left_out: Mapping[str, bytes]
+    band: bytes
+
+
+def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettings) -> list[_Keys]:
     with open_store(facts) as store:
-        digest = cache(store.case_digest)
-
-        def key(job: PointJob, *ads: str) -> str:
-            cases = tuple(digest(case) for case in (*ads, *job.drivers))
-            return hashlib.sha256(repr((job.road, settings, cases, len(ads), _method())).encode()).hexdigest()
-
-        return [({"": key(job)} if job.band else {}) | {case: key(job, case) for case in job.left_out} for job in jobs]
+        hash_of = cache(store.case_hash)
+        found = []
+        for job in jobs:
+            drivers = [hash_of(case) for case in job.drivers]
+            common = key_of(job.road, settings, drivers, method_sources())
+            found.append(
+                _Keys(
+                    {case: key_of(common, hash_of(case), "index") for case in job.ads},
+                    {case: key_of(common, hash_of(case), "left out") for case in job.left_out},
+                    key_of(common, "band"),
+                )
+            )
+        return found
 
 
 @cache
-def _method() -> str:
+def method_sources() -> str:
     """A hash of the method's own source: what another version computed is not taken over."""
     files = sorted(Path(sumo_eval.method.__file__).parent.glob("*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def _read(path: Path) -> tuple[dict[str, HumanBand], dict[str, LeftOut]]:
-    """What is kept; nothing where there is no file. Raises InputError for one that is not as it was written."""
-    try:
-        content = read_sealed(path, _MEND)
-    except OSError:
-        return {}, {}
-    try:
-        bands = {
-            key: HumanBand(tuple(band["values"]), tuple(band["similarities"])) for key, band in content["bands"].items()
-        }
-        left_out = {
-            key: LeftOut(
-                float(one["everyone"]), tuple(one["without"]), float(one["likeness"]), tuple(one["likeness_without"])
-            )
-            for key, one in content["left_out"].items()
-        }
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"{path} holds no drivers' bands: {words_of(error)}. {_MEND}") from error
-    return bands, left_out
+def _kept_result(job: PointJob, keys: _Keys, kept: KeptResults) -> PointResult:
+    indexes = {case: data for case in job.ads if (data := kept.get("index", keys.indexes[case])) is not None}
+    left_out = {case: data for case in job.left_out if (data := kept.get("left_out", keys.left_out[case])) is not None}
+    band = kept.get("band", keys.band) if job.band else None
+    return PointResult(
+        {case: decoded(data, _RECORDS) for case, data in indexes.items()},
+        {case: decoded(data, _RECORDS) for case, data in left_out.items()},
+        None if band is None else decoded(band, _RECORDS),
+    )
 
 
-def _write(path: Path, bands: Mapping[str, HumanBand], left_out: Mapping[str, LeftOut]) -> None:
-    """In one step; a folder that cannot be written costs the saving, not the scores."""
-    half = path.with_name(f"{path.name}.{os.getpid()}.half")
-    content = {
-        "bands": {key: asdict(band) for key, band in bands.items()},
-        "left_out": {key: asdict(one) for key, one in left_out.items()},
-    }
-    with suppress(OSError):
-        half.write_text(sealed(content), encoding="utf-8")
-        half.replace(path)
+def _parts(result: PointResult, keys: _Keys) -> Iterator[KeptPart]:
+    for case, index in result.indexes.items():
+        yield "index", keys.indexes[case], 0, encoded(index)
+    for case, left_out in result.left_out.items():
+        yield "left_out", keys.left_out[case], 0, encoded(left_out)
+    if result.band is not None:
+        yield "band", keys.band, 0, encoded(result.band)
 
 
 # --- computing --------------------------------------------------------------------------------------------------------
@@ -216,7 +246,7 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     trajectories = [store.trajectory(case) for case in cases]
     # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
     found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
-    indexes = {case: index for case, (index,) in zip(job.ads, islice(found, len(judged)), strict=True)}
+    indexes = {case: CaseIndex.of(index) for case, (index,) in zip(job.ads, islice(found, len(judged)), strict=True)}
     band = next(found)
     return PointResult(
         indexes=indexes,

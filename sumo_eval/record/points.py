@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.danger import danger
-from sumo_eval.method.zone_partition import ZonePartition, partition
+from sumo_eval.method.zone_partition import PartitionParts, ZonePartition, from_parts, partition, parts_of
+from sumo_eval.record.coded import decoded, encoded
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario, Values
 from sumo_eval.scenario.sampling.request import Request
@@ -20,6 +24,23 @@ from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSett
 from sumo_eval.trajectory import FloatArray
 
 Exposure = Callable[[Values], FloatArray]
+
+
+def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes) -> ZonePartition:
+    """The partition of a scenario, from what a run keeps of it under a key of all that it depends on, or computed."""
+    data = kept.get("zones", key)
+    if data is not None:
+        with np.load(BytesIO(data), allow_pickle=False) as found:
+            read = {name: found[name] for name in found.files}
+        told = decoded(read.pop("plain").tobytes(), {})
+        return from_parts(logical, settings, PartitionParts(read, *told))
+    zones = zones_of(logical, settings)
+    parts, body = parts_of(zones), BytesIO()
+    plain = encoded((parts.numbers, parts.most_dangerous, parts.zone_shares, parts.notes))
+    arrays: dict[str, Any] = {**parts.arrays, "plain": np.frombuffer(plain, dtype=np.uint8)}
+    np.savez(body, **arrays)
+    kept.put([("zones", key, 0, body.getvalue())])
+    return zones
 
 
 @lru_cache(maxsize=64)  # more than ship: with fewer places than scenarios, taken in turn, none would be found again

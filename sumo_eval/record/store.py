@@ -1,7 +1,9 @@
 """The facts of a run in one SQLite file: a row a case, its trajectories beside it, each case in one transaction.
 
 Every case carries a hash of all that is recorded of it, and a complete run a seal over all its cases. A file is checked
-against them once in every process that reads it, before the first answer is taken from it.
+against them once in every process that reads it, before the first answer is taken from it. One that has not changed
+since it was scored (`vouch`) was checked then: there each case is checked when it is read, and all of them before many
+are.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import marshal
 import math
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from itertools import groupby
@@ -24,6 +26,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
+from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 
 FORMAT_VERSION = 4
@@ -44,8 +47,10 @@ CREATE TABLE IF NOT EXISTS trajectories (
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
 """
+_LET_GO = 'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
 _TABLES = ("facts", "circumstances", "trajectories")
 _SEAL = "seal"
+_CONTENT = "content"  # the seal before trajectories were let go
 _HASH_SIZE = 16  # bytes: damage and edits are found; who can write the file can also write a hash that fits
 _checked: set[tuple[str, int, int]] = set()  # files that this process has checked: path, size, time of last change
 _COLUMNS = (
@@ -93,6 +98,7 @@ class Store:
             raise InputError(f"{path.parent} is no run folder: there is no {path.name} in it.")
         self.path = path
         self._writing = create
+        self._unchecked = False  # whether what is read must be looked at first
         try:
             self._connection = sqlite3.connect(path)
         except sqlite3.Error as error:
@@ -153,6 +159,39 @@ class Store:
         finally:
             self._connection.rollback()
 
+    def check_what_is_read(self) -> None:
+        """Check each case when it is read, and the whole file before many are."""
+        self._unchecked = True
+
+    def check_all(self) -> None:
+        """Check the whole file now, where only what is read would be."""
+        if self._unchecked:
+            self.check()
+            self._unchecked = False
+            _checked.add(_state(self.path))
+
+    def _check_one(self, case: str) -> None:
+        if not self._unchecked:
+            return
+        fact, beside = (
+            next(self._read(f'SELECT * FROM {table} WHERE "case" = ?', (case,)), None)  # noqa: S608 - our own names
+            for table in ("facts", "circumstances")
+        )
+        query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
+        drives = list(self._read(query, (case,)))
+        if fact is None and beside is None and not drives:
+            return  # no such case: whoever asks says so
+        if fact is None or beside is None:
+            raise InputError(f"{self.path} is damaged: a part of case `{case}` is missing. {_MEND}")
+        if not all(isinstance(data, bytes) for _, data in drives) or beside[-1] != _hash(fact, beside[:-1], drives):
+            raise self._changed(case)
+
+    def _changed(self, case: str) -> InputError:
+        return InputError(
+            f"Case `{case}` in {self.path} is not as it was recorded: its row or a trajectory of it was changed or "
+            f"damaged. {_MEND}"
+        )
+
     def _compare(self) -> None:
         damaged = f"{self.path} is damaged"
         for (words,) in self._read("PRAGMA integrity_check(1)"):
@@ -171,10 +210,7 @@ class Store:
                 break
             intact = all(isinstance(data, bytes) for _, data in mine)
             if not intact or beside[-1] != _hash(fact, beside[:-1], mine):
-                raise InputError(
-                    f"Case `{fact[0]}` in {self.path} is not as it was recorded: its row or a trajectory of it was "
-                    f"changed or damaged. {_MEND}"
-                )
+                raise self._changed(fact[0])
             cases += 1
             seal.update(beside[-1])
             beside = next(circumstances, None)
@@ -192,15 +228,67 @@ class Store:
 
     def seal(self) -> None:
         """Note how many cases there are, and a hash over the hashes of all: a complete run misses none of them."""
+        self.note(_SEAL, self._sealed())
+
+    def _sealed(self) -> str:
         cases, seal = 0, hashlib.blake2b(digest_size=_HASH_SIZE)
         for (found,) in self._read('SELECT hash FROM circumstances ORDER BY "case"'):
             cases += 1
             seal.update(found)
-        self.note(_SEAL, f"{cases} {seal.hexdigest()}")
+        return f"{cases} {seal.hexdigest()}"
 
     def unseal(self) -> None:
         """Take the seal off, for a run that goes on."""
         self.note(_SEAL, "")
+        self.note(_CONTENT, "")
+
+    def let_go(self, stays: Callable[[str, int], bool]) -> int:
+        """Take out the trajectories at all points, by scenario and number, but those that stay; all of it or nothing.
+
+        What is recorded besides stays, with a hash of its own, and the hash of all that was recorded stands beside it:
+        what was computed from the trajectories is still known by it. How many cases lost theirs comes back.
+        """
+        content, gone = self.content, 0
+        with self._changes():
+            write = self._connection.execute
+            write(_LET_GO)
+            query = 'SELECT facts.* FROM facts JOIN (SELECT DISTINCT "case" FROM trajectories) USING ("case")'
+            for fact in self._read(query):
+                if stays(fact[1], fact[2]):
+                    continue
+                (beside,) = write('SELECT * FROM circumstances WHERE "case" = ?', fact[:1]).fetchall()
+                write("INSERT OR IGNORE INTO let_go VALUES (?,?)", (fact[0], beside[-1]))
+                write('UPDATE circumstances SET hash = ? WHERE "case" = ?', (_hash(fact, beside[:-1], ()), fact[0]))
+                gone += 1
+            write('DELETE FROM trajectories WHERE "case" IN (SELECT "case" FROM let_go)')
+            for name, value in ((_SEAL, self._sealed()), (_CONTENT, content)):
+                write("INSERT OR REPLACE INTO about VALUES (?,?)", (name, value))
+        for _ in self._read("VACUUM"):  # a file does not shrink by itself
+            pass
+        return gone
+
+    def is_let_go(self, case: str) -> bool:
+        """Whether the trajectories of a case were taken out after it was scored."""
+        return self._hash_before(case) is not None
+
+    def _hash_before(self, case: str) -> bytes | None:
+        if self._without_let_go:
+            return None
+        row = next(self._read('SELECT hash FROM let_go WHERE "case" = ?', (case,)), None)
+        return None if row is None else bytes(row[0])
+
+    @property
+    def _without_let_go(self) -> bool:
+        return next(self._read("SELECT 1 FROM sqlite_master WHERE name = 'let_go'"), None) is None
+
+    def no_trajectory(self, case: str, vehicle: str = EGO) -> InputError:
+        """Why there is no trajectory of a vehicle in a case."""
+        if self.is_let_go(case):
+            return InputError(
+                f"The trajectories of case `{case}` of {self.path.parent} were let go after it was scored "
+                "(`[run] keep`); what was computed of them then is known, anything else needs the evaluation run again."
+            )
+        return InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
 
     def _read(self, query: str, values: Sequence[object] | Mapping[str, object] = ()) -> Iterator[Any]:
         """The rows of a query; what SQLite cannot read is a sentence that names the file."""
@@ -255,7 +343,7 @@ class Store:
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in _TABLES:
+        for table in _TABLES if self._without_let_go else (*_TABLES, "let_go"):
             self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
 
     @contextmanager
@@ -309,6 +397,7 @@ class Store:
 
     def each_fact(self, role: Role, scenario: str | None = None, driver: str | None = None) -> Iterator[Fact]:
         """Recorded cases of a role, as `facts` has them, read one after the other without holding them all."""
+        self.check_all()
         query = (
             f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
             "WHERE role = ? AND scenario = coalesce(?, scenario) AND driver = coalesce(?, driver) "
@@ -316,10 +405,60 @@ class Store:
         )
         return (_fact(row) for row in self._read(query, (role, scenario, driver)))
 
-    def names(self, role: Role, scenario: str) -> Iterator[tuple[str, int, str]]:
-        """Case, point and driver of the recorded cases of a role in a scenario."""
-        query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = ?'
+    def facts_at(self, points: range, role: Role, scenario: str) -> list[Fact]:
+        """The recorded cases of a role at the points with these numbers, by point and driver."""
+        query = (
+            f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") '  # noqa: S608 - our own names
+            "WHERE scenario = ? AND role = ? AND point >= ? AND point < ? ORDER BY point, driver"
+        )
+        found = [_fact(row) for row in self._read(query, (scenario, role, points.start, points.stop))]
+        for fact in found:
+            self._check_one(fact.case)
+        return found
+
+    def fact(self, case: str) -> Fact | None:
+        """One recorded case; None where there is none of that name."""
+        self._check_one(case)
+        query = f'SELECT {_COLUMNS} FROM facts LEFT JOIN circumstances USING ("case") WHERE "case" = ?'  # noqa: S608
+        row = next(self._read(query, (case,)), None)
+        return None if row is None else _fact(row)
+
+    def outcomes(self, role: Role, scenario: str) -> Iterator[tuple[int, str, Status, bool]]:
+        """Point, driver, status and whether there was a contact, of a role's recorded cases, by point and driver."""
+        query = (
+            "SELECT point, driver, status, collision IS NOT NULL FROM facts WHERE role = ? AND scenario = ? "
+            "ORDER BY point, driver"
+        )
+        for point, driver, status, hit in self._read(query, (role, scenario)):
+            yield point, driver, status, bool(hit)
+
+    def drivers_at_points(self, scenario: str, recorded: str) -> Iterator[tuple[int, int, int]]:
+        """Point, how many human drives there ended well, and how many of these have the controller `recorded`."""
+        query = (
+            "SELECT point, count(*), sum(controller = ?) FROM facts WHERE scenario = ? AND role = 'human' "
+            "AND status = 'ok' GROUP BY point ORDER BY point"
+        )
+        yield from self._read(query, (recorded, scenario))
+
+    def names(self, role: Role, scenario: str | None = None) -> Iterator[tuple[str, int, str]]:
+        """Case, point and driver of the recorded cases of a role, of all scenarios or of one."""
+        query = 'SELECT "case", point, driver FROM facts WHERE role = ? AND scenario = coalesce(?, scenario)'
         yield from self._read(query, (role, scenario))
+
+    def case_hash(self, case: str) -> bytes:
+        """The hash of all that was recorded of a case, as it stands in the file; empty where there is none."""
+        before = self._hash_before(case)
+        if before is not None:
+            return before
+        row = next(self._read('SELECT hash FROM circumstances WHERE "case" = ?', (case,)), None)
+        return b"" if row is None else bytes(row[0])
+
+    @property
+    def content(self) -> str:
+        """How many cases a complete run has, and a hash over the hashes of all that was recorded of them; nothing where
+        it is not complete.
+        """
+        return self.noted(_CONTENT) or self.noted(_SEAL)
 
     def counts(self) -> list[tuple[str, str, str, str, int, float]]:
         """Scenario, role, driver, status; how many such cases and their exposure. Computed by the database."""
@@ -340,6 +479,7 @@ class Store:
 
     def digest(self) -> str:
         """A hash of all facts and trajectories, whatever the order they came in; equal digests, equal content."""
+        self.check_all()
         found = hashlib.sha256()
         for query in (
             'SELECT * FROM facts ORDER BY "case"',
@@ -349,52 +489,97 @@ class Store:
                 found.update(repr(row).encode())
         return found.hexdigest()
 
-    def case_digest(self, case: str) -> str | None:
-        """A hash of one case's facts and trajectories; None when it is not recorded."""
+    def case_digest(self, case: str, *, drives: bool = True) -> str | None:
+        """A hash of one case's facts, and of its trajectories if `drives`; None when it is not recorded."""
+        self._check_one(case)
         row = next(self._read('SELECT * FROM facts WHERE "case" = ?', (case,)), None)
         if row is None:
             return None
-        drives = list(self._read('SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,)))
-        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+        query = 'SELECT * FROM trajectories WHERE "case" = ? ORDER BY vehicle'
+        found = list(self._read(query, (case,))) if drives else []
+        return hashlib.sha256(repr((row, found)).encode()).hexdigest()
 
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""
+        self._check_one(case)
         query = 'SELECT data FROM trajectories WHERE "case" = ? AND vehicle = ?'
         row = next(self._read(query, (case, vehicle)), None)
         if row is None:
-            raise InputError(f"There is no trajectory of `{vehicle}` in case `{case}` of {self.path.parent}.")
+            raise self.no_trajectory(case, vehicle)
         return unpack(row[0])
 
     def trajectories(self, case: str) -> dict[str, Trajectory]:
         """Every vehicle's trajectory of a case, the ego's under `ego`."""
+        self._check_one(case)
         rows = self._read('SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle', (case,))
         return {name: unpack(data) for name, data in rows}
 
 
 @contextmanager
-def open_store(path: Path, *, create: bool = False, checked: bool = False) -> Iterator[Store]:
-    """A facts file, checked and closed at the end of the block. checked: another process has just done that.
+def open_store(path: Path, *, create: bool = False, checked: bool = False, whole: bool = False) -> Iterator[Store]:
+    """A facts file, checked and closed at the end of the block. checked: another process has just done that. whole: all
+    of it is checked, also where it was vouched for.
 
     A file that has not changed since this process checked it is not checked again.
     """
     store = Store(path, create=create)
     try:
         if not checked:
-            _check_once(store)
+            _check_once(store, whole or create)
         yield store
     finally:
         store.close()
 
 
-def _check_once(store: Store) -> None:
+def _check_once(store: Store, whole: bool) -> None:
     if not store.path.is_file():
         return  # in memory
-    state = store.path.stat()
-    key = (str(store.path.resolve()), state.st_size, state.st_mtime_ns)
-    writing = store.path.with_name(store.path.name + "-wal").exists()  # then the file's own time does not tell when
-    if writing or key not in _checked:
+    state = _state(store.path)
+    if _is_written(store.path) or state not in _checked:
+        if not whole and _vouched(store.path) == state[1:]:
+            store.check_what_is_read()
+            return
         store.check()
-        _checked.add(key)
+        _checked.add(state)
+
+
+def _state(path: Path) -> tuple[str, int, int]:
+    state = path.stat()
+    return str(path.resolve()), state.st_size, state.st_mtime_ns
+
+
+def _is_written(path: Path) -> bool:
+    """Whether somebody has it open for writing: then the file's own time does not tell when."""
+    return path.with_name(path.name + "-wal").exists()
+
+
+_FACTS = b"facts"
+
+
+def vouch(path: Path, kept: KeptResults) -> None:
+    """Note that a facts file, as it is, was checked, so that later processes need not look through all of it."""
+    if path.is_file() and not _is_written(path) and (state := _state(path)) in _checked:
+        _, size, changed = state
+        kept.put([("checked", _FACTS, 0, json.dumps([size, changed]).encode())])
+
+
+def _vouched(path: Path) -> tuple[int, int] | None:
+    """Size and time of the last change of a facts file when it was checked; None where nobody noted it."""
+    if _is_written(path) or not path.with_name(KEPT).is_file():
+        return None
+    kept = None
+    try:
+        kept = KeptResults(path.parent)
+        noted = kept.get("checked", _FACTS)
+    except InputError:
+        return None  # a damaged file vouches for nothing
+    finally:
+        if kept is not None:
+            kept.close()
+    if noted is None:
+        return None
+    size, changed = json.loads(noted)
+    return int(size), int(changed)
 
 
 def _hash(fact: Sequence[object], circumstance: Sequence[object], drives: Iterable[tuple[str, bytes]]) -> bytes:

@@ -2,25 +2,75 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from sumo_eval.evaluation import zone_partitions
+from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.report.confidence_section import write_confidence
-from sumo_eval.report.html import NOTHING_BESIDE, write_report
+from sumo_eval.report.confidence_section import CONFIDENCE, write_confidence
+from sumo_eval.report.html import NOTHING_BESIDE, REPORT, write_report
+from sumo_eval.report.opinion_section import OPINION
+from sumo_eval.report.people import STUDY
 from sumo_eval.report.sections import Beside
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import assess
+from sumo_eval.scoring.kept_rows import KeptRows
 
 
 def write_assessed_report(
     evaluation: Evaluation, beside: Beside = NOTHING_BESIDE, *, progress: Progress = quiet
 ) -> Path:
-    """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path."""
-    partitions = zone_partitions(evaluation)
-    confidence = assess(evaluation, partitions, progress)
-    write_confidence(confidence, evaluation.folder)
-    path = write_report(evaluation, partitions, replace(beside, confidence=confidence))
+    """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
+
+    What is there already, to the byte, from the scores, settings and sources that it would be made of, stays.
+    """
+    path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
+    key = _key(evaluation) if beside is NOTHING_BESIDE else None
+    kept = None if key is None else KeptResults(evaluation.folder)
+    try:
+        if kept is not None and key is not None and kept.get("report", key) == _hash(path, confidences):
+            progress("report", 1, 1)
+            return path
+        partitions = zone_partitions(evaluation)
+        confidence = assess(evaluation, partitions, progress)
+        write_confidence(confidence, evaluation.folder)
+        write_report(evaluation, partitions, replace(beside, confidence=confidence))
+        if kept is not None and key is not None:
+            kept.put([("report", key, 0, _hash(path, confidences))])
+    finally:
+        if kept is not None:
+            kept.close()
     progress("report", 1, 1)
     return path
+
+
+def _key(evaluation: Evaluation) -> bytes | None:
+    """A hash of all that the page shows; None for an evaluation that was not read from a run's folder."""
+    if not isinstance(evaluation.cases, KeptRows):
+        return None
+    source, cases = Path(str(evaluation.manifest.get("source_folder", "."))), evaluation.settings.drivers.cases
+    told = _hash(evaluation.folder / OPINION, source / cases / STUDY)
+    return key_of(
+        "report", evaluation.cases.key, evaluation.settings, evaluation.manifest, evaluation.folder, told, _sources()
+    )
+
+
+@cache
+def _sources() -> str:
+    """A hash of the files that pages are made of."""
+    room = Path(__file__).parent
+    found = hashlib.blake2b()
+    for file in sorted(file for file in room.rglob("*") if file.suffix in (".py", ".j2", ".js", ".css")):
+        found.update(str(file.relative_to(room)).encode() + b"\0" + file.read_bytes())
+    return found.hexdigest()
+
+
+def _hash(*files: Path) -> bytes:
+    found = hashlib.blake2b(digest_size=16)
+    for file in files:
+        found.update(file.read_bytes() if file.is_file() else b"")
+        found.update(b"\0")
+    return found.digest()

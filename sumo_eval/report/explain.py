@@ -15,6 +15,7 @@ from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.words import (
+    FACTORS,
     LIKENESS_FACTORS,
     MEASURES,
     cases_of,
@@ -40,7 +41,7 @@ ROUNDING = 1e-9
 
 def find_case(evaluation: Evaluation, key: str) -> CaseResult:
     """A case by its key. Raises InputError with the nearest known one."""
-    found = next((case for case in evaluation.cases if case.case == key), None)
+    found = evaluation.case(key)
     if found is None:
         raise unknown("case", key, [case.case for case in evaluation.cases])
     return found
@@ -51,8 +52,8 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
     case = find_case(evaluation, key)
     zones, score = partitions[case.scenario], evaluation.score(case.ads, case.scenario)
     with open_store(evaluation.folder / FACTS) as store:
-        facts = store.facts("ads", case.scenario, case.ads)
-        fact = next(item for item in facts if item.case == key)
+        fact = store.fact(key)
+        assert fact is not None, "every case is of a recorded drive"
         return [
             f"{case.case}: {case.ads} in {case.scenario} at {point(case.values)}",
             f"  {outcome(case)}; {end_reason(case)}"
@@ -156,10 +157,15 @@ def _likeness(
         )
         yield f"Eqs. 11-13: no D_i: {why}"
         return
+    if store.is_let_go(case.case):
+        factors = [getattr(case, field) for field, _ in FACTORS.values()]
+        product = " x ".join(number(value, 4) for value in factors)
+        yield f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go (`[run] keep`)"
+        return
     drivers = [
         store.trajectory(one.case)
-        for one in store.facts("human", case.scenario)
-        if one.point == fact.point and one.status == "ok"
+        for one in store.facts_at(range(fact.point, fact.point + 1), "human", case.scenario)
+        if one.status == "ok"
     ]
     settings = evaluation.settings.method.anthropomorphic
     index = anthropomorphic_index(store.trajectory(case.case), drivers, zones.logical.road, settings)

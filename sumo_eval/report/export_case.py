@@ -80,13 +80,13 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
 
 
 def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
-    """What is recorded of a case, and how everybody drove in it; None where it did not come to drive."""
+    """What is recorded of a case, and how everybody drove in it; None where it did not come to drive or was let go."""
     with open_store(run / run_folder.FACTS) as store:
-        facts = {fact.case: fact for fact in store.facts("ads")}
-        if case not in facts:
-            raise unknown(f"case of run {run}", case, facts)
-        fact = facts[case]
-        return fact, None if fact.simulated_time is None else dict(store.trajectories(case))
+        fact = store.fact(case)
+        if fact is None or fact.role != "ads":
+            raise unknown(f"case of run {run}", case, [known for known, _, _ in store.names("ads")])
+        driven = fact.simulated_time is not None and not store.is_let_go(case)
+        return fact, dict(store.trajectories(case)) if driven else None
 
 
 def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:

@@ -149,6 +149,7 @@ def _scenario(
         number = points[case.case]
         here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
+        here = here and (bool(recorded) or not store.is_let_go(case.case))
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
         row = _case(
@@ -163,7 +164,7 @@ def _scenario(
     for row in rows:
         row["drivers"] = numbers[row["point"]]
     for fact in compared:
-        if (logical.name, fact.point) in embedded.with_drivers:
+        if (logical.name, fact.point) in embedded.with_drivers and not store.is_let_go(fact.case):
             drivers.setdefault(fact.point, []).append(len(trajectories))
             trajectories.append(store.trajectory(fact.case, EGO))
     return {

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.html import asset, template, write_page
@@ -22,6 +23,9 @@ from sumo_eval.report.words import point
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory
 
+ROLES_BESIDE: Final[tuple[Role, ...]] = ("ads", "human", "ideal")
+"""Whose drives may be shown beside an ADS's."""
+
 
 def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *, beside: str | None = None) -> Path:
     """Write the animation of a recorded case to `path` and return it.
@@ -34,8 +38,8 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         if beside is not None:
             views.append(_view(_companion(fact, store, beside), store, trajectories))
         ghosts = []
-        for driver in store.facts("human", fact.scenario):
-            if driver.point == fact.point and driver.status == "ok":
+        for driver in store.facts_at(range(fact.point, fact.point + 1), "human", fact.scenario):
+            if driver.status == "ok":
                 ghosts.append(len(trajectories))
                 trajectories.append(store.trajectory(driver.case))
     road = logical.road
@@ -62,10 +66,9 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
 def known_case(run: Path, key: str) -> Fact:
     """A drive of an ADS by its case's key. Raises InputError with the nearest known one."""
     with open_store(run / FACTS) as store:
-        facts = store.facts("ads")
-    found = next((fact for fact in facts if fact.case == key), None)
-    if found is None:
-        raise unknown("case", key, [fact.case for fact in facts])
+        found = store.fact(key)
+        if found is None or found.role != "ads":
+            raise unknown("case", key, [case for case, _, _ in store.names("ads")])
     return found
 
 
@@ -73,6 +76,8 @@ def recorded(run: Path, key: str) -> Fact:
     """A drive that has a recording, by its case's key. Raises InputError."""
     found = known_case(run, key)
     with open_store(run / FACTS) as store:
+        if store.is_let_go(key):
+            raise store.no_trajectory(key)
         if not store.trajectories(key):
             raise InputError(f"Case `{key}` has no recording to replay: {found.error or found.status}.")
     return found
@@ -92,9 +97,9 @@ def _view(fact: Fact, store: Store, trajectories: list[Trajectory]) -> dict[str,
 def _companion(fact: Fact, store: Store, name: str) -> Fact:
     at_point = [
         other
-        for role in ("ads", "human", "ideal")
-        for other in store.facts(role, fact.scenario)
-        if other.point == fact.point and other.case != fact.case
+        for role in ROLES_BESIDE
+        for other in store.facts_at(range(fact.point, fact.point + 1), role, fact.scenario)
+        if other.case != fact.case
     ]
     found = next((other for other in at_point if other.driver == name and store.trajectories(other.case)), None)
     if found is None:

@@ -281,9 +281,9 @@ def _wants_no_index(score: ScenarioResult) -> bool:
     return score.d_reason is not None and score.d_reason.why in ("collisions", "no_drivers")
 
 
-def cases_of(evaluation: Evaluation, score: ScenarioResult) -> list[CaseResult]:
+def cases_of(evaluation: Evaluation, score: ScenarioResult) -> Sequence[CaseResult]:
     """The cases of one ADS in one logical scenario."""
-    return [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+    return evaluation.cases_of(score.ads, score.scenario)
 
 
 def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from sumo_eval.results import CaseResult
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
+_AT_ONCE = 8_192  # cases
 SCORES = (
     "c",
     "d",
@@ -51,31 +53,42 @@ class CaseTerms:
     voids: BoolArray
 
 
-def case_terms(cases: Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
+def case_terms(cases: Iterable[CaseResult], method: MethodSettings) -> CaseTerms:
     """The terms of cases, in their order."""
-    collided = np.array([case.collided for case in cases], dtype=np.bool_)
-    evaluated = np.array([case.evaluated for case in cases], dtype=np.bool_)
-    hit = _column(case.severity for case in cases)
+    flags, numbers, left = [np.empty((0, 3), np.bool_)], [np.empty((0, 7))], iter(cases)
+    while some := [_read(case) for case in islice(left, _AT_ONCE)]:  # a million cases as lists would be half a gigabyte
+        flags.append(np.array([flag for flag, _ in some], dtype=np.bool_))
+        numbers.append(np.array([number for _, number in some], dtype=np.float64))  # None is nan
+    collided, evaluated, voids = np.ascontiguousarray(np.concatenate(flags).T)
+    hit, ideal, unreacting, exposure, weight, index, likeness = np.ascontiguousarray(np.concatenate(numbers).T)
     severity, ideal, unreacting = (
         _loss(values) if method.collision.loss == "class" else values
-        for values in (
-            np.where(collided, hit, np.where(evaluated, 0.0, np.nan)),
-            _column(case.ideal_severity for case in cases),
-            _column(case.no_reaction_severity for case in cases),
-        )
+        for values in (np.where(collided, hit, np.where(evaluated, 0.0, np.nan)), ideal, unreacting)
     )
     return CaseTerms(
-        exposure=_column(case.exposure for case in cases),
-        weight=_column(case.weight for case in cases),
+        exposure=exposure,
+        weight=weight,
         severity=severity,
         ideal=ideal,
         unreacting=unreacting,
         ratio=score_terms.ideal_ratio(np.where(collided, severity, np.nan), ideal),
         collided=collided,
         evaluated=evaluated,
-        index=_column(case.index if case.counts_for_index else None for case in cases),
-        likeness=_column(case.human_likeness for case in cases),
-        voids=np.array([case.voids_index for case in cases], dtype=np.bool_),
+        index=index,
+        likeness=likeness,
+        voids=voids,
+    )
+
+
+def _read(case: CaseResult) -> tuple[tuple[bool, ...], tuple[float | None, ...]]:
+    return (case.collided, case.evaluated, case.voids_index), (
+        case.severity,
+        case.ideal_severity,
+        case.no_reaction_severity,
+        case.exposure,
+        case.weight,
+        case.index if case.counts_for_index else None,
+        case.human_likeness,
     )
 
 
@@ -159,10 +172,6 @@ def missing_bounds(terms: CaseTerms, safe: BoolArray, method: MethodSettings) ->
         if ends:
             bounds[name] = min(ends), max(ends)
     return bounds
-
-
-def _column(values: Iterable[float | None]) -> FloatArray:
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def _loss(severity: FloatArray) -> FloatArray:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex
+from sumo_eval.errors import InputError
+from sumo_eval.method.collision_avoidance import collision_weight
 from sumo_eval.method.leave_one_out import HumanBand
 from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
-from sumo_eval.record.human_reference import LeftOut, PointJob, compute_points
-from sumo_eval.record.progress import Progress
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.recording import RECORDED
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
@@ -29,7 +33,7 @@ from sumo_eval.results import (
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import DriverSettings, EvaluationSettings, PlausibilitySettings
-from sumo_eval.trajectory import FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 FEWEST_DRIVERS = 2  # a deviation needs two
 FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
@@ -37,6 +41,7 @@ SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic dri
 JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
 
 Judged = TypeVar("Judged")
+IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +58,81 @@ class PointReference:
     usable: bool
 
 
-def references(logical: LogicalScenario, store: Store, settings: DriverSettings) -> dict[int, PointReference]:
-    """The drivers of every concrete scenario that has some, or should have some, by point."""
-    drives: dict[int, list[Fact]] = {}
-    for fact in store.facts("human", logical.name):
+def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, PointReference]:
+    """The drivers of every concrete scenario that has some, or should have some, by point. drives: the drivers'."""
+    by_point: dict[int, list[Fact]] = {}
+    for fact in drives:
         if fact.status == "ok":
-            drives.setdefault(fact.point, []).append(fact)
+            by_point.setdefault(fact.point, []).append(fact)
     found = {}
-    for point, facts in drives.items():
+    for point, facts in by_point.items():
         recorded = sum(fact.controller == RECORDED for fact in facts)
-        note: ThinReference | None = None
-        usable = len(facts) >= FEWEST_DRIVERS
-        if settings.source == RECORDED and recorded < settings.least:
-            fills = settings.too_thin == "fill"
-            note = ThinReference(recorded, settings.least, len(facts) - recorded if fills else None)
-            usable = fills and usable
+        note, usable = _usable(len(facts), recorded, settings)
         found[point] = PointReference(
             tuple(fact.case for fact in facts), tuple(fact.driver for fact in facts), recorded, note, usable
         )
     return found
+
+
+def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[ThinReference | None, bool]:
+    """Where a reference is too thin, and whether a D_i may be computed from it. recorded: people among the drivers."""
+    if settings.source == RECORDED and recorded < settings.least:
+        fills = settings.too_thin == "fill"
+        return ThinReference(recorded, settings.least, drivers - recorded if fills else None), (
+            fills and drivers >= FEWEST_DRIVERS
+        )
+    return None, drivers >= FEWEST_DRIVERS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Survey:
+    """A scenario of a run at a glance, before its cases are looked at some points at a time.
+
+    points: how many there are; hazardous: flags, (points,), and weights: r, by the number of the point. compared:
+    whether anybody is compared with. driven: the points of each ADS's cases, in their order. left_out: the points at
+    which each ADS's cases have drivers left out one by one.
+    """
+
+    points: int
+    hazardous: BoolArray
+    weights: FloatArray
+    compared: bool
+    driven: Mapping[str, IntArray]
+    left_out: Mapping[str, frozenset[int]]
+
+
+def survey(logical: LogicalScenario, zones: ZonePartition, store: Store, settings: EvaluationSettings) -> Survey:
+    """What must be known of all points of a scenario before any. Raises InputError for an ADS without a case."""
+    numbers, rows = [], []
+    for fact in store.each_fact("ideal", logical.name):  # every point has one
+        numbers.append(fact.point)
+        rows.append(logical.row(fact.values))
+    values = np.array(rows)
+    points = max(numbers, default=-1) + 1
+    hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
+    if numbers:
+        hazardous[numbers], weights[numbers] = zones.exactly_hazardous(values), collision_weight(values, zones)
+    usable, compared = np.zeros(points, dtype=np.bool_), False
+    for point, drivers, recorded in store.drivers_at_points(logical.name, RECORDED):
+        usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
+    driven: dict[str, list[int]] = {ads.name: [] for ads in settings.ads}
+    counted: dict[str, list[int]] = {ads.name: [] for ads in settings.ads}
+    for point, name, status, hit in store.outcomes("ads", logical.name):
+        if name in driven:
+            driven[name].append(point)
+            if not hit and not hazardous[point] and status in EVALUATED and usable[point]:
+                counted[name].append(point)
+    for name, its in driven.items():
+        if not its:
+            raise InputError(f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{logical.name}`.")
+    return Survey(
+        points,
+        hazardous,
+        weights,
+        compared,
+        {name: np.array(its, dtype=np.intp) for name, its in driven.items()},
+        {name: frozenset(jackknifed(its)) for name, its in counted.items()},
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +154,7 @@ def plausible_people(logical: LogicalScenario, store: Store, settings: Plausibil
     if settings.table == "motorway":
         return PlausiblePeople(MOTORWAY_PEOPLE, ())
     drives, names = [], []
-    for fact in store.facts("human", logical.name):
+    for fact in store.each_fact("human", logical.name):
         if fact.status == "ok" and fact.controller != SYNTHETIC:
             ego = store.trajectory(fact.case)
             drives.append(extremes_of(ego, _scripted(logical.concrete(**fact.values), ego.time)))
@@ -119,35 +180,40 @@ def _scripted(concrete: ConcreteScenario, time: FloatArray) -> dict[str, Traject
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """What comes of putting people beside cases. indexes: D_i by case. bands: what the drivers of a point score among
-    themselves, each left out once, by point. left_out: what evenly chosen cases get without each driver, by case.
+    themselves, each left out once, by point. left_out: what evenly chosen cases get without each driver, and
+    present: who drove there, by case.
     """
 
-    indexes: Mapping[str, AnthropomorphicIndex]
+    indexes: Mapping[str, CaseIndex]
     bands: Mapping[int, HumanBand]
     left_out: Mapping[str, LeftOut]
+    present: Mapping[str, Sequence[str]]
 
 
 def compare_with_people(
     logical: LogicalScenario,
     compared: Mapping[int, PointReference],
-    judged: Sequence[Sequence[Fact]],
+    judged: Mapping[str, Sequence[Fact]],
+    known: Survey,
     store: Store,
     settings: EvaluationSettings,
     spread: Spread,
-    progress: Progress,
+    progress: Callable[[float], None],
+    kept: KeptResults,
 ) -> Comparison:
-    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. judged: the cases of
-    each ADS that are to have a D_i. spread: as in `compute_points`.
+    """D_i of every evaluated case that has enough drivers to compare with, and the drivers' bands. compared: the
+    drivers of some points. judged: the cases of each ADS there that are to have a D_i. spread, kept: as in
+    `compute_points`. progress: is told which share of the points is done.
     """
     usable = {point: reference for point, reference in compared.items() if reference.usable}
     cases: dict[int, list[str]] = {point: [] for point in usable}
     left_out: dict[int, list[str]] = {point: [] for point in usable}
-    for facts in judged:
-        counted = [fact for fact in facts if fact.status in EVALUATED and fact.point in usable]
-        for fact in counted:
-            cases[fact.point].append(fact.case)
-        for fact in jackknifed(counted):
-            left_out[fact.point].append(fact.case)
+    for name, facts in judged.items():
+        for fact in facts:
+            if fact.status in EVALUATED and fact.point in usable:
+                cases[fact.point].append(fact.case)
+                if fact.point in known.left_out[name]:
+                    left_out[fact.point].append(fact.case)
     points = [point for point in sorted(usable) if cases[point] or len(usable[point].cases) >= FEWEST_FOR_A_BAND]
     jobs = [
         PointJob(
@@ -159,18 +225,14 @@ def compare_with_people(
         )
         for point in points
     ]
-    stage = f"{logical.name}: comparing everybody with the drivers"
     results = compute_points(
-        store.path,
-        jobs,
-        settings.method.anthropomorphic,
-        spread,
-        lambda done: progress(stage, done, len(jobs)),
+        store.path, jobs, settings.method.anthropomorphic, spread, lambda done: progress(done / len(jobs)), kept
     )
     return Comparison(
         {case: index for result in results for case, index in result.indexes.items()},
         {point: result.band for point, result in zip(points, results, strict=True) if result.band is not None},
         {case: found for result in results for case, found in result.left_out.items()},
+        {case: usable[point].drivers for point in points for case in left_out[point]},
     )
 
 
@@ -185,11 +247,12 @@ def with_people(
     facts: Sequence[Fact],
     people: Comparison,
     compared: Mapping[int, PointReference],
-    exposure: Mapping[str, Any],
+    outside: AbstractSet[int],
     settings: DriverSettings,
 ) -> list[CaseResult]:
-    """The rows with what is known of their human reference and of their exposure."""
-    outside = set(exposure.get("outside_support", ()))
+    """The rows with what is known of their human reference and of their exposure. outside: points outside the support
+    of recorded events.
+    """
     full = []
     for row, fact in zip(rows, facts, strict=True):
         note: Literal["", "outside_support"] = "outside_support" if fact.point in outside else ""
@@ -219,14 +282,19 @@ def with_people(
     return full
 
 
-def reference_notes(rows: Sequence[CaseResult]) -> tuple[ScoreNote, ...]:
+def reference_notes(rows: Iterable[CaseResult]) -> tuple[ScoreNote, ...]:
     """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
-    safe = [row for row in rows if row.zone == "safe"]
-    thin = [row.reference_note for row in safe if row.reference_note is not None]
-    outside = sum(bool(row.exposure_note) for row in rows)
+    cases = safe = thin = unfilled = outside = 0
+    for row in rows:
+        cases += 1
+        outside += bool(row.exposure_note)
+        if row.zone == "safe":
+            safe += 1
+            thin += row.reference_note is not None
+            unfilled += row.reference_note is not None and row.reference_note.filled is None
     said: list[ScoreNote] = []
     if thin:
-        said.append(ThinReferences(len(thin), len(safe), sum(one.filled is None for one in thin)))
+        said.append(ThinReferences(thin, safe, unfilled))
     if outside:
-        said.append(OutsideSupport(outside, len(rows)))
+        said.append(OutsideSupport(outside, cases))
     return tuple(said)

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, exposure_weighted_index
+from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import (
     collision_avoidance_index,
     collision_loss,
-    collision_weight,
     impact_severity,
 )
 from sumo_eval.method.conflict import Conflict, conflict_at, conflicting
 from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, lane_keeping, measures
-from sumo_eval.method.plausibility import Quantiles, extremes_of, plausibility
+from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK
+from sumo_eval.record.human_reference import CaseIndex, method_sources
+from sumo_eval.record.kept_results import KeptResults, Part, key_of
 from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.results import (
     EVALUATED,
@@ -40,13 +42,14 @@ from sumo_eval.results import (
     ScoreNote,
     StruckFromBehind,
     WorstAndBest,
+    Zone,
     ZoneResult,
 )
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.settings import CollisionSettings, MethodSettings
-from sumo_eval.trajectory import BoolArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
@@ -54,12 +57,15 @@ STRUCK_FROM_BEHIND = "struck_from_behind"
 
 def drivers_left_out(logical: LogicalScenario, store: Store) -> tuple[ScoreNote, ...]:
     """Drivers' drives that are no reference: a skilled driver's safe-zone case ends well."""
-    drives = store.facts("human", logical.name)
-    left_out = [fact for fact in drives if fact.status != "ok"]
+    ended = [
+        (status, number)
+        for scenario, role, _, status, number, _ in store.counts()
+        if (scenario, role) == (logical.name, "human")
+    ]
+    left_out = [(status, number) for status, number in ended if status != "ok"]
     if not left_out:
         return ()
-    statuses = Counter(fact.status for fact in left_out)
-    return (DrivesLeftOut(len(left_out), len(drives), tuple(sorted(statuses.items()))),)
+    return (DrivesLeftOut(sum(n for _, n in left_out), sum(n for _, n in ended), tuple(sorted(left_out))),)
 
 
 def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[ScoreNote, ...]:
@@ -68,10 +74,29 @@ def simulated_alone(logical: LogicalScenario, ads: str, store: Store) -> tuple[S
     return (DrivenAlone(tuple(reasons.items())),) if reasons else ()
 
 
-def driven_in_blocks(facts: Sequence[Fact]) -> tuple[ScoreNote, ...]:
-    """Drives of a policy over arrays, and how many cases it was shown together."""
-    sizes = [int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK]
-    return (DrivenInBlocks(len(sizes), tuple(sorted(set(sizes)))),) if sizes else ()
+class Remarks:
+    """What is to be said of all drives of an ADS in a scenario, gathered some drives at a time."""
+
+    def __init__(self, severity: Severity) -> None:
+        self._severity = severity
+        self._blocks: Counter[int] = Counter()
+        self._beyond: Counter[str] = Counter()
+
+    def add(self, facts: Sequence[Fact]) -> None:
+        """Take in some drives."""
+        self._blocks.update(int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK)
+        self._beyond.update(self._severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+
+    @property
+    def in_blocks(self) -> tuple[ScoreNote, ...]:
+        """Drives of a policy over arrays, and how many cases it was shown together."""
+        return (DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks))),) if self._blocks else ()
+
+    @property
+    def beyond_range(self) -> tuple[ScoreNote, ...]:
+        """Collisions outside the range that the severity is known for."""
+        reasons = {reason: number for reason, number in self._beyond.items() if reason}
+        return (BeyondRange(self._severity.name, tuple(sorted(reasons.items()))),) if reasons else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,18 +123,29 @@ def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
 
 
 def point_terms(
-    logical: LogicalScenario, zones: ZonePartition, store: Store, severity: Severity, settings: CollisionSettings
+    weights: FloatArray,
+    points: range,
+    logical: LogicalScenario,
+    store: Store,
+    severity: Severity,
+    settings: CollisionSettings,
 ) -> dict[int, PointTerms]:
-    """r, Ug and U0 of every concrete scenario of a run, by point. severity: what stands in the place of U."""
-    values = {fact.point: fact.values for fact in store.facts("ideal", logical.name)}
-    ideal, unreacting = (
-        {fact.point: _reference_severity(fact, severity, settings) for fact in store.facts(role, logical.name)}
-        for role in ("ideal", "no_reaction")
-    )
-    weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
+    """r, Ug and U0 of some concrete scenarios of a run, by point. weights: r, by the number of the point. severity:
+    what stands in the place of U.
+    """
+    found = store.facts_at(points, "ideal", logical.name)
+    unreacting = {
+        fact.point: _reference_severity(fact, severity, settings)
+        for fact in store.facts_at(points, "no_reaction", logical.name)
+    }
     return {
-        point: PointTerms(weight, ideal[point], unreacting.get(point), conflict_at(logical, values[point]))
-        for point, weight in zip(values, weights.tolist(), strict=True)
+        fact.point: PointTerms(
+            float(weights[fact.point]),
+            _reference_severity(fact, severity, settings),
+            unreacting.get(fact.point),
+            conflict_at(logical, fact.values),
+        )
+        for fact in found
     }
 
 
@@ -124,23 +160,61 @@ class DriveMeasures:
 
 
 def drive_measures(
-    facts: Sequence[Fact], store: Store, people: Quantiles, logical: LogicalScenario
+    facts: Sequence[Fact], store: Store, people: Quantiles, logical: LogicalScenario, kept: KeptResults, space: str
 ) -> dict[str, DriveMeasures]:
     """The criticality measures, the plausibility among some people, the lane keeping of every evaluated case, and the
     PET with whoever's way conflicts with the ego's, s, nan without one.
+
+    kept: where what was measured of a drive is looked up, and put. space: stands for the files of the scenario.
     """
-    measured = {}
+    lane_width = logical.road.lane_width
+    measured, new = {}, list[Part]()
     for fact in facts:
-        if fact.status in EVALUATED:
+        if fact.status not in EVALUATED:
+            continue
+        key = key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources())
+        data = kept.get("drive", key)
+        if data is None:
             actors = store.trajectories(fact.case)
+            if EGO not in actors:
+                raise store.no_trajectory(fact.case)
             ego = actors.pop(EGO)
-            measured[fact.case] = DriveMeasures(
+            found = (
                 measures(ego, actors, fact.collision),
-                plausibility(extremes_of(ego, actors, fact.collision), people),
-                lane_keeping(ego, logical.road.lane_width),
+                extremes_of(ego, actors, fact.collision),
+                lane_keeping(ego, lane_width),
                 _conflict_pet(logical, fact, ego, actors),
             )
+            new.append(("drive", key, 0, _measured_bytes(*found)))
+        else:
+            found = _measured(data)
+        criticality, extremes, lane, pet = found
+        measured[fact.case] = DriveMeasures(criticality, plausibility(extremes, people), lane, pet)
+    kept.put(new)
     return measured
+
+
+_CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
+_NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
+
+
+def _measured_bytes(
+    criticality: CriticalityMeasures, extremes: Mapping[str, float], lane: LaneKeeping, pet: float
+) -> bytes:
+    """What was measured of a drive as numbers, in the order of the fields."""
+    return _NUMBERS.pack(
+        *(getattr(criticality, field.name) for field in fields(criticality)),
+        *(extremes[name] for name in EXTREMES),
+        *(getattr(lane, field.name) for field in fields(lane)),
+        pet,
+    )
+
+
+def _measured(data: bytes) -> tuple[CriticalityMeasures, dict[str, float], LaneKeeping, float]:
+    """What `_measured_bytes` wrote."""
+    *numbers, pet = _NUMBERS.unpack(data)
+    extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
+    return CriticalityMeasures(*numbers[:_CRITICALITY]), extremes, LaneKeeping(*numbers[-_LANE:]), pet
 
 
 def _conflict_pet(logical: LogicalScenario, fact: Fact, ego: Trajectory, actors: Mapping[str, Trajectory]) -> float:
@@ -177,17 +251,10 @@ def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
     return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
 
 
-def beyond_range(facts: Sequence[Fact], severity: Severity) -> tuple[ScoreNote, ...]:
-    """Collisions outside the range that the severity is known for."""
-    reasons = Counter(severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
-    reasons.pop("", None)
-    return (BeyondRange(severity.name, tuple(sorted(reasons.items()))),) if reasons else ()
-
-
 def tabulate(
     facts: Sequence[Fact],
     hazardous: BoolArray,
-    indexes: Mapping[str, AnthropomorphicIndex],
+    indexes: Mapping[str, CaseIndex],
     points: Mapping[int, PointTerms],
     measured: Mapping[str, DriveMeasures],
     chosen: Severity,
@@ -243,7 +310,7 @@ def tabulate(
     return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
 
 
-def _judged(row: CaseResult, index: AnthropomorphicIndex | None, found: DriveMeasures | None) -> CaseResult:
+def _judged(row: CaseResult, index: CaseIndex | None, found: DriveMeasures | None) -> CaseResult:
     """The row with what its trajectories tell."""
     if found is None:
         return row
@@ -302,56 +369,51 @@ def combine(
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    hits = [case for case in cases if case.collided]
-    safe = [case for case in cases if case.zone == "safe"]
-    safe_hits, voiding = sum(case.collided for case in safe), sum(case.voids_index for case in safe)
-    missing = {case.case for case in cases if not case.evaluated or case.ideal_severity is None}
-    missing |= {case.case for case in cases if case.no_reaction_severity is None}
-    if not voiding and people:
-        missing |= {case.case for case in safe if case.counts_for_index and case.index is None}
+    tally = _Tally.of(cases)
+    voiding = tally.voiding
+    missing = Counter(tally.missing)
+    if not voiding and people and tally.without_index:
+        missing["safe"] += tally.without_index
     c_interval = _c_interval(cases, method)
-    d_interval = _d_interval(safe) if safe and not voiding and people else None
-    s_interval = _s_interval(c, d, c_interval, d_interval, safe, method)
-    others = missing_bounds(terms, np.array([case.zone == "safe" for case in cases]), method) if missing else {}
+    d_interval = _d_interval(cases) if tally.safe and not voiding and people else None
+    s_interval = _s_interval(c, d, c_interval, d_interval, tally.safe_not_evaluated, method)
+    safe = np.array([case.zone == "safe" for case in cases], dtype=np.bool_)
+    others = missing_bounds(terms, safe, method) if missing else {}
     if not people:
         others = {name: ends for name, ends in others.items() if name not in ("human_likeness", "s_plus")}
     if missing:
-        where = Counter(case.zone for case in cases if case.case in missing)
-        notes.append(CasesMissing(tuple(sorted(where.items()))))
+        notes.append(CasesMissing(tuple(sorted(missing.items()))))
     if s_interval:
         notes.append(WorstAndBest(c_interval, d_interval, s_interval))
-    struck = sum(case.struck_from_behind for case in cases)
-    if struck:
-        notes.append(StruckFromBehind(struck))
-    beaten = sum(case.beats_ideal for case in hits)
-    if beaten:
-        notes.append(GentlerThanIdeal(beaten))
-    if safe_hits > voiding:
-        notes.append(IdealCollidesToo(safe_hits - voiding, safe_hits))
+    if tally.struck:
+        notes.append(StruckFromBehind(tally.struck))
+    if tally.beaten:
+        notes.append(GentlerThanIdeal(tally.beaten))
+    if tally.safe_hits > voiding:
+        notes.append(IdealCollidesToo(tally.safe_hits - voiding, tally.safe_hits))
     total, plus = score_of(c, d, method.score), plus_of(values["avoided_share"], values["human_likeness"], method.score)
     avoided, human = values["avoided_share"], values["human_likeness"]
-    statuses = Counter(case.status for case in cases)
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
         c=c,
         d=d,
-        d_reason=None if d is not None else _without_mean(safe, voiding, [case.index for case in safe], people=people),
+        d_reason=None if d is not None else _without_mean(tally.safe, voiding, tally.indexes, people=people),
         s=total.total,
         c_points=total.c_points,
         d_points=total.d_points,
         cases=len(cases),
-        safe_cases=len(safe),
-        hazardous_cases=len(cases) - len(safe),
-        collisions=len(hits),
-        safe_collisions=safe_hits,
-        avoidable_collisions=sum(case.avoidable for case in hits),
-        unavoidable_collisions=sum(case.unavoidable for case in hits),
-        caused_collisions=sum(case.caused for case in hits),
+        safe_cases=tally.safe,
+        hazardous_cases=len(cases) - tally.safe,
+        collisions=tally.hits,
+        safe_collisions=tally.safe_hits,
+        avoidable_collisions=tally.avoidable,
+        unavoidable_collisions=tally.unavoidable,
+        caused_collisions=tally.caused,
         collision_probability=_or_nan(values["collision_probability"]),
-        struck_from_behind=struck,
-        off_road=statuses["off_road"],
-        not_evaluated=len(missing),
+        struck_from_behind=tally.struck,
+        off_road=tally.off_road,
+        not_evaluated=missing.total(),
         notes=tuple(notes),
         c_interval=c_interval,
         d_interval=d_interval,
@@ -360,9 +422,7 @@ def combine(
         avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human,
-        h_reason=None
-        if human is not None
-        else _without_mean(safe, 0, [case.human_likeness for case in safe], people=people),
+        h_reason=None if human is not None else _without_mean(tally.safe, 0, tally.likenesses, people=people),
         s_plus=values["s_plus"],
         a_points=plus.a_points,
         h_points=plus.h_points,
@@ -374,17 +434,63 @@ def combine(
     )
 
 
-def _without_mean(
-    safe: Sequence[CaseResult], voiding: int, values: Sequence[float | None], *, people: bool
-) -> NotComputed:
-    """Why there is no mean of these values over the safe cases. voiding: collisions that leave none."""
+@dataclass(slots=True)
+class _Tally:
+    """Cases counted in one reading of them. voiding: collisions after which there is no D. missing: cases without an
+    outcome or a reference, by zone; without_index: others that should have a D_i. indexes, likenesses: safe cases that
+    have D_i, and human-likeness.
+    """
+
+    safe: int = 0
+    hits: int = 0
+    safe_hits: int = 0
+    voiding: int = 0
+    avoidable: int = 0
+    unavoidable: int = 0
+    caused: int = 0
+    struck: int = 0
+    beaten: int = 0
+    off_road: int = 0
+    missing: Counter[Zone] = field(default_factory=Counter)
+    without_index: int = 0
+    safe_not_evaluated: int = 0
+    indexes: int = 0
+    likenesses: int = 0
+
+    @classmethod
+    def of(cls, cases: Iterable[CaseResult]) -> _Tally:
+        tally = cls()
+        for case in cases:
+            safe = case.zone == "safe"
+            tally.safe += safe
+            tally.hits += case.collided
+            tally.safe_hits += safe and case.collided
+            tally.voiding += case.voids_index
+            tally.avoidable += case.avoidable
+            tally.unavoidable += case.unavoidable
+            tally.caused += case.caused
+            tally.struck += case.struck_from_behind
+            tally.beaten += case.collided and case.beats_ideal
+            tally.off_road += case.status == "off_road"
+            tally.safe_not_evaluated += safe and not case.evaluated
+            tally.indexes += safe and case.index is not None
+            tally.likenesses += safe and case.human_likeness is not None
+            if not case.evaluated or case.ideal_severity is None or case.no_reaction_severity is None:
+                tally.missing[case.zone] += 1
+            elif case.counts_for_index and case.index is None:
+                tally.without_index += 1
+        return tally
+
+
+def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
+    """Why there is no mean over the safe cases. voiding: collisions that leave none. known: safe cases with a value."""
     if not people:
         return NotComputed("no_drivers")
     if voiding:
         return NotComputed("collisions", voiding)
     if not safe:
         return NotComputed("no_safe_case")
-    return NotComputed("nothing_compared" if all(value is None for value in values) else "no_exposure")
+    return NotComputed("no_exposure" if known else "nothing_compared")
 
 
 def _or_nan(value: float | None) -> float:
@@ -394,7 +500,7 @@ def _or_nan(value: float | None) -> float:
 _SEVEREST = 100.0  # m/s: past every class of severity
 
 
-def _c_interval(cases: Sequence[CaseResult], method: MethodSettings) -> tuple[float, float] | None:
+def _c_interval(cases: Iterable[CaseResult], method: MethodSettings) -> tuple[float, float] | None:
     """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
 
     Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
@@ -421,14 +527,14 @@ def _c_interval(cases: Sequence[CaseResult], method: MethodSettings) -> tuple[fl
     return low, high
 
 
-def _d_interval(safe: Sequence[CaseResult]) -> tuple[float, float] | None:
+def _d_interval(cases: Iterable[CaseResult]) -> tuple[float, float] | None:
     """D with every safe case without a collision that has no D_i as 0, and as 1."""
-    open_to = [case for case in safe if case.counts_for_index]
-    exposures = [case.exposure for case in open_to]
-    if all(case.index is not None for case in open_to) or not any(exposures):
+    open_to = [(case.index, case.exposure) for case in cases if case.counts_for_index]
+    exposures = [exposure for _, exposure in open_to]
+    if all(index is not None for index, _ in open_to) or not any(exposures):
         return None
     low, high = (
-        exposure_weighted_index([fill if case.index is None else case.index for case in open_to], exposures)
+        exposure_weighted_index([fill if index is None else index for index, _ in open_to], exposures)
         for fill in (0.0, 1.0)
     )
     return low, high
@@ -439,13 +545,13 @@ def _s_interval(
     d: float | None,
     c_interval: tuple[float, float] | None,
     d_interval: tuple[float, float] | None,
-    safe: Sequence[CaseResult],
+    safe_not_evaluated: int,
     method: MethodSettings,
 ) -> tuple[float, float] | None:
     """S at both ends; a missing safe case may have been a collision, after which there is no D."""
     if c_interval is None and d_interval is None:
         return None
-    lowest_d = None if any(not case.evaluated for case in safe) else (d_interval[0] if d_interval else d)
+    lowest_d = None if safe_not_evaluated else (d_interval[0] if d_interval else d)
     low, high = (
         score_of(at_c, at_d, method.score).total or 0.0
         for at_c, at_d in (

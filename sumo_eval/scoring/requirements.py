@@ -65,6 +65,8 @@ def with_requirements(
             found.append(row)
             continue
         actors = store.trajectories(fact.case)
+        if EGO not in actors:
+            raise store.no_trajectory(fact.case)
         ego = actors.pop(EGO)
         known = logical.requirements.known(fact.values) | {
             "collided": float(fact.collision is not None),

@@ -32,6 +32,13 @@ class RunSettings(Checked):
         About("where cases run: in child processes, in this process without isolation, or on a Dask cluster"),
     ] = "processes"
     scheduler: Annotated[str, About("address of the Dask cluster's scheduler, e.g. tcp://host:8786")] = ""
+    keep: Annotated[
+        Literal["all", "critical", "none"],
+        About(
+            "whose trajectories stay once a run is scored: all; those of points with a collision, a drive that could "
+            "not be evaluated, another outcome than the nearest point's, or among an ADS's 100 least human-like; none"
+        ),
+    ] = "all"
     incomplete: Annotated[
         Literal["shown", "gate"],
         About("what cases that could not be evaluated do: widen C and D visibly (exit 3), or fail the run (exit 1)"),

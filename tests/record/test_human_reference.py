@@ -4,7 +4,8 @@ is what computing it again would give.
 
 from __future__ import annotations
 
-import json
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,8 @@ import sumo_eval
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.record import human_reference
-from sumo_eval.record.human_reference import KEPT, PointJob, PointResult, compute_points
+from sumo_eval.record.human_reference import PointJob, PointResult, compute_points
+from sumo_eval.record.kept_results import KEPT, KeptResults
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.settings import (
@@ -49,7 +51,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 def computed(job: Job, settings: AnthropomorphicSettings = SETTINGS) -> PointResult:
-    (result,) = compute_points(job[0], [job[1]], settings, map, lambda done: None)
+    kept = KeptResults(job[0].parent)
+    try:
+        (result,) = compute_points(job[0], [job[1]], settings, map, lambda done: None, kept)
+    finally:
+        kept.close()
     return result
 
 
@@ -83,15 +89,16 @@ def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
     assert 0.0 < left_out.everyone <= 1.0
 
 
-def test_a_kept_band_is_what_was_computed_to_the_last_digit(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = computed(job)
+def test_what_is_kept_is_what_was_computed_to_the_last_digit(job: Job, monkeypatch: pytest.MonkeyPatch) -> None:
+    facts, wanted = job
+    judged = facts, replace(wanted, ads=wanted.left_out)
+    first = computed(judged)
 
     def nothing_to_do(*_: object) -> None:
         raise AssertionError("computed again")
 
     monkeypatch.setattr(human_reference, "indexes_by_group", nothing_to_do)
-    assert computed(job) == first
-    facts, wanted = job
+    assert computed(judged) == first
     assert computed((facts, replace(wanted, band=False))).left_out == first.left_out
     with pytest.raises(AssertionError, match="computed again"):
         computed(job, replace(SETTINGS, slice_spacing=10.0))
@@ -107,7 +114,7 @@ def test_an_index_is_the_same_to_the_last_bit_whether_or_not_the_band_is_kept(jo
     assert kept.band == fresh.band
     (ads,) = whole.left_out
     found = [result.indexes[ads] for result in (apart, fresh, kept)]
-    assert len({(index.value, index.slice_similarity.tobytes()) for index in found}) == 1
+    assert len({(index.value, index.similarity, index.likeness) for index in found}) == 1
 
 
 def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) -> None:
@@ -120,26 +127,51 @@ def test_other_settings_and_other_drives_are_not_taken_for_the_same(job: Job) ->
 
 
 @pytest.mark.parametrize(
-    "damage", ["", "[1, 2]", '{"a": {"values": 3}}', '{"bands": {"a": {"values": 3}}, "left_out": {}}', '{"half": ']
+    "damage", [b"no database at all, but long enough to be one" * 40, b"SQLite format 3\0" + 200 * b"x"]
 )
-def test_a_damaged_file_of_bands_is_a_sentence_and_costs_only_the_time_to_compute_them(job: Job, damage: str) -> None:
+def test_a_damaged_file_of_results_is_a_sentence_and_costs_only_the_time_to_compute_them(
+    job: Job, damage: bytes
+) -> None:
     first = computed(job)
     kept = job[0].parent / KEPT
-    kept.write_text(damage, encoding="utf-8")
-    with pytest.raises(InputError, match=r"bands\.json .*(not as it was written|changed or damaged).* deleted"):
+    kept.write_bytes(damage)
+    with pytest.raises(InputError, match=r"kept\.sqlite .*changed or damaged.* deleted"):
         computed(job)
     kept.unlink()
     assert computed(job) == first
 
 
-def test_an_edited_number_in_a_file_of_bands_is_found_and_new_spaces_are_not(job: Job) -> None:
+@pytest.mark.parametrize("kind", ["index", "left_out", "band"])
+def test_an_edited_number_in_a_file_of_results_is_found(job: Job, kind: str) -> None:
+    facts, wanted = job
+    judged = facts, replace(wanted, ads=wanted.left_out)
+    computed(judged)
+    kept = facts.parent / KEPT
+    with closing(sqlite3.connect(kept)) as connection, connection:
+        changed = connection.execute(
+            "UPDATE parts SET data = CAST(replace(CAST(data AS TEXT), '0.', '0.1') AS BLOB) WHERE kind = ?", (kind,)
+        )
+        assert changed.rowcount > 0
+    with pytest.raises(InputError, match="not as it was written"):
+        computed(judged)
+    kept.unlink()
+    assert computed(judged).band is not None
+
+
+def test_a_file_of_another_version_is_computed_again(job: Job) -> None:
     first = computed(job)
     kept = job[0].parent / KEPT
-    content = json.loads(kept.read_text(encoding="utf-8"))
-    kept.write_text(json.dumps(content, indent=4), encoding="utf-8")
+    with closing(sqlite3.connect(kept)) as connection:
+        connection.execute("PRAGMA user_version = 99")
     assert computed(job) == first
-    (one,) = content["left_out"].values()
-    one["everyone"] = 0.5 * one["everyone"]
-    kept.write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(InputError, match="not as it was written"):
-        computed(job)
+
+
+def test_a_folder_that_nobody_may_write_costs_the_saving_and_no_score(tmp_path: Path) -> None:
+    kept = KeptResults(tmp_path / "gone")  # no file can be made there
+    try:
+        assert kept.get("band", b"key") is None
+        kept.put([("band", b"key", 0, b"what")])
+        assert kept.get("band", b"key") == b"what"
+    finally:
+        kept.close()
+    assert not (tmp_path / "gone").exists()

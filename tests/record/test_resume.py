@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -23,6 +25,7 @@ from sumo_eval.record.facts import parse_shard, record_facts
 from sumo_eval.record.run_folder import only_writer
 from sumo_eval.settings.config import read_evaluation
 
+CLUSTERS = Path(__file__).parents[2] / "docs" / "clusters.md"
 HANGS = "def MyAds(traci, ego, time):\n    sum(range(10**18))\n"
 
 
@@ -224,25 +227,57 @@ def test_a_folder_whose_making_was_cut_short_is_made_anew_and_a_foreign_one_neve
         sumo_eval.evaluate(path, tmp_path / "foreign", resume=True)
 
 
+def sbatch(script: str, folder: Path) -> list[subprocess.CompletedProcess[str]]:
+    """A stand-in for Slurm's: each job of the array that `#SBATCH` lines of a script ask for, one after the other."""
+    asked = dict(re.findall(r"^#SBATCH --([\w-]+)=(\S+)", script, flags=re.MULTILINE))
+    first, last = map(int, asked["array"].split("-"))
+    (folder / "job.sh").write_text(script)
+    return [in_shell("bash job.sh", folder, SLURM_ARRAY_TASK_ID=f"{job}", SLURM_CPUS_PER_TASK=asked["cpus-per-task"])
+            for job in range(first, last + 1)]  # fmt: skip
+
+
+def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A line as a shell runs it where `sumo-eval` is installed."""
+    bin_folder = folder / "bin"
+    bin_folder.mkdir(exist_ok=True)
+    (bin_folder / "sumo-eval").write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m sumo_eval "$@"\n')
+    (bin_folder / "sumo-eval").chmod(0o755)
+    environment = {**os.environ, **variables, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
+    return subprocess.run(
+        ["bash", "-c", line], cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+
+
 def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
-    path = write_evaluation(tmp_path)
-    for part in ("1/3", "2/3", "3/3"):
-        done = sumo_eval_cli("run", path, "--out", tmp_path / part[0], "--shard", part)
+    """As docs/clusters.md has it for Slurm, with three jobs of one process in place of eight of sixteen."""
+    write_evaluation(tmp_path)
+    script, merging = re.findall(r"```sh\n(.*?)```", CLUSTERS.read_text(encoding="utf-8"), flags=re.DOTALL)[:2]
+    for there, here in (
+        ("array=1-8", "array=1-3"),
+        ("TASK_ID/8", "TASK_ID/3"),
+        ("cpus-per-task=16", "cpus-per-task=1"),
+    ):
+        assert there in script
+        script = script.replace(there, here)
+    jobs = sbatch(script, tmp_path)
+    for number, done in enumerate(jobs, start=1):
         assert done.returncode == 0, done.stderr
-        assert f"Shard {part}" in done.stdout
-    lone = sumo_eval_cli("score", tmp_path / "1")
+        assert f"Shard {number}/3" in done.stdout
+    shards = tmp_path / "shards"
+    lone = sumo_eval_cli("score", shards / "1")
     assert lone.returncode == 2
     assert "is shard 1/3 of an evaluation; put the shards together first" in lone.stderr
     for parts, sentence in (
         (("1", "2"), "missing: 3/3"),
         (("1", "2", "2", "3"), "are both shard 2/3"),
     ):
-        refused = sumo_eval_cli("merge", *(tmp_path / part for part in parts), "--out", tmp_path / "merged")
+        refused = sumo_eval_cli("merge", *(shards / part for part in parts), "--out", tmp_path / "merged")
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr
-    done = sumo_eval_cli("merge", *(tmp_path / part for part in "312"), "--out", tmp_path / "merged")
+    done = in_shell(merging, tmp_path)
     assert done.returncode == 0, done.stderr
-    assert digest(tmp_path / "merged") == digest(whole)
-    assert (tmp_path / "merged" / "report.html").is_file()
+    merged = tmp_path / "results" / "night"
+    assert digest(merged) == digest(whole)
+    assert (merged / "report.html").is_file()
 
 
 @pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/", "-1/4"])

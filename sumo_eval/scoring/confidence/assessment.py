@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -59,22 +59,32 @@ def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], prog
         assessments.append(_assess(score, evaluation, partitions[score.scenario]))
         progress("confidence", len(assessments), len(evaluation.scores))
     for name, zones in partitions.items():
-        rows = {tuple(zones.logical.row(case.values)) for case in evaluation.cases if case.scenario == name}
-        coverage[name] = space_coverage(zones, np.array(sorted(rows)))
+        coverage[name] = space_coverage(zones, _points(evaluation, zones))
     return Confidence(tuple(assessments), coverage)
 
 
+def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
+    """The points of all cases in a scenario, each once, ascending, (n, k)."""
+    found = np.empty((0, len(zones.logical.parameters)))
+    for score in evaluation.scores:
+        if score.scenario == zones.logical.name:
+            cases = evaluation.cases_of(score.ads, score.scenario)
+            rows = np.array([zones.logical.row(case.values) for case in cases]).reshape(-1, found.shape[1])
+            found = np.unique(np.concatenate([found, rows]), axis=0)
+    return found
+
+
 def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition) -> Assessment:
-    cases = [
-        case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario) and case.evaluated
-    ]
-    if len(cases) < 2 or not sum(case.exposure for case in cases) > 0.0:
+    settings = evaluation.settings
+    cases = evaluation.cases_of(score.ads, score.scenario)
+    terms = case_terms(cases, settings.method)
+    evaluated = terms.evaluated
+    if evaluated.sum() < 2 or not terms.exposure[evaluated].sum() > 0.0:
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
-    settings = evaluation.settings
-    points = np.array([zones.logical.row(case.values) for case in cases])
-    terms = case_terms(cases, settings.method)
-    loss = np.array([case.loss or 0.0 for case in cases])
+    terms = CaseTerms(**{field.name: getattr(terms, field.name)[evaluated] for field in fields(terms)})
+    points = np.array([zones.logical.row(case.values) for case in cases if case.evaluated])
+    loss = np.array([case.loss or 0.0 for case in cases if case.evaluated])
     return Assessment(
         score.ads,
         score.scenario,

@@ -69,9 +69,12 @@ def driver_deviations(
             index[line, column] = found.without[there.index(name)] if here else found.everyone
             one = found.likeness_without[there.index(name)] if here else found.likeness
             likeness[line, column] = one * plausible[column]
-    counted = [row for row in rows if row.zone == "safe" and row.human_likeness is not None]
-    whole = sum(row.exposure for row in counted)
-    compared = sum(row.exposure for row in counted if not row.collided) / whole if whole else 0.0
+    whole = compared = 0.0
+    for row in rows:
+        if row.zone == "safe" and row.human_likeness is not None:
+            whole += row.exposure
+            compared += 0.0 if row.collided else row.exposure
+    compared = compared / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
     mean_index, mean_likeness, all_index, all_likeness = (

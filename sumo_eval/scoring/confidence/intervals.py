@@ -110,18 +110,60 @@ def _halves(rows: IntArray, unit: FloatArray) -> Iterator[IntArray]:
     yield from _halves(order[len(rows) // 2 :], unit)
 
 
-def draw_counts(groups: Sequence[IntArray], replicates: int, stream: np.random.Generator) -> FloatArray:
-    """How often each point stands in each replicate, (m, n).
+def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
+    """Groups of more than one point by their size: (size, places (g, size))."""
+    by_size: dict[int, list[IntArray]] = {}
+    for group in groups:
+        by_size.setdefault(len(group), []).append(group)
+    return [(size, np.array(by_size[size])) for size in sorted(by_size.keys() - {0, 1})]
+
+
+def draw_counts(
+    groups: Sequence[IntArray],
+    replicates: int,
+    stream: np.random.Generator,
+    sizes: Sequence[tuple[int, IntArray]] | None = None,
+) -> FloatArray:
+    """How often each point stands in each replicate, (m, n). sizes: `same_sizes` of the groups, where that is known.
 
     From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
     variance of a mean is right for groups of two as well. A group of one stands in every replicate.
     """
     counts = np.ones((replicates, sum(len(group) for group in groups)))
-    for size in sorted({len(group) for group in groups} - {0, 1}):
-        same = np.array([group for group in groups if len(group) == size])
+    for size, same in same_sizes(groups) if sizes is None else sizes:
         drawn = stream.multinomial(size - 1, np.full(size, 1.0 / size), (replicates, len(same)))
         counts[:, same] = drawn * (size / (size - 1))
     return counts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """What `balanced` does to every draw from the same groups. trend: (n, r), orthonormal. scale: of what is left."""
+
+    trend: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, groups: Sequence[IntArray], unit: FloatArray) -> Balance | None:
+        """Of groups of points, (n, k) in the unit box; None where a trend cannot be told from chance."""
+        n, k = unit.shape
+        if n - len(groups) < 2 * k:
+            return None
+        trend, sizes, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
+        trend = trend[:, sizes > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
+        drawn = [rows for rows in groups if len(rows) > 1]
+        spread = float(sum(len(rows) for rows in drawn))  # of a group of s: G = s/(s - 1) (1 - 1/s)
+        lost = sum(
+            len(rows) / (len(rows) - 1) * float(np.sum(np.square(trend[rows] - trend[rows].mean(axis=0))))
+            for rows in drawn
+        )
+        return cls(trend, math.sqrt(spread / (spread - lost)))
+
+    def __call__(self, counts: FloatArray) -> FloatArray:
+        """The draws (m, n), balanced."""
+        errors = counts - 1.0
+        errors -= (errors @ self.trend) @ self.trend.T
+        return np.maximum(1.0 + self.scale * errors, 0.0)
 
 
 def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -> FloatArray:
@@ -133,19 +175,8 @@ def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -
     (balanced sampling: Deville and Tille 2005). With fewer than 2 k degrees of freedom in the groups a trend cannot be
     told from chance, and the counts stay as they are.
     """
-    n, k = unit.shape
-    if n - len(groups) < 2 * k:
-        return counts
-    trend, sizes, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
-    trend = trend[:, sizes > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
-    drawn = [rows for rows in groups if len(rows) > 1]
-    spread = float(sum(len(rows) for rows in drawn))  # of a group of s: G = s/(s - 1) (1 - 1/s)
-    lost = sum(
-        len(rows) / (len(rows) - 1) * float(np.sum(np.square(trend[rows] - trend[rows].mean(axis=0)))) for rows in drawn
-    )
-    errors = counts - 1.0
-    errors -= (errors @ trend) @ trend.T
-    return np.maximum(1.0 + math.sqrt(spread / (spread - lost)) * errors, 0.0)
+    balance = Balance.of(groups, unit)
+    return counts if balance is None else balance(counts)
 
 
 def score_intervals(
@@ -167,10 +198,12 @@ def score_intervals(
     parts: list[list[_Replicates]] = [[] for _ in judged]
     at_once = max(AT_ONCE // max(n, 1), 1)
     draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
+    sizes = same_sizes(groups)
+    balance = None if even is None else Balance.of(groups, even)
     for first in range(0, replicates, at_once):
         rows = slice(first, min(first + at_once, replicates))
-        plain = draw_counts(groups, rows.stop - first, stream)
-        counts = plain if even is None else balanced(plain, groups, even)
+        plain = draw_counts(groups, rows.stop - first, stream, sizes)
+        counts = plain if balance is None else balance(plain)
         for one, drawn, part in zip(judged, draws, parts, strict=True):
             part.append(_replicates(one, counts[:, one.points], plain[:, one.points], drawn.rows(rows), method))
     return [

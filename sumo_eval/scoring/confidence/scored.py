@@ -6,11 +6,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sumo_eval.results import CaseResult, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import EVEN, SCORED, Judged, ScoreIntervals, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import (
+    EVEN,
+    SCORED,
+    Judged,
+    ScoreIntervals,
+    score_intervals,
+    strata,
+)
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -32,7 +40,7 @@ LEAST = 2  # evaluated cases of which an interval can be made
 def with_intervals(
     scores: Sequence[ScenarioResult],
     rows: Sequence[Sequence[CaseResult]],
-    places: Sequence[Sequence[int]],
+    places: Sequence[ArrayLike],
     drivers: Sequence[DriverDeviations],
     unit: FloatArray,
     sampling: str,

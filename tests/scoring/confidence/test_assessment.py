@@ -12,6 +12,7 @@ from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.method.zone_partition import partition
 from sumo_eval.record.human_reference import PointJob, compute_points
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario import catalogue
@@ -84,7 +85,9 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     with open_store(evaluation.folder / FACTS) as store:
         drives = {case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names) for case in safe}
         jobs = [PointJob(drives[case.case], zones.logical.road, left_out=(case.case,)) for case in safe]
-        found = compute_points(store.path, jobs, fine, map, lambda done: None)
+        kept = KeptResults(evaluation.folder)
+        found = compute_points(store.path, jobs, fine, map, lambda done: None, kept)
+        kept.close()
         left_out = {case: one for result in found for case, one in result.left_out.items()}
         without, whole = [], 0.0
         for absent in (*range(builders.DRIVERS), None):

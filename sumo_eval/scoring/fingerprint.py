@@ -1,0 +1,98 @@
+"""What scores depend on: the recorded facts, the settings, the sources of this package, and files that users name."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.record.kept_results import key_of
+from sumo_eval.scenario.catalogue import options_of
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+
+_PACKAGE = Path(__file__).parent.parent
+_ROOMS = ("drivers", "method", "record", "scenario", "scoring", "settings")
+_FILES = ("evaluation.py", "results.py", "trajectory.py")
+_COMPUTES = ("numpy", "scipy", "numba")
+_QUOTED = re.compile(r"""["']([^"'\n]{1,300})["']""")
+_WITH_NAMES = (".toml", ".xosc", ".py", ".json", ".xml")
+_LARGEST = 8 << 20  # bytes of a file whose text may name others
+
+
+@cache
+def sources(*rooms: str) -> str:
+    """A hash of the files of this package that scores come from, or of some rooms alone, and the versions of what they
+    compute with.
+    """
+    files = [
+        file for room in rooms or _ROOMS for ending in ("*.py", "*.toml") for file in (_PACKAGE / room).rglob(ending)
+    ]
+    files += [] if rooms else [_PACKAGE / name for name in _FILES]
+    found = hashlib.blake2b(repr([version(name) for name in _COMPUTES]).encode())
+    for file in sorted(files):
+        found.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return found.hexdigest()
+
+
+def scores_key(
+    settings: EvaluationSettings, content: str, source: Path, severity: str, exposures: Mapping[str, Any]
+) -> bytes:
+    """Under what the scores of a run are kept. content: the hash over its facts. severity: of a user's function."""
+    named = [space_key(entry, source) for entry in settings.scenario]
+    chosen = settings.scenario, settings.ads, settings.seed, settings.drivers, settings.simulation, settings.method
+    return key_of("scores", content, chosen, named, severity, exposures, sources())
+
+
+def space_key(entry: ScenarioSettings, source: Path) -> str:
+    """A hash of the files that a user's scenario and its sample come from; of a shipped one it is the package's own."""
+    found = hashlib.blake2b()
+    sampling = entry.sampling
+    for locator in (options_of(entry.use)[0], sampling.method, sampling.file):
+        for file in _files_of(locator, source) if locator else []:
+            found.update(str(file).encode() + b"\0" + (file.read_bytes() if file.is_file() else os.urandom(16)))
+    return found.hexdigest()
+
+
+def _files_of(locator: str, source: Path) -> list[Path]:
+    """The file that a locator names and those that its text names; the neighbours of a Python one too."""
+    found: set[Path] = set()
+    if locator.endswith((".toml", ".xosc", ".csv", ".json", ".xml")):
+        _add_with_named(found, source / locator)
+        return sorted(found)
+    place, colon, _ = locator.rpartition(":")
+    if not colon:
+        return []  # one that ships
+    if not place.endswith(".py"):
+        spec = None
+        with suppress(ImportError, ValueError):  # it may lie beside the evaluation, and is looked for there
+            spec = importlib.util.find_spec(place)
+        origin = spec.origin if spec is not None else None
+        place = origin or str(source / (place.replace(".", "/") + ".py"))
+    file = source / place
+    for one in (file, *file.parent.glob("*.py")):
+        _add_with_named(found, one)
+    return sorted(found)
+
+
+def _add_with_named(found: set[Path], file: Path) -> None:
+    """The file and, in turn, the files beside it that its text names in quotes; of OpenSCENARIO also whole folders."""
+    if file in found:
+        return
+    found.add(file)
+    if file.suffix not in _WITH_NAMES or not file.is_file() or file.stat().st_size > _LARGEST:
+        return
+    for name in _QUOTED.findall(file.read_text(encoding="utf-8", errors="replace")):
+        with suppress(OSError, ValueError):  # a text that is no name of a file
+            other = (file.parent / name).resolve()
+            if other.is_file():
+                _add_with_named(found, other)
+            elif file.suffix == ".xosc" and other.is_dir():
+                for one in other.glob("*.xosc"):
+                    _add_with_named(found, one)

@@ -1,0 +1,180 @@
+"""Rows of cases as columns of bytes, and rows that are read from a run's folder when they are asked for.
+
+A million rows in memory are some gigabytes; as columns on disk they are a twentieth, and a few hundred are decoded at a
+time.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Final, overload
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.record.coded import decoded, encoded
+from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.results import CaseResult, ThinReference
+
+_RECORDS = {one.__name__: one for one in (ThinReference, IndexNote)}
+_FIELDS: Final = tuple(field.name for field in fields(CaseResult))
+_HEADER = struct.Struct("<I")
+_HELD = 32  # chunks of rows that are in memory at a time
+_REAL, _LISTED = "real", "listed"
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Rows that lie together: of one ADS in one scenario, their number, and their place among those of a scoring."""
+
+    scenario: str
+    ads: str
+    place: int
+    rows: int
+
+
+def encode_rows(rows: Sequence[CaseResult]) -> bytes:
+    """Rows of one scenario as columns, each deflated by itself."""
+    names = list(rows[0].values) if rows else []
+    columns: list[tuple[str, list[Any]]] = [(f"values.{name}", [row.values[name] for row in rows]) for name in names]
+    columns += [(name, [getattr(row, name) for row in rows]) for name in _FIELDS if name != "values"]
+    header, bodies = [], []
+    for name, values in columns:
+        kind, body = _encode(values)
+        bodies.append(zlib.compress(body, 1))
+        header.append((name, kind, len(bodies[-1])))
+    plain = json.dumps([len(rows), header]).encode()
+    return b"".join((_HEADER.pack(len(plain)), plain, *bodies))
+
+
+def decode_rows(data: bytes) -> list[CaseResult]:
+    """What `encode_rows` wrote."""
+    count, found = _columns(data, None)
+    names = [name.removeprefix("values.") for name in found if name.startswith("values.")]
+    values = zip(*(found[f"values.{name}"] for name in names), strict=True) if names else iter([()] * count)
+    found["values"] = [dict(zip(names, row, strict=True)) for row in values]
+    return [CaseResult(*row) for row in zip(*(found[name] for name in _FIELDS), strict=True)]
+
+
+def decode_column(data: bytes, name: str) -> list[Any]:
+    """One column of what `encode_rows` wrote."""
+    return _columns(data, name)[1][name]
+
+
+def _columns(data: bytes, only: str | None) -> tuple[int, dict[str, list[Any]]]:
+    (size,) = _HEADER.unpack_from(data)
+    count, header = json.loads(data[_HEADER.size : _HEADER.size + size])
+    found, at = {}, _HEADER.size + size
+    for name, kind, length in header:
+        if only in (None, name):
+            found[name] = _decode(zlib.decompress(data[at : at + length]), kind, count)
+        at += length
+    return count, found
+
+
+def _encode(values: list[Any]) -> tuple[str, bytes]:
+    """Numbers as their bits, the missing ones marked; anything else as what occurs, and which of it each row has."""
+    if all(value is None or isinstance(value, float) for value in values):
+        missing = np.array([value is None for value in values], dtype=np.bool_)
+        numbers = np.array([0.0 if value is None else value for value in values], dtype="<f8")
+        return _REAL, np.packbits(missing).tobytes() + numbers.view(np.uint8).reshape(-1, 8).T.tobytes()
+    places: dict[bytes, int] = {}
+    which = [places.setdefault(encoded(value), len(places)) for value in values]
+    listed = b"[" + b",".join(places) + b"]"
+    return _LISTED, np.array(which, dtype="<u4").tobytes() + listed
+
+
+def _decode(body: bytes, kind: str, count: int) -> list[Any]:
+    if kind == _REAL:
+        marks = (count + 7) // 8
+        missing = np.unpackbits(np.frombuffer(body[:marks], dtype=np.uint8), count=count)
+        planes = np.frombuffer(body[marks:], dtype=np.uint8).reshape(8, count)
+        values: list[Any] = np.ascontiguousarray(planes.T).view("<f8").reshape(count).tolist()
+        for place in np.flatnonzero(missing).tolist():
+            values[place] = None
+        return values
+    listed = decoded(body[4 * count :], _RECORDS)
+    return [listed[place] for place in np.frombuffer(body[: 4 * count], dtype="<u4").tolist()]
+
+
+class KeptRows(Sequence[CaseResult]):
+    """The rows of a scoring, or of one ADS in one scenario of it; equal to any sequence of equal rows. key: what the
+    scoring depends on.
+    """
+
+    def __init__(self, kept: KeptResults, key: bytes, chunks: Sequence[Chunk]) -> None:
+        self._kept, self.key, self._chunks = kept, key, tuple(chunks)
+        self._starts = np.cumsum([0, *(chunk.rows for chunk in self._chunks)])
+        self._held: OrderedDict[int, list[CaseResult]] = OrderedDict()
+        self._parts: dict[tuple[str, str], KeptRows] = {}
+
+    def part(self, ads: str, scenario: str) -> KeptRows:
+        """Those of one ADS in one scenario."""
+        if (ads, scenario) not in self._parts:
+            chunks = [chunk for chunk in self._chunks if (chunk.ads, chunk.scenario) == (ads, scenario)]
+            self._parts[ads, scenario] = KeptRows(self._kept, self.key, chunks)
+        return self._parts[ads, scenario]
+
+    def column(self, name: str) -> Iterator[Any]:
+        """A field of all rows, without the rest of them."""
+        for chunk in self._chunks:
+            yield from decode_column(self._data(chunk), name)
+
+    def find(self, case: str) -> CaseResult | None:
+        """The row of a case; None where there is none."""
+        place = next((place for place, name in enumerate(self.column("case")) if name == case), None)
+        return None if place is None else self[place]
+
+    def __len__(self) -> int:
+        return int(self._starts[-1])
+
+    def __iter__(self) -> Iterator[CaseResult]:
+        for number in range(len(self._chunks)):
+            yield from self._rows(number)
+
+    @overload
+    def __getitem__(self, place: int) -> CaseResult: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[CaseResult]: ...
+
+    def __getitem__(self, place: int | slice) -> CaseResult | Sequence[CaseResult]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        row = place + len(self) if place < 0 else place
+        if not 0 <= row < len(self):
+            raise IndexError(place)
+        number = int(np.searchsorted(self._starts, row, side="right")) - 1
+        return self._rows(number)[row - int(self._starts[number])]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sequence) or len(self) != len(other):
+            return NotImplemented if not isinstance(other, Sequence) else False
+        return all(mine == its for mine, its in zip(self, other, strict=True))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"KeptRows({len(self)} cases)"
+
+    def _rows(self, number: int) -> list[CaseResult]:
+        if number in self._held:
+            self._held.move_to_end(number)
+            return self._held[number]
+        rows = decode_rows(self._data(self._chunks[number]))
+        self._held[number] = rows
+        if len(self._held) > _HELD:
+            self._held.popitem(last=False)
+        return rows
+
+    def _data(self, chunk: Chunk) -> bytes:
+        data = self._kept.get("rows", self.key, chunk.place)
+        if data is None:
+            raise InputError(f"Rows of {self._kept.path} are gone: somebody took them out. Score the run again.")
+        return data

@@ -1,0 +1,233 @@
+"""What was computed of a run is kept and taken over to the last digit, while all that it depends on is what it was."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import sumo_eval
+from sumo_eval import evaluation as front_door
+from sumo_eval.errors import InputError
+from sumo_eval.evaluation import let_go, zone_partitions
+from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.record import human_reference
+from sumo_eval.record.kept_results import KEPT
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import open_store
+from sumo_eval.report.assessed import write_assessed_report
+from sumo_eval.report.explain import explain_case
+from sumo_eval.report.replay import recorded
+from sumo_eval.results import Evaluation, ThinReference
+from sumo_eval.scenario import catalogue
+from sumo_eval.scoring import critical, quantities
+from sumo_eval.scoring.fingerprint import space_key
+from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+
+EVALUATION = EvaluationSettings(
+    name="kept",
+    scenario=(ScenarioSettings("front_vehicle_low_speed", SamplingSettings(levels=3)),),
+    ads=(AdsSettings("idm", "idm"), AdsSettings("no_reaction", "no_reaction")),
+    drivers=DriverSettings(count=4),
+)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    return sumo_eval.evaluate(EVALUATION, tmp_path_factory.mktemp("kept") / "run")
+
+
+@pytest.fixture
+def copy(done: Evaluation, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(done.folder, tmp_path / "run", copy_function=shutil.copy2))
+
+
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("computed again")
+
+
+def compute_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(human_reference, "indexes_by_group", never)
+    monkeypatch.setattr(quantities, "measures", never)
+
+
+def same(one: Evaluation, other: Evaluation) -> bool:
+    return (one.scores, one.zones, one.ranking) == (other.scores, other.zones, other.ranking) and (
+        one.cases == other.cases
+    )
+
+
+def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(front_door._Scoring, "scores", never)
+    again = sumo_eval.score(done.folder)
+    assert same(again, done)
+    assert len(again.cases) == sum(score.cases for score in again.scores) == len(list(again.cases))
+    row = again.cases[-1]
+    assert again.case(row.case) == row == list(again.cases_of(row.ads, row.scenario))[-1]
+    assert again.case("no such case") is None
+
+
+def test_changing_k5_computes_no_field_and_reads_no_drive(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
+    compute_nothing(monkeypatch)
+    doubled = sumo_eval.score(done.folder, ["method.score.k5=0.5"])
+    for before, after in zip(done.scores, doubled.scores, strict=True):
+        assert after.c_points == pytest.approx(0.5 * before.c_points)
+        assert (after.d, after.human_likeness) == (before.d, before.human_likeness)
+    with pytest.raises(AssertionError, match="computed again"):
+        sumo_eval.score(done.folder, ["method.anthropomorphic.slice_spacing=7.0"])
+
+
+@pytest.mark.parametrize("points", [1, 4])
+def test_scores_do_not_depend_on_how_many_points_are_in_memory(
+    done: Evaluation, copy: Path, points: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (copy / KEPT).unlink()
+    monkeypatch.setattr(front_door, "POINTS_AT_ONCE", points)
+    assert same(sumo_eval.score(copy), done)
+
+
+def test_scoring_that_was_stopped_goes_on_where_it_was(
+    done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (copy / KEPT).unlink()
+    monkeypatch.setattr(front_door, "POINTS_AT_ONCE", 2)
+    computed: list[int] = []
+    compute = human_reference._compute_part
+
+    def counting(part):  # type: ignore[no-untyped-def]
+        computed.append(len(part[1]))
+        return compute(part)
+
+    def stopping(stage: str, points: int, of: int, failed: int = 0) -> None:
+        if "comparing" in stage and points >= of / 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(human_reference, "_compute_part", counting)
+    with pytest.raises(KeyboardInterrupt):
+        sumo_eval.score(copy, progress=stopping)
+    before = sum(computed)
+    again = sumo_eval.score(copy)
+    assert same(again, done)
+    assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)  # no point twice
+
+
+def test_a_damaged_row_is_a_sentence(copy: Path) -> None:
+    with closing(sqlite3.connect(copy / KEPT)) as connection, connection:
+        connection.execute("UPDATE parts SET data = zeroblob(length(data)) WHERE kind = 'rows'")
+    with pytest.raises(InputError, match=r"not as it was written.*may be deleted"):
+        list(sumo_eval.score(copy).cases)
+
+
+def test_facts_that_changed_without_a_trace_are_found_by_whoever_reads_the_case(done: Evaluation, copy: Path) -> None:
+    facts, case = copy / FACTS, done.cases[0].case
+    state = facts.stat()
+    with closing(sqlite3.connect(facts)) as connection, connection:
+        connection.execute('UPDATE facts SET simulated_time = simulated_time + 1.0 WHERE "case" = ?', (case,))
+    os.utime(facts, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert facts.stat().st_size == state.st_size
+    with pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"):
+        recorded(copy, case)
+    os.utime(facts)  # a changed time, and all of it is checked before anything is said
+    with pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"):
+        sumo_eval.score(copy)
+
+
+def test_a_report_that_is_there_is_not_made_again_and_an_edited_one_is(copy: Path) -> None:
+    done = sumo_eval.score(copy)
+    path = write_assessed_report(done)
+    first = path.stat().st_mtime_ns, path.read_text(encoding="utf-8")
+    write_assessed_report(sumo_eval.score(copy))
+    assert path.stat().st_mtime_ns == first[0]
+    path.write_text("edited", encoding="utf-8")
+    write_assessed_report(sumo_eval.score(copy))
+    assert path.read_text(encoding="utf-8") == first[1]
+
+
+@pytest.mark.parametrize("keep", ["critical", "none"])
+def test_a_run_whose_trajectories_were_let_go_has_the_scores_that_it_had(
+    done: Evaluation, copy: Path, keep: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
+    scored = sumo_eval.score(copy)
+    size = (copy / FACTS).stat().st_size
+    settings = replace(scored.settings, run=replace(scored.settings.run, keep=keep))
+    gone = let_go(replace(scored, settings=settings))
+    with open_store(copy / FACTS, whole=True) as store:
+        drives = sum(number for *_, number, _ in store.counts())
+        stays = {case for case, _, _ in store.names("ads") if store.trajectories(case)}
+        points = {case: point for case, point, _ in store.names("ads")}
+    assert (copy / FACTS).stat().st_size < size
+    collided = {case.case for case in done.cases if case.collided}
+    assert collided
+    if keep == "none":
+        assert (gone, stays) == (drives, set())
+    else:
+        assert collided <= stays
+        assert {points[case] for case in stays} < set(points.values())
+        assert {case for case in points if points[case] in {points[one] for one in stays}} == stays  # whole points
+    assert same(sumo_eval.score(copy), done)
+    lost = next(case for case in done.cases if case.case not in stays and case.index is not None)
+    for refused in (lambda: recorded(copy, lost.case), lambda: sumo_eval.score(copy, ["method.zones.restarts=1",
+                    "method.anthropomorphic.slice_spacing=7.0"])):  # fmt: skip
+        with pytest.raises(InputError, match="were let go after it was scored"):
+            refused()
+    lines = explain_case(done_again := sumo_eval.score(copy), zone_partitions(done_again), lost.case)
+    assert any("its trajectories were let go" in line for line in lines)
+    compute_nothing(monkeypatch)
+    assert sumo_eval.score(copy, ["method.score.k5=0.5"]).scores[0].d == done.scores[0].d
+
+
+def test_critical_points_are_collisions_flips_and_the_least_human(
+    done: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(critical, "LEAST_HUMAN", 1)
+    logical = catalogue.load("front_vehicle_low_speed")
+    row = next(iter(done.cases_of("idm", logical.name)))
+    # along one axis: a collision at 2, to which 1 is nearer than to 0; 6 is the least human-like of the rest
+    speeds, likeness = (10.0, 13.5, 14.0, 20.0, 20.4, 26.0, 26.3), (0.9, 0.9, None, 0.9, 0.9, 0.9, 0.1)
+    cases = tuple(
+        replace(row, case=f"{n}", values={"ego_speed": speed, "lead_speed": 5.0}, collided=n == 2, human_likeness=like,
+                status="collision" if n == 2 else "ok")
+        for n, (speed, like) in enumerate(zip(speeds, likeness, strict=True))
+    )  # fmt: skip
+    one = replace(done, scores=(done.score("idm", logical.name),), cases=cases)
+    numbers = {case.case: int(case.case) for case in cases}
+    found = critical.critical_points(one, {logical.name: logical}, numbers)
+    assert {number for _, number in found} <= {1, 2, 3, 6}
+    assert {number for _, number in found} == {1, 2, 6}
+
+
+def test_rows_come_back_as_they_were(done: Evaluation) -> None:
+    rows = list(done.cases)[:5]
+    odd = [
+        replace(
+            rows[0], severity=-0.0, error="a ü\ud800 line\n", index_note=(IndexNote("two_groups", 3, 7),),
+            reference_note=ThinReference(1, 5, None), values={"a b": 1.5, "c": 2.0},
+        ),
+        replace(rows[1], values={"a b": 0.1 + 0.2, "c": float("inf")}, index=None),
+    ]  # fmt: skip
+    for some in (rows, odd, odd[:1]):
+        assert decode_rows(encode_rows(some)) == some
+        assert decode_column(encode_rows(some), "case") == [row.case for row in some]
+    assert str(decode_rows(encode_rows(odd))[0].severity) == "-0.0"
+
+
+def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text('events = "events.csv"\n')
+    (tmp_path / "events.csv").write_text("a\n1\n")
+    entry = ScenarioSettings("own.toml?x=1", SamplingSettings(method="file", file="points.csv"))
+    (tmp_path / "points.csv").write_text("a\n1\n")
+    keys = [space_key(entry, tmp_path)]
+    for name in ("own.toml", "events.csv", "points.csv"):
+        with (tmp_path / name).open("a") as file:
+            file.write("\n")
+        keys.append(space_key(entry, tmp_path))
+    assert len(set(keys)) == 4
+    assert space_key(entry, tmp_path) == keys[-1]
+    assert space_key(EVALUATION.scenario[0], tmp_path) == space_key(EVALUATION.scenario[0], tmp_path / "elsewhere")

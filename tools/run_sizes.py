@@ -1,0 +1,129 @@
+"""What runs of many cases cost: processor time and peak memory of scoring, answers, report and comparison, by size.
+
+    python tools/run_sizes.py make FOLDER POINTS [DRIVERS]     a run of POINTS cut-ins with made-up drives, 3 drivers
+                                                               where it is safe: no simulation
+    python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
+
+Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
+depend on that. Seconds are of processor time, children included.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.record import run_folder
+from sumo_eval.record.cases import Case, Outcome, Role
+from sumo_eval.record.facts import space_of
+from sumo_eval.record.kept import KeptRecording, keep
+from sumo_eval.record.recording import Space
+from sumo_eval.record.store import open_store
+from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.trajectory import Collision, Recording, Trajectory
+
+AT_ONCE = 2_000  # cases in one transaction
+TIME = np.arange(0.0, 6.0, 0.1)
+
+
+def drive(speed: float, offset: float) -> KeptRecording:
+    """Somebody who slows down behind a slower car, a little to one side."""
+    v = np.maximum(speed - 0.5 * TIME, 5.0)
+    x = np.concatenate([[0.0], np.cumsum(0.1 * v[:-1])])
+    ego = Trajectory(TIME, x, np.full(TIME.size, offset), speed=v, acceleration=np.gradient(v, TIME))
+    lead = Trajectory(TIME, 60.0 + 20.0 * TIME, np.zeros(TIME.size), speed=np.full(TIME.size, 20.0))
+    return keep(Recording(ego, {"lead": lead}, None, "time_limit"))
+
+
+def hit(kept: KeptRecording, speed: float) -> KeptRecording:
+    """That drive with a contact at its end."""
+    pose = (100.0, 0.0, 0.0)
+    collision = Collision(5.9, "lead", (20.0 + speed, 0.0), (20.0, 0.0), 1.0, "front", pose, pose)
+    return kept._replace(collision=collision, end_reason="contact")
+
+
+def outcomes(space: Space, drivers: int) -> Iterator[Outcome]:
+    """Every fifth hazardous point is hit by the ADSs, all of them by who does nothing, none by the ideal vehicle."""
+    drives = [drive(speed, offset) for speed in (25.0, 28.0, 31.0) for offset in (-0.3, 0.0, 0.3)]
+    roles: tuple[tuple[Role, str, str], ...] = (
+        ("ads", "first", "idm"), ("ads", "second", "idm"), ("ideal", "ideal", "ideal_braking"),
+        ("no_reaction", "no_reaction", "no_reaction"),
+    )  # fmt: skip
+    people: list[tuple[Role, str, str]] = [("human", f"driver_{n:02d}", "synthetic") for n in range(drivers)]
+    for number in space.numbers:
+        concrete, dangerous = space.concrete(number), bool(space.hazardous[number])
+        for place, (role, driver, controller) in enumerate((*roles, *(() if dangerous else people))):
+            kept = drives[(number + place) % len(drives)]
+            collides = dangerous and (role == "no_reaction" or (role == "ads" and (number + place) % 5 == 0))
+            case = Case(number, concrete, role, driver, controller, fingerprint=f"{number:064x}")
+            yield Outcome(case, "collision" if collides else "ok", hit(kept, 3.0 + place) if collides else kept)
+
+
+def make(folder: Path, points: int, drivers: int) -> None:
+    """Write the run."""
+    settings = EvaluationSettings(
+        "made up",
+        (ScenarioSettings("cut_in", SamplingSettings("sobol", count=points)),),
+        (AdsSettings("first", "idm"), AdsSettings("second", "idm")),
+        drivers=DriverSettings(count=max(drivers, 2)),
+    )
+    space = space_of(settings.scenario[0], settings, Path.cwd())
+    with run_folder.only_writer(folder, resume=False):
+        run_folder.create(folder, settings, Path.cwd(), [space.concrete(0)])
+        run_folder.write_exposures(folder, {space.logical.name: space.exposure})
+        with open_store(folder / run_folder.FACTS, create=True) as store:
+            waiting: list[Outcome] = []
+            for outcome in outcomes(space, drivers):
+                waiting.append(outcome)
+                if len(waiting) == AT_ONCE:
+                    store.add(*waiting)
+                    waiting = []
+            store.add(*waiting)
+            store.note("shard", "1/1")
+            store.seal()
+            store.note("complete", "yes")
+            drives = sum(number for *_, number, _ in store.counts())
+    size = (folder / run_folder.FACTS).stat().st_size
+    print(f"{len(space.numbers)} points, {drives} drives, {size / drives:.0f} bytes a drive")
+
+
+def measure(folder: Path) -> None:
+    """A line for each command."""
+    with open_store(folder / run_folder.FACTS, checked=True) as store:
+        case = next(store.names("ads"))[0]
+    run = str(folder)
+    commands = {
+        "score": ["-c", f"import sumo_eval; sumo_eval.score({run!r})"],
+        "score again": ["-c", f"import sumo_eval; sumo_eval.score({run!r})"],
+        "another k5": ["-c", f"import sumo_eval; sumo_eval.score({run!r}, ['method.score.k5=2'])"],
+        "explain": ["-m", "sumo_eval", "explain", run, case],
+        "unknown case": ["-m", "sumo_eval", "explain", run, case + "x"],
+        "replay": ["-m", "sumo_eval", "replay", run, case],
+        "export of a case": ["-m", "sumo_eval", "export", run, case, "--out", run + "-case"],
+        "compare": ["-m", "sumo_eval", "compare", run, run],
+        "report": ["-m", "sumo_eval", "report", run],
+        "report again": ["-m", "sumo_eval", "report", run],
+    }
+    for name, words in commands.items():
+        began = time.monotonic()
+        pid = os.posix_spawn(sys.executable, [sys.executable, *words], os.environ)
+        _, status, used = os.wait4(pid, 0)
+        took = used.ru_utime + used.ru_stime
+        print(
+            f"{name}: {took:.2f} s, {used.ru_maxrss // 1024} MB, wall {time.monotonic() - began:.1f} s, "
+            f"exit {os.waitstatus_to_exitcode(status)}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    task, place, *rest = sys.argv[1:]
+    if task == "make":
+        make(Path(place), int(rest[0]), int(rest[1]) if len(rest) > 1 else 3)
+    else:
+        measure(Path(place))
