@@ -1040,10 +1040,8 @@ class _Builder:
         lively = bool(streams) or any(item.lively for item in vehicles) or road.shaped
         searched = lively or ego.goal_lane is not None or (table.zone != "none" and table.zone.conflict)
         self._all_used(parameters, definitions, told_by)
-        if road.shaped and road.bent:
-            raise InputError(
-                f"The road of {self.where} must be straight where it has [[road.lane]] or [[road.crossing]]."
-            )
+        if road.crossings and road.bent:
+            raise InputError(f"The road of {self.where} must be straight where it has a [[road.crossing]].")
         margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,
