@@ -10,10 +10,10 @@ import json
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from latex2mathml.converter import convert
-from mkdocs.structure.files import File, Files
+if TYPE_CHECKING:
+    from mkdocs.structure.files import Files
 
 TOP = ("ARCHITECTURE", "CONTRIBUTING", "CHANGELOG", "GLOSSARY", "README")
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,87 +21,116 @@ _LINK = re.compile(r"\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the repository's own pages under `project/`, and a page for every scenario's folder of decisions."""
+    """Add the repository's own pages under `project/` and the gallery of scenarios."""
+    from mkdocs.structure.files import File
+
     for name in TOP:
         text = (ROOT / f"{name}.md").read_text(encoding="utf-8")
         files.append(File.generated(config, f"project/{name.lower()}.md", content=text))
-    files.append(File.generated(config, "gallery.md", content=_gallery()))
-    files.append(File.generated(config, "leaderboard.md", content=_leaderboard()))
+    files.append(File.generated(config, "gallery.md", content=gallery()))
     return files
 
 
-def _gallery() -> str:
+def gallery() -> str:
     """A page with every scenario: its picture, its parameters, where it is described."""
     text = [
         "# Gallery of scenarios",
         "",
-        "The middle of each space, driven by `idm` in SUMO. Blue: the ADS. Ochre: the others.",
+        "Moving pictures: the middle of the space, driven by `idm` in SUMO; blue is the ADS, ochre the others.",
+        "Roads that bend, ramps and crossings are drawn as they begin.",
         "",
     ]
-    for heading, folder in (
-        ("Scenarios that ship", ROOT / "sumo_eval" / "scenario" / "files"),
-        ("Scenario files to begin with", ROOT / "docs" / "examples" / "scenarios"),
+    for path in sorted((ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")):
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        name = path.stem
+        page, pictures = ROOT / "docs" / "scenarios" / f"{name}.md", ROOT / "docs" / "pictures"
+        candidates = (pictures / "moving" / f"{name}.svg", pictures / f"{name}.svg")
+        shown = next((one for one in candidates if one.is_file()), None)
+        title = f"[{name}](scenarios/{name}.md)" if page.is_file() else name
+        text += [f"## {title}", "", content["about"], ""]
+        if shown:
+            text += [f"![{content['about']}]({shown.relative_to(ROOT / 'docs').as_posix()})", ""]
+        text += ["| parameter | range | |", "|---|---|---|"]
+        text += [f"| `{one['name']}` | {_range(one)} | {one['about']} |" for one in content["parameter"]]
+        text += ["", f'`use = "{name}"`', ""]
+    return "\n".join(text)
+
+
+def _range(parameter: dict[str, Any]) -> str:
+    """The values of a parameter in words: a list, or the ends of a range, and the unit."""
+    unit = parameter.get("unit", "")
+    if "values" in parameter:
+        said = ", ".join(f"{value:g}" for value in parameter["values"])
+    else:
+        said = f"{parameter['low']:g} to {parameter['high']:g}"
+    return f"{said} {unit}".rstrip()
+
+
+BOARD = ROOT / "docs" / "leaderboard"
+"""The scores of every suite: a folder a suite, in it `scores.json` files of runs, under any name."""
+
+
+def leaderboard() -> str:
+    """A table of every suite's scores, best first. Raises ValueError for a file that is not of its folder's suite."""
+    text: list[str] = []
+    for folder in sorted((path for path in BOARD.iterdir() if path.is_dir()), reverse=True):
+        suite = tomllib.loads((ROOT / "sumo_eval/settings/suites" / f"{folder.name}.toml").read_text(encoding="utf-8"))
+        rows = [row for path in sorted(folder.glob("*.json")) for row in _board_rows(path, suite)]
+        uses = [entry["use"] for entry in suite["scenario"]]
+        text += [
+            "",
+            f"## {folder.name}",
+            "",
+            f"| ADS | S+ | A | H | avoidable collisions | {' | '.join(uses)} | with |",
+        ]
+        text += ["|---" * (6 + len(uses)) + "|"]
+        text += [f"| {' | '.join(cells)} |" for _, cells in sorted(rows, key=lambda row: -row[0])]
+        text += ["", "Columns named after a scenario hold S+ there."]
+    return "\n".join([*text, ""])
+
+
+def _board_rows(path: Path, suite: dict[str, Any]) -> list[tuple[float, list[str]]]:
+    """S+ and the cells of every ADS of a `scores.json`."""
+    found = json.loads(path.read_text(encoding="utf-8"))
+    uses = [entry["use"] for entry in suite["scenario"]]
+    for what, is_, must in (
+        ("seed", found["seed"], suite["seed"]),
+        ("number of drivers", found["drivers"].get("count"), suite["drivers"]["count"]),
+        ("list of scenarios", [zone["scenario"] for zone in found["zones"]], uses),
     ):
-        text += [f"## {heading}", ""]
-        for path in sorted(folder.glob("*.toml")):
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-            name = path.stem
-            page, pictures = ROOT / "docs" / "scenarios" / f"{name}.md", ROOT / "docs" / "pictures"
-            candidates = (pictures / "moving" / f"{name}.svg", pictures / f"{name}.svg")
-            shown = next((one for one in candidates if one.is_file()), None)
-            title = f"[{name}](scenarios/{name}.md)" if page.is_file() else name
-            text += [f"### {title}", "", content["about"], ""]
-            if shown:
-                text += [f"![{content['about']}]({shown.relative_to(ROOT / 'docs').as_posix()})", ""]
-            text += ["| parameter | range | |", "|---|---|---|"]
-            text += [
-                f"| `{one['name']}` | {one['low']:g} to {one['high']:g} {one.get('unit', '')} | {one['about']} |"
-                for one in content["parameter"]
-            ]
-            text += ["", f'`use = "{name if folder.name == "files" else path.name}"`', ""]
-    return "\n".join(text)
-
-
-def _leaderboard() -> str:
-    """The golden scores of every suite, best first."""
-    text = [
-        "# Leaderboard",
-        "",
-        "A suite is a fixed list of scenarios, samples, drivers and seed. It never changes, so its scores are citable:",
-        '`use = "suite:2026.1"` in an evaluation file. To add an ADS, send its `scores.json` and its locator to the',
-        "maintainers, or add its row to the suite's file in `sumo_eval/settings/suites/`.",
-        "",
-    ]
-    kept = sorted((ROOT / "sumo_eval" / "settings" / "suites").glob("*.scores.json"), reverse=True)
-    if not kept:
-        text.append("No scores are kept here yet: yours may be the first.")
-    for path in kept:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        text += [
-            f"## {path.name.removesuffix('.scores.json')}",
-            "",
-            found["about"],
-            "",
-            "| ADS | S+ | A | H | avoidable collisions |",
-            "|---|---|---|---|---|",
+        if is_ != must:
+            raise ValueError(f"{path} is no run of its suite: the {what} must be {must}, got {is_}.")
+    rows = []
+    for one in found["ranking"]["ads"]:
+        scores = {score["scenario"]: score for score in found["scores"] if score["ads"] == one["ads"]}
+        low, high = one["interval"]
+        means = [sum(scores[use][key] for use in uses) / len(uses) for key in ("avoided_share", "human_likeness")]
+        versions = found["versions"]
+        cells = [
+            f"`{one['ads']}`",
+            f"{one['s_plus']:.1f} ({low:.1f}..{high:.1f})",
+            *(f"{mean:.3f}" for mean in means),
+            str(sum(scores[use]["avoidable_collisions"] for use in uses)),
+            *(f"{scores[use]['s_plus']:.1f}" for use in uses),
+            f"[{versions['sumo_eval']}, libsumo {versions['libsumo']}](leaderboard/{path.parent.name}/{path.name})",
         ]
-        text += [
-            f"| `{row['ads']}` | {row['s_plus']:.1f} | {row['a']:.3f} | {row['h']:.3f} | {row['avoidable']} |"
-            for row in sorted(found["rows"], key=lambda row: -row["s_plus"])
-        ]
-        text.append("")
-    return "\n".join(text)
+        rows.append((one["s_plus"], cells))
+    return rows
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Turn links, render formulas."""
     here = page.file.src_uri
+    if here == "leaderboard.md":
+        markdown = f"{markdown}\n{leaderboard()}"
     turned = _LINK.sub(lambda found: _turned(found, here, files), markdown)
     turned = re.sub(r"```math\n(.*?)```", lambda found: _formula(found[1], "block"), turned, flags=re.S)
     return re.sub(r"\$`([^`]+)`\$", lambda found: _formula(found[1], "inline"), turned)
 
 
 def _formula(latex: str, display: str) -> str:
+    from latex2mathml.converter import convert
+
     made = convert(" ".join(latex.split()), display=display)
     # In a span, because Markdown takes a line that begins with another tag for a block.
     return f"\n{made}\n" if display == "block" else f"<span>{made}</span>"

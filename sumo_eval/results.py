@@ -435,7 +435,9 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run. ranking: None where nobody ranked its ADSs."""
+    """A scored run. ranking: None where nobody ranked its ADSs. checks: of each scenario that has requirements, their
+    names and conditions.
+    """
 
     name: str
     folder: Path
@@ -448,6 +450,7 @@ class Evaluation:
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
     ranking: Ranking | None = None
+    checks: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def not_evaluated(self) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.progress import Progress
 
@@ -23,6 +24,7 @@ def qualify(out: Path) -> None:
     """
     from sumo_eval.studies.qualification import pages, qualified
 
+    out_folder.ready(out)
     with Progress() as progress:
         found = qualified.qualify(qualified.all_checks(), progress)
     written = pages.write_qualification(found, out)

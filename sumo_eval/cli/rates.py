@@ -8,8 +8,10 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
+from sumo_eval.errors import InputError
 
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
@@ -30,6 +32,10 @@ def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
     from sumo_eval.rates.learn_page import sentences, write_lesson
     from sumo_eval.rates.learned import learn as learned_from
 
+    for path in recordings:
+        if not path.exists():
+            raise InputError(f"Recordings {path} are not there.")
+    out_folder.ready(out)
     parts = (import_recordings(form, [path]) for path in recordings)
     source = ", ".join(path.name for path in recordings)
     with Progress() as progress:
@@ -61,6 +67,7 @@ def campaign(file: Path, out: Path, budget: int | None, workers: int | None) -> 
         settings = replace(settings, budget=budget)
     if workers is not None:
         settings = replace(settings, run=replace(settings.run, workers=workers))
+    out_folder.ready(out)
     with Progress() as progress:
         found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
     for sentence in sentences(found):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
@@ -117,6 +118,7 @@ def boundary(
 
     logical = slice_of(find(scenario, Path.cwd()), named_values(fix, "--fix"))
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
+    out_folder.ready(out)
     with Progress() as progress:
         found = find_boundary(
             logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,

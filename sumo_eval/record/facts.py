@@ -23,6 +23,7 @@ from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, zones_of
 from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
     REFERENCES,
     Planner,
@@ -156,6 +157,9 @@ def record_facts(
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     severity_of(evaluation.method.collision, source)
+    if evaluation.run.qualification and not run_folder.is_run(folder):
+        read_qualification(evaluation.run.qualification, source)
+    _find_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
@@ -268,6 +272,7 @@ def verify(
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
     """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
+    _find_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
@@ -347,6 +352,12 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
             picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
             chosen += [cases[index] for index in sorted(picked.tolist())]
     return chosen
+
+
+def _find_scenarios(settings: EvaluationSettings, source: Path) -> None:
+    """Refuse a misspelt scenario before anything is compiled, an ADS is asked or a zone is computed."""
+    for entry in settings.scenario:
+        catalogue.find(entry.use, source)
 
 
 def _spaces(

@@ -67,6 +67,11 @@ class QuantityChange:
         """Whether the interval of the difference leaves out 0."""
         return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
 
+    @property
+    def unchanged(self) -> bool:
+        """Whether both runs have one value, in every resample."""
+        return self.difference == self.low == self.high == 0.0
+
 
 @dataclass(frozen=True, slots=True)
 class AdsComparison:

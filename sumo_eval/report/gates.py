@@ -121,12 +121,21 @@ def _judge_change(
         if change.low is not None and change.high is not None
         else ""
     )
-    may = f"{bound:g} %" if percent else f"{bound:g}"
-    sentence = (
-        f"{quantity} went from {_number(quantity, change.base)} to {_number(quantity, change.new)}{spread}; "
-        f"it may be worse by {may}{' unless the interval holds 0' if limit.only_if_certain else ''}"
+    moved = (
+        f"is {_number(quantity, change.new)} as in the base"
+        if change.base == change.new and not change.low and not change.high
+        else f"went from {_number(quantity, change.base)} to {_number(quantity, change.new)}{spread}"
     )
-    return GateResult(*where, ok, sentence, change.new, threshold)
+    return GateResult(*where, ok, f"{quantity} {moved}; {_may(limit, bound, percent)}", change.new, threshold)
+
+
+def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
+    """What a limit on a change asks for, in words."""
+    way = "fall" if limit.quantity in HIGHER_IS_BETTER else "rise"
+    asked = f"it may {way} by at most {bound:g}{' %' if percent else ''}" if bound else f"it must not {way}"
+    if not limit.only_if_certain:
+        return asked
+    return f"{asked}; {'a larger' if bound else 'a'} {way} counts only where the interval leaves out 0"
 
 
 def _value(quantity: Quantity, score: ScenarioResult, compared: AdsComparison | None) -> float | None:

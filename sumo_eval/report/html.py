@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -172,12 +173,23 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
 def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path:
     """Write a page of the comparison alone; its cases lead into the report of the newer run."""
     content = change_content(evaluation, beside)
-    report = (evaluation.folder / REPORT).resolve()
+    report = evaluation.folder / REPORT
+    base = Path(beside.comparison.base_folder).name if beside.comparison else ""
+    title = f"{base} and {evaluation.folder.name}: {evaluation.name}" if base else evaluation.name
     page = template("compare.html.j2").render(
-        name=evaluation.name, content={"change": content}, case_page=report.as_uri() if report.is_file() else "",
-        css=asset("report.css"), page_js=asset("page.js"),
+        name=title, content={"change": content}, css=asset("report.css"), page_js=asset("page.js"),
+        case_page=_way(path, report) if report.is_file() else "",
+        change_title=f"Change from {base} to {evaluation.folder.name}" if base else "",
     )  # fmt: skip
     return write_page(path, page, "The page")
+
+
+def _way(page: Path, file: Path) -> str:
+    """The address of a file in a page: relative, so that both can be moved together, where one disk holds both."""
+    try:
+        return quote(Path(os.path.relpath(file, page.parent)).as_posix())
+    except ValueError:
+        return file.resolve().as_uri()
 
 
 def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:

@@ -11,9 +11,11 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     SCORES,
@@ -154,6 +156,7 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for note in score.notes
         if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
+    lines += check_lines(evaluation)
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
         f"{file} of the catalogue does not play: {why}"
@@ -162,6 +165,8 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     ]
     if drivers_are_synthetic(evaluation.settings) or evaluation.settings.drivers.source == "recorded":
         lines.append(people_sentence(evaluation))
+    if "qualification" in evaluation.manifest:
+        lines.append(qualification_sentence(evaluation.manifest))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")
     return lines
 
@@ -255,7 +260,7 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
 # --- two runs ---------------------------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
-_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 6}
+_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 4}
 
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:
@@ -282,11 +287,15 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evalua
     return [*lines, *gate_lines(gates)]
 
 
+_SEEN = 5e-4
+"""What changes none of the three decimals that are shown is not told."""
+
+
 def moved_words(item: ChangedCase) -> list[str]:
     """By how much what the change is about moved, and everything else in the case that moves a score."""
     about_impact = item.change in ("harsher", "softer")
     words = [f"U {item.by:+z.3g} m/s"] if about_impact and item.by is not None else []
-    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items())]
+    return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
@@ -316,7 +325,7 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     )
     if change.difference is None or change.low is None or change.high is None:
         return values
-    if change.difference == change.low == change.high == 0.0:
+    if change.unchanged:
         return f"{change.new:z.{digits}f}, unchanged"
     interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
     return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"

@@ -43,3 +43,34 @@ def test_gates_that_were_not_judged_for_one_reason_are_one_line() -> None:
     ]
     lines = gate_lines([*gates, GateResult("C", "a", "s", False, "C: fell", None, None)])
     assert lines == ["gate FAILED: a in s: C: fell", f"6 gates not judged: {reason}", "0 gates passed."]
+
+
+@pytest.mark.parametrize("options", [("--out", "x"), ("--dry-run",)])
+def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
+    tmp_path: Path, options: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text('open("asked", "w").close()\n\n\ndef acc(seen):\n    return 0.0\n')
+    Path("evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "cut_inn"\n[[ads]]\nname = "mine"\ncontroller = "mine.py:acc"\n'
+    )
+    result = CliRunner().invoke(main, ["run", "evaluation.toml", *options])
+    assert result.exit_code == 2
+    assert "`cut_inn`" in result.output
+    assert "Did you mean `cut_in`?" in result.output
+    assert not Path("asked").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "file" / "x")])
+    assert result.exit_code == 2
+    assert "cannot be written" in result.output
+    assert "passed" not in result.output
+
+
+def test_learning_from_a_folder_says_what_to_name(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["learn", str(tmp_path), "--out", str(tmp_path / "learned")])
+    assert result.exit_code == 2
+    assert f"{tmp_path} is a folder" in result.output
+    assert "humans import" in result.output

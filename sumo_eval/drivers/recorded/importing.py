@@ -50,6 +50,12 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
     if not paths:
         raise InputError("At least one file or folder of recordings must be given, got none.")
     if form == OWN:
+        for path in paths:
+            if path.is_dir():
+                raise InputError(
+                    f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval humans import` "
+                    f"wrote; other formats are {', '.join(READERS)}."
+                )
         parts = [read_csv(path) for path in paths]
     else:
         parts = [_canonical(found) for path in paths for found in READERS[form](path)]

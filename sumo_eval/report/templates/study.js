@@ -14,13 +14,23 @@
   document.head.append(library);
   const plot = byId("study"), C = sumoPage.colour;
 
+  // Figures come in the colours of a light page; each stands for its name in the style sheet.
+  const NAMES = { "#e6f1f8": "--safe", "#fbd9b5": "--hazardous", "#1b1f24": "--ink", "#0072b2": "--c", "#b23c00": "--hit",
+    "#9aa1aa": "--hatch", "#4d9e7a": "--d", "#b26a00": "--actor" };
+  const coloured = (value) => {
+    if (typeof value === "string") return NAMES[value.toLowerCase()] ? C(NAMES[value.toLowerCase()]) : value;
+    if (Array.isArray(value)) return value.map(coloured);
+    if (value?.constructor === Object) return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, coloured(one)]));
+    return value;
+  };
+
   function draw() {
     const axis = { gridcolor: C("--hair"), linecolor: C("--axis"), zeroline: false, ticks: "outside", ticklen: 4, tickcolor: C("--axis") };
     const layout = { ...figure.layout, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: C("--ink") },
       hoverlabel: { bgcolor: C("--paper"), bordercolor: C("--axis"), font: { color: C("--ink") } } };
     for (const name of Object.keys(layout)) if (/^[xy]axis\d*$/.test(name)) layout[name] = { ...axis, ...layout[name] };
-    return Plotly.react(plot, figure.data, layout, { displaylogo: false, responsive: true, displayModeBar: false });
+    return Plotly.react(plot, coloured(figure.data), coloured(layout), { displaylogo: false, responsive: true, displayModeBar: false });
   }
 
   const rows = () => [["series", "x", "y", "value"], ...plot.data.filter((trace) => trace.hoverinfo !== "skip").flatMap((trace) =>

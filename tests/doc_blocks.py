@@ -1,0 +1,133 @@
+"""Fenced blocks and commands of the pages, and the desk on which a reader would try them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PAGES = [path.relative_to(ROOT).as_posix() for path in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])]
+
+CODE = ("sh", "text", "bash", "yaml", "groovy")
+"""Languages of blocks that hold commands."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: the language may be empty, for a drawing or what a command printed."""
+
+    page: str
+    line: int
+    language: str
+    text: str
+
+    @property
+    def place(self) -> str:
+        return f"{self.page}:{self.line}"
+
+    def commands(self) -> list[list[str]]:
+        """The words behind `sumo-eval` of every command in it, with shell variables as the number 1."""
+        text = re.sub(r"\\\n|\n +(?=--)", " ", self.text) if self.language in CODE else ""
+        found = re.findall(r"(?<![\w./-])sumo-eval ((?:[^\n'\"&|>]|\"[^\"\n]*\")+)", text)
+        return [words_of(one) for one in found]
+
+
+def words_of(command: str) -> list[str]:
+    """A command's words, with shell variables and arithmetic as the number 1."""
+    return shlex.split(re.sub(r"\$\(\([^)]*\)\)|\$\{\w+\}|\$\w+", "1", command), comments=True)
+
+
+def blocks(page: str) -> list[Block]:
+    """Every fenced block of a page."""
+    found: list[Block] = []
+    begun: tuple[int, str, int] | None = None
+    held: list[str] = []
+    for number, line in enumerate((ROOT / page).read_text(encoding="utf-8").splitlines(), start=1):
+        fence = re.match(r"( *)```(\w*)", line)
+        if fence and begun is None:
+            begun, held = (number, fence[2], len(fence[1])), []
+        elif fence and begun is not None:
+            found.append(Block(page, begun[0], begun[1], "".join(f"{one}\n" for one in held)))
+            begun = None
+        elif begun is not None:
+            held.append(line[begun[2] :] if not line[: begun[2]].strip() else line)
+    assert begun is None, f"{page}: the block that begins in line {begun} has no end"
+    return found
+
+
+BLOCKS = [block for page in PAGES for block in blocks(page)]
+
+
+def mentioned(page: str) -> Iterator[list[str]]:
+    """The words of every `sumo-eval ...` between backticks in a page's sentences."""
+    text = re.sub(r"^ *```.*?^ *```", "", (ROOT / page).read_text(encoding="utf-8"), flags=re.S | re.M)
+    for command in re.findall(r"`sumo-eval ([^`]+)`", text):
+        yield words_of(" ".join(command.split()).split(" > ")[0])
+
+
+def code_of(page: str, marker: str) -> str:
+    """The block of a page that holds this text."""
+    (found,) = [block.text for block in blocks(page) if marker in block.text]
+    return found
+
+
+EVALUATION = """
+name = "desk"
+seed = 1
+[[scenario]]
+use = "front_vehicle_low_speed"
+[scenario.sampling]
+levels = 2
+[[ads]]
+name = "idm"
+controller = "idm"
+[[ads]]
+name = "lane_changer"
+controller = "lane_changer"
+[drivers]
+count = 2
+[run]
+engine = "serial"
+"""
+"""What stands in for a page's own evaluation.toml: three points, in this process."""
+
+CASE = "front_vehicle_low_speed-0000-idm"
+READS_A_RUN = ("score", "report", "explain", "replay", "plot", "export", "compare", "verify")
+SIMULATES = ("run", "merge", "verify", "nightly", "boundary", "learn", "campaign", "qualify", "drive", "check")
+"""Commands that cost seconds and more."""
+
+
+@dataclass(frozen=True)
+class Desk:
+    """A folder with what a reader of a page has at hand, and a small run that stands in for the page's."""
+
+    folder: Path
+    run: Path
+
+    def lay_out(self, page: str) -> None:
+        """The files that a page's blocks are saved as, and the small evaluation under its name."""
+        (self.folder / "evaluation.toml").write_text(EVALUATION)
+        (self.folder / "gate.toml").write_text(code_of("docs/tutorials/a_night.md", "new_collisions"))
+        (self.folder / "lorry.toml").write_text(code_of("docs/tutorials/own_scenario.md", "[[parameter]]"))
+        source = {"README.md": ("README.md", "class MyAds"), "docs/index.md": ("docs/index.md", "class MyAds")}
+        (self.folder / "my_ads.py").write_text(
+            code_of(*source.get(page, ("docs/bring_your_ads.md", "def acc"))), encoding="utf-8"
+        )
+
+    def stand_in(self, words: list[str]) -> list[str]:
+        """A command as it is run here: placeholders filled, a small evaluation for a dear one, folders made ready."""
+        words = [CASE if word == "CASE" else word for word in words if word != "--open"]
+        if words[0] in READS_A_RUN:
+            for number, word in enumerate(words[1:3] if words[0] == "compare" else words[1:2], start=1):
+                if not (self.folder / word).exists():
+                    shutil.copytree(self.run, self.folder / word)
+                words[number] = word
+        if words[0] == "run" and "--resume" not in words and "--out" in words:
+            shutil.rmtree(self.folder / words[words.index("--out") + 1], ignore_errors=True)
+        if words[0] == "run" and not any(word.endswith(".toml") for word in words):
+            words.insert(1, "evaluation.toml")
+        return words

@@ -1,0 +1,366 @@
+"""Every fenced block of every page is run, read by the program's own reader, or marked with a reason; and so is every
+command.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tomllib
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+import yaml
+from click.testing import CliRunner
+from doc_blocks import (
+    BLOCKS,
+    CODE,
+    PAGES,
+    ROOT,
+    SIMULATES,
+    Block,
+    Desk,
+    code_of,
+    mentioned,
+)
+
+from sumo_eval.cli import COMMANDS, main
+from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.features import read_interface
+from sumo_eval.rates.campaign import read_campaign
+from sumo_eval.report.gate_settings import read_gate
+from sumo_eval.scenario import catalogue
+from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.sampling.openscenario_points import read_mapping
+from sumo_eval.settings.config import settings_from
+from sumo_eval.wheel.plan import read_study
+
+MARKED = {
+    "": "a drawing, or what a command printed",
+    "groovy": "nothing here reads Groovy; its commands are read like all others",
+    "math": "the site's build turns it into MathML, and fails where it cannot",
+}
+"""Languages of blocks that are neither run nor read by this test, and why."""
+
+NOT_RUN = {
+    "--gui": "needs a display",
+    "--scheduler": "needs a cluster",
+    "drive": "needs somebody at the wheel; tests/wheel has bots there",
+    "import": "needs a catalogue of OpenSCENARIO files",
+    "opinion": "needs a study's ratings; tests/report/test_opinion_section.py has some",
+    "onnx:policy.onnx": "needs the policy that the line above trains for two minutes; tests/learning trains one",
+    "people.csv.gz": "needs a recording; tests/rates and tests/drivers have some",
+    "highd.csv.gz": "needs a recording; tests/drivers has some",
+    "data/highd": "needs a recording; tests/drivers/test_importers.py has one",
+    "learned/campaign.toml": "needs what `learn` wrote; tests/rates has that",
+    "campaign.toml": "needs what `learn` wrote; tests/rates has that",
+    "afternoon/evaluation.toml": "needs a study; tests/wheel has one",
+    "/work/evaluation.toml": "a path inside a container",
+    "qualify": "takes minutes; tests/studies runs its parts",
+}
+"""Commands that are read and not run, by a word in them, and why."""
+
+READERS = {
+    "evaluation": {"scenario", "ads", "drivers", "method", "simulation", "report", "run", "name", "seed"},
+    "scenario": {"road", "ego", "require", "joint", "met", "recorded"},
+}
+"""Keys of fragments: an evaluation's, and a scenario file's."""
+
+BASE_EVALUATION = {
+    "name": "base",
+    "scenario": [{"use": "front_vehicle_low_speed"}],
+    "ads": [{"name": "idm", "controller": "idm"}],
+}
+
+
+@pytest.fixture(scope="module")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("desk")
+    desk = Desk(folder, folder)
+    desk.lay_out("docs/bring_your_ads.md")
+    done = CliRunner().invoke(main, ["run", str(folder / "evaluation.toml"), "--out", str(folder / "run")])
+    assert done.exit_code == 0, done.output
+    return folder / "run"
+
+
+@pytest.fixture
+def desk(small_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+    monkeypatch.chdir(tmp_path)
+    return Desk(tmp_path, small_run)
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+
+
+def read(words: list[str]) -> None:
+    """Have the program's own parser read a command: names, options, types of values, how many arguments."""
+    context = click.Context(main, info_name="sumo-eval")
+    name, command, rest = main.resolve_command(context, words)
+    if isinstance(command, click.Group) and rest:
+        context = click.Context(command, parent=context)
+        name, command, rest = command.resolve_command(context, rest)
+    assert command is not None
+    with command.make_context(name, list(rest), parent=context):
+        pass
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_programs_own_parser_reads_every_command_of_a_block(page: str) -> None:
+    for block in BLOCKS:
+        for words in block.commands() if block.page == page else ():
+            read(words)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_in_a_sentence_exists_with_its_options(page: str) -> None:
+    for words in mentioned(page):
+        if words[0].startswith("-"):
+            continue
+        assert words[0] in COMMANDS, words
+        command: Any = main.get_command(click.Context(main), words[0])
+        if isinstance(command, click.Group) and len(words) > 1:
+            command = command.get_command(click.Context(command), words[1])
+            assert command is not None, words
+        known = {name for item in command.params for name in (*item.opts, *item.secondary_opts)} | {"--help"}
+        assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known, words
+
+
+def why_not_run(words: list[str]) -> str:
+    return next((reason for word, reason in NOT_RUN.items() if word in words), "")
+
+
+def run_commands(desk: Desk, page: str, wanted: Callable[[list[str]], bool]) -> int:
+    """Run those commands of a page's shell blocks, in their order, with stand-ins for what is dear."""
+    desk.lay_out(page)
+    done = 0
+    for block in BLOCKS:
+        if block.page != page or block.language not in ("sh", "text"):
+            continue
+        for words in block.commands():
+            if why_not_run(words) or not wanted(words):
+                continue
+            result = CliRunner().invoke(main, desk.stand_in(words))
+            assert result.exit_code == 0, (words, result.output)
+            assert "Traceback" not in result.output
+            done += 1
+    return done
+
+
+def is_quick(words: list[str]) -> bool:
+    """Whether a command takes a second or so. Parquet is dear in that duckdb complains when the interpreter ends."""
+    dear = words[0] in SIMULATES or words[:3] == ["plot", "results/edge", "boundary"] or "parquet" in words
+    return "--install" in words or not dear
+
+
+PAGES_WITH_QUICK_COMMANDS = sorted(
+    {
+        block.page
+        for block in BLOCKS
+        if block.language in ("sh", "text")
+        for words in block.commands()
+        if is_quick(words) and not why_not_run(words)
+    }
+)
+PAGES_WITH_COMMANDS = sorted({block.page for block in BLOCKS if block.commands()})
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_QUICK_COMMANDS)
+def test_quick_commands_of_a_page_run(page: str, desk: Desk) -> None:
+    assert run_commands(desk, page, is_quick) > 0
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("page", PAGES_WITH_COMMANDS)
+def test_all_commands_of_a_page_run(page: str, desk: Desk) -> None:
+    run_commands(desk, page, lambda words: True)
+
+
+def test_reasons_not_to_run_a_command_are_all_used() -> None:
+    found = [words for block in BLOCKS for words in block.commands()]
+    assert {word for word in NOT_RUN if any(word in words for words in found)} == set(NOT_RUN)
+
+
+def test_shell_can_read_every_block_of_it() -> None:
+    for block in BLOCKS:
+        if block.language in ("sh", "bash"):
+            text = re.sub(r"^[AB]\$ ", "", block.text, flags=re.M)
+            checked = subprocess.run(["bash", "-n"], input=text, text=True, capture_output=True, check=False)
+            assert checked.returncode == 0, (block.place, checked.stderr)
+
+
+def test_what_blocks_call_besides_the_program_is_there() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for block in BLOCKS:
+        if block.language not in CODE:
+            continue
+        for path in re.findall(r"python3? (\w[\w/]+\.py)", block.text):
+            assert (ROOT / path).is_file(), (block.place, path)
+        for target in re.findall(r"^make (\w+)", block.text, flags=re.M):
+            assert re.search(rf"^{target}:", makefile, flags=re.M), (block.place, target)
+        for extra in re.findall(r"pip install '[\w.]+\[(\w+)\]'", block.text):
+            assert extra in extras, (block.place, extra)
+
+
+# --- TOML and YAML ----------------------------------------------------------------------------------------------------
+
+
+def reader_of(content: dict[str, Any]) -> str:
+    """Which file of the program a block of TOML is, by its keys."""
+    keys = set(content)
+    for name, marks in (
+        ("scenario", {"parameter"}),
+        ("gate", {"limit"}),
+        ("study", {"consent"}),
+        ("features", {"feature"}),
+        ("mapping", {"distribution", "parameters"}),
+        ("campaign", {"budget", "ads"}),
+    ):
+        if marks <= keys:
+            return name
+    (name,) = [name for name, known in READERS.items() if keys <= known]
+    return name if name == "evaluation" else "scenario"
+
+
+def read_toml_block(text: str, folder: Path) -> str:
+    """Have the program's own reader read a block: a whole file, or a part of one within the smallest whole."""
+    content = tomllib.loads(text)
+    kind = reader_of(content)
+    (folder / "block.toml").write_text(text, encoding="utf-8")
+    if kind == "evaluation":
+        settings_from({**BASE_EVALUATION, **content}, "a block")
+    elif kind == "scenario":
+        scenario_from(whole_scenario(content, folder), "a block", folder)
+    elif kind == "gate":
+        read_gate(folder / "block.toml")
+    elif kind == "study":
+        read_study(folder / "block.toml")
+    elif kind == "features":
+        read_interface(folder / "block.toml")
+    elif kind == "mapping":
+        read_mapping(folder / "block.toml", catalogue.load("cut_in"))
+    else:
+        read_campaign(folder / "block.toml")
+    return kind
+
+
+def whole_scenario(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A scenario file with these parts; those of a shipped one where the block does not say."""
+    if "parameter" in content:
+        return content
+    if "joint" in content or "met" in content:
+        base = files("cut_in")
+        names = [one["name"] for one in base["parameter"]]
+        rows = [f"{20 + k},{10 + k % 3},{30 + (7 * k) % 11},{1 + 0.1 * (k % 4)}" for k in range(8)]
+        (folder / content["joint"]["events"]).write_text("\n".join([",".join(names), *rows]) + "\n")
+        return {**base, **content}
+    base = files("front_vehicle_low_speed")
+    if "road" in content and "ego" in content:
+        return {**base, **content, "ego": {**base["ego"], **content["ego"]}}
+    return {**base, **content}
+
+
+def files(name: str) -> dict[str, Any]:
+    path = ROOT / "sumo_eval" / "scenario" / "files" / f"{name}.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("block", [one for one in BLOCKS if one.language == "toml"], ids=lambda one: one.place)
+def test_the_programs_own_reader_reads_every_block_of_toml(block: Block, desk: Desk) -> None:
+    if "consent" in block.text:
+        shutil.copytree(desk.run, desk.folder / "results" / "first")
+    read_toml_block(block.text, desk.folder)
+
+
+def test_every_block_of_yaml_can_be_read() -> None:
+    for block in BLOCKS:
+        if block.language == "yaml":
+            assert isinstance(yaml.safe_load(block.text), dict), block.place
+
+
+# --- Python, and programs ---------------------------------------------------------------------------------------------
+
+PYTHON = [block for block in BLOCKS if block.language == "python"]
+STAND_INS = {
+    "sumo_eval.evaluate(\n": [
+        ('"sampling": {"levels": 3}', '"sampling": {"levels": 2}'),
+        ('"name": "mine",\n', '"name": "mine", "run": {"engine": "serial"}, "drivers": {"count": 2},\n'),
+    ],
+    "front_vehicle_cut_out-0042-mine": [("front_vehicle_cut_out-0042-mine", "front_vehicle_low_speed-0000-idm")],
+    "num_envs=512": [("num_envs=512", "num_envs=8")],
+    '"name": "first look"': [('"seed": 1,', '"seed": 1, "run": {"engine": "serial"},')],
+}
+"""What stands in a dear block of Python for what it says: text of the block -> (old, new)."""
+
+
+@pytest.mark.parametrize("block", PYTHON, ids=lambda one: one.place)
+def test_every_block_of_python_runs(block: Block, desk: Desk) -> None:
+    desk.lay_out(block.page)
+    text = block.text
+    for marker, changes in STAND_INS.items():
+        for old, new in changes if marker in text else ():
+            assert old in text
+            text = text.replace(old, new)
+    if "open_run(" in text:
+        shutil.copytree(desk.run, desk.folder / "results" / "night")
+    space: dict[str, Any] = {}
+    exec(compile(text, block.place, "exec"), space)
+    if "env" in space:
+        space["env"].close()
+        space["envs"].close()
+    ads = next((space[name] for name in ("MyAds", "Platoon", "acc") if name in space), None)
+    if ads is not None:
+        concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+        recording = simulate(concrete, ads() if isinstance(ads, type) else ads)
+        assert recording.end_reason != "ads_error", recording
+        assert recording.collision is None or "Platoon" in space
+
+
+def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
+    program = tmp_path / "ads.sh"
+    program.write_text(code_of("docs/ads/exec.md", "read -r briefing"))
+    program.chmod(0o755)
+    concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=10.0)
+    recording = simulate(concrete, f"exec:{program}")
+    assert recording.end_reason == "standstill"  # it brakes as long as it sees somebody
+    assert recording.collision is None
+
+
+# --- all of them ------------------------------------------------------------------------------------------------------
+
+
+def treated(block: Block) -> str:
+    """`run` in CI, `campaign`: run there, `read` or `marked`."""
+    if block.language in MARKED:
+        return "marked"
+    if block.language == "python" or "read -r briefing" in block.text:
+        return "run"
+    runs = [words for words in block.commands() if not why_not_run(words) and block.language in ("sh", "text")]
+    return "run" if any(is_quick(words) for words in runs) else "campaign" if runs else "read"
+
+
+def test_no_block_is_of_a_language_that_nothing_treats() -> None:
+    assert {block.language for block in BLOCKS} <= {*MARKED, *CODE, "python", "toml"}
+    counts = Counter(treated(block) for block in BLOCKS)
+    assert counts["run"] + counts["campaign"] >= 35
+    assert counts["read"] >= 40
+    drawn = [block for block in BLOCKS if block.language in ("", "groovy")]
+    assert len(drawn) == 16, "a block without a language is a drawing or what a command printed: count it here"
+
+
+def tell() -> None:
+    """Print how every block and every command is treated."""
+    for block in BLOCKS:
+        print(f"{treated(block):8} {block.language or '-':7} {block.place}  {MARKED.get(block.language, '')}")
+    commands = [words for block in BLOCKS for words in block.commands()]
+    how = Counter(why_not_run(words) or ("run" if is_quick(words) else "run in the campaign") for words in commands)
+    print(Counter(treated(block) for block in BLOCKS), how)
+
+
+if __name__ == "__main__":
+    tell()

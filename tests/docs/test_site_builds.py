@@ -1,0 +1,80 @@
+"""The site is built as `make docs` builds it: a broken link fails; what was built leads nowhere and loads nothing."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from lxml import html
+
+ROOT = Path(__file__).parents[2]
+BUILDERS = ("mkdocs", "material", "mkdocstrings", "latex2mathml")
+
+pytestmark = pytest.mark.skipif(
+    any(importlib.util.find_spec(name) is None for name in BUILDERS), reason="needs the extra `docs`"
+)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(folder)],
+        cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, html.HtmlElement]:
+    return {path: html.parse(str(path)).getroot() for path in sorted(site.rglob("*.html")) if path.name != "404.html"}
+
+
+def addresses(page: html.HtmlElement) -> Iterator[str]:
+    for element, attribute, address, _ in page.iterlinks():
+        if attribute in ("href", "src") and element.get("rel") != "canonical":
+            yield address
+
+
+def test_every_link_of_the_built_site_leads_somewhere(site: Path, pages: dict[Path, html.HtmlElement]) -> None:
+    assert len(pages) > 80
+    names = {path: {*page.xpath("//@id"), *page.xpath("//a/@name")} for path, page in pages.items()}
+    broken = []
+    for path, page in pages.items():
+        for address in addresses(page):
+            if address.startswith(("http:", "https:", "mailto:", "data:", "javascript:")):
+                continue
+            place, _, anchor = unquote(address).partition("#")
+            target = (path.parent / place).resolve() if place else path
+            target = target / "index.html" if target.is_dir() else target
+            if not target.is_file() or (anchor and target in names and anchor not in names[target]):
+                broken.append(f"{path.relative_to(site)}: {address}")
+    assert broken == []
+
+
+def test_no_page_of_the_site_loads_anything_from_elsewhere(pages: dict[Path, html.HtmlElement]) -> None:
+    for path, page in pages.items():
+        loaded = page.xpath("//script/@src | //img/@src | //link[@rel='stylesheet']/@href | //iframe/@src")
+        assert not [address for address in loaded if str(address).startswith(("http", "//"))], path
+
+
+def test_formulas_are_rendered_and_every_scenario_on_a_straight_road_moves(
+    site: Path, pages: dict[Path, html.HtmlElement]
+) -> None:
+    assert len(pages[site / "formulas.html"].xpath("//*[local-name()='math']")) >= 9
+    pictures = {
+        Path(address).stem: str(address) for address in pages[site / "gallery.html"].xpath("//article//img/@src")
+    }
+    scenarios = {path.stem: path for path in (ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")}
+    assert set(pictures) == set(scenarios)
+    for name, path in scenarios.items():
+        if not {"line", "lane", "crossing"} & set(tomllib.loads(path.read_text(encoding="utf-8")).get("road", {})):
+            assert "<animate" in (site / pictures[name]).read_text(encoding="utf-8"), name
