@@ -36,10 +36,11 @@ SPEED_RESERVE = 1.0  # m/s; nobody gains speed while he would not be clear of wh
 LEAST_LENGTH = 20.0  # m of road for a lane change at a crawl: a fifth of a car's tightest curve
 END_AHEAD = 10.0  # s before the end of the lane beside from which on nobody changes to it
 LEAST_SPEED = 2.0  # m/s, nobody overtakes from a slower roll
+COMES_TOWARDS = 1.0  # m/s against the ego's direction, faster than which somebody comes towards it
 AHEAD_HEADWAY = 0.6  # s, shortest headway accepted behind the vehicle in the other lane (LMRS: 0.56 s)
 
 # UN R79, 5.6.4.7 (lane change, ACSF C): whoever comes from behind in the other lane need not brake harder than 3 m/s2,
-# beginning 0.4 s after the change began, to keep a headway of 1 s.
+# beginning 0.4 s after the ego's side has come to the line between the lanes, to keep a headway of 1 s.
 REAR_DECELERATION = 3.0  # m/s2
 REAR_DELAY = 0.4  # s
 REAR_HEADWAY = 1.0  # s
@@ -93,7 +94,8 @@ def overtake(
     if way.asked:
         asked = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)
     leads = _find_leads(memory, me, others, watched, scenario)
-    if leads and memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road):
+    free_to = memory.changing == 0 and way.asked == 0 and _has_left_lane(memory, me, scenario.road)
+    if leads and free_to and not _comes_towards(others, watched):
         if _begins(memory, me, others, watched, habits, scenario):
             _find_leads(memory, me, others, watched, scenario)
         elif _bides_its_time(memory, me, others, watched, habits, scenario):
@@ -127,6 +129,17 @@ def _has_left_lane(memory: Any, me: Any, road: Any) -> bool:
         return False
     first, last = max(road.left_is_open, road.left_parted_until), min(road.left_closes, road.left_parted_from)
     return bool(lane + 2 < road.lanes or first <= me.x < last - END_AHEAD * me.along)
+
+
+@kernel
+def _comes_towards(others: Any, watched: Any) -> bool:
+    """Whether something in the way comes towards the ego. Nobody overtakes that, nor evades it to the left, which is
+    its own side and where it will go back to.
+    """
+    found = False
+    for j in range(len(others)):
+        found = found or bool(watched[j].leads and others[j].along < -COMES_TOWARDS)
+    return found
 
 
 @kernel
@@ -262,7 +275,10 @@ def _left_is_free(memory: Any, me: Any, others: Any, duration: float, emergency:
             return False
     if behind >= 0:
         closing = max(others[behind].along - me.along, 0.0)
-        least = closing * REAR_DELAY + closing * closing / (2.0 * REAR_DECELERATION) + me.along * REAR_HEADWAY
+        beside = 0.5 * (1.0 - scenario.vehicle.width / scenario.road.lane_width)  # share of the way to the other lane
+        undiminished = duration * share_when_done(beside) + REAR_DELAY
+        braking = closing * closing / (2.0 * REAR_DECELERATION)
+        least = closing * undiminished + braking + me.along * REAR_HEADWAY
         if gap_behind(me, others[behind]) < (EMERGENCY_GAP + closing * duration if emergency else least):
             return False
     return True

@@ -64,7 +64,8 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
 
         with open_store(run / FACTS) as store:
             vehicles = store.trajectories(fact.case)
-        replay_in_gui(logical.road, vehicles, fact.collision)
+        bodies = {actor.name: actor.body for actor in logical.placed(fact.values).actors}
+        replay_in_gui(logical.road, vehicles, fact.collision, bodies=bodies)
         return
     path = write_replay(run, logical, fact, out or run / f"replay-{case}.html", beside=beside)
     click.echo(f"The replay is {path}")

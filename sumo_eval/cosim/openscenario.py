@@ -43,12 +43,13 @@ def opendrive_xml(road: Road) -> str:
         etree.SubElement(geometry, "line")
     else:  # the line itself, which a spiral's offset would not be
         _plan(plan, road, length)
-        etree.SubElement(lanes, "laneOffset", s="0", a=_text(road.left_edge), b="0", c="0", d="0")
+        if road.span(road.lanes - 1) is EVERYWHERE:
+            etree.SubElement(lanes, "laneOffset", s="0", a=_text(road.left_edge), b="0", c="0", d="0")
     places = [0.0, *sorted({it for span in road.spans for it in span.places if 0.0 < it < length}), length]
     sections = list(itertools.pairwise(places))
-    left = road.span(road.lanes - 1)
+    left, base = road.span(road.lanes - 1), road.left_edge if road.bent else 0.0
     for begin, end in sections if left is not EVERYWHERE else ():
-        first, last = (-road.lane_width * gone for gone in _gone(left, begin, end))
+        first, last = (base - road.lane_width * gone for gone in _gone(left, begin, end))
         slope = _text((last - first) / (end - begin))
         etree.SubElement(lanes, "laneOffset", s=_text(begin), a=_text(first), b=slope, c="0", d="0")
     for begin, end in sections:

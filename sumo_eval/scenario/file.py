@@ -1054,10 +1054,8 @@ class _Builder:
         requirements = self._requirements(definitions)
         asked = requirements.all if requirements is not None else ()
         self._all_used(parameters, definitions, [*told_by, *(it for one in asked for it in one.expressions)])
-        if road.shaped and road.bent:
-            raise InputError(
-                f"The road of {self.where} must be straight where it has [[road.lane]] or [[road.crossing]]."
-            )
+        if road.crossings and road.bent:
+            raise InputError(f"The road of {self.where} must be straight where it has a [[road.crossing]].")
         margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,

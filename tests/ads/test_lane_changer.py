@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from road_scenes import ROAD, actor, case, cut_outs_at_the_edge, low_speed, safe_cut_outs
 
-from sumo_eval.cosim import simulate
-from sumo_eval.scenario import Actor, Start
+from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.scenario import Actor, Start, catalogue
 
 
 def onset(recording) -> float:
@@ -74,3 +74,16 @@ def test_once_the_left_lane_is_free_it_overtakes_after_all():
     assert ego.speed.min() < 24.0
     assert ego.speed[-1] > ego.speed.min() + 1.0
     assert ego.x[-1] >= ROAD.length
+
+
+def collisions(name: str, points: int) -> int:
+    logical = catalogue.load(name)
+    drawn = logical.from_unit(np.random.default_rng(5).random((20 * points, len(logical.names))))
+    cases = list(logical.concretes(drawn[logical.feasible(drawn)][:points]))
+    return sum(recording.collision is not None for recording in simulate_many(cases, "lane_changer"))
+
+
+def test_it_leaves_an_oncoming_vehicle_its_own_side_and_whoever_comes_from_behind_his_distance():
+    # Of these 30 points each `idm` hits the oncoming vehicle in 3, who moves back 0.7 s before contact and too late.
+    assert collisions("oncoming_in_lane", 30) == 3
+    assert collisions("lane_change_rear", 30) == 0

@@ -7,7 +7,7 @@ import pytest
 from road_scenes import BRIEFING, fresh, mover
 
 from sumo_eval.ads.car_following import IdmParameters, enhanced_idm_acceleration
-from sumo_eval.ads.lane_change import path_y, smooth_step
+from sumo_eval.ads.lane_change import path_y, share_of_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road
@@ -123,7 +123,7 @@ def test_when_braking_will_not_do_it_evades_if_that_is_possible(habits):
         (mover("rear", -20.0, 3.5, along=20.0), False),
         (mover("rear", -25.0, 3.5, along=20.0), True),
         (mover("rear", -60.0, 3.5, along=35.0), False),
-        (mover("rear", -75.0, 3.5, along=35.0), True),
+        (mover("rear", -120.0, 3.5, along=35.0), True),
         (mover("beside", 1.0, 3.5, along=20.0), False),
         (mover("beside", -1.0, 3.5, along=20.0), False),
         (mover("two lanes away", 1.0, 7.0, along=20.0), True),
@@ -135,11 +135,29 @@ def test_the_left_lane_must_be_free_ahead_and_behind(other, free):
 
 
 def test_the_gap_behind_is_that_of_un_r79():
+    # The regulation reckons from when the ego's side is at the line: 0.85 m of 3.5 m, by a smooth step. Until then, and
+    # 0.4 s more, whoever is behind comes nearer undiminished.
     closing, speed = 12.0, 20.0
-    critical = closing * 0.4 + closing**2 / (2.0 * 3.0) + speed * 1.0
+    path = decide(ahead(60.0, 10.0))[0].path
+    to_the_line = path.length / speed * share_of_duration(0.85 / 3.5)
+    assert 1.0 < to_the_line < 3.0
+    critical = closing * (to_the_line + 0.4) + closing**2 / (2.0 * 3.0) + speed * 1.0
     for margin, free in ((-0.01, False), (0.01, True)):
         rear = mover("rear", -4.5 - critical - margin, 3.5, along=speed + closing)
         assert decide(ahead(60.0, 10.0), rear)[0].changing is free
+
+
+@pytest.mark.parametrize("habits", [WILLING, UNWILLING], ids=["willing", "unwilling"])
+@pytest.mark.parametrize("gap", [150.0, 60.0])
+def test_who_comes_towards_the_ego_is_neither_overtaken_nor_evaded_to_his_own_side(habits, gap):
+    oncoming, parked = ahead(gap, -15.0), ahead(gap, 0.0)
+    evading, wanted = decide(oncoming, speed=30.0, habits=habits)
+    assert not evading.changing
+    assert wanted < -3.0, "it brakes"
+    assert (
+        decide(ahead(gap, -0.5), speed=30.0, habits=habits)[0].changing
+        is decide(parked, speed=30.0, habits=habits)[0].changing
+    ), "who rolls back does not come towards it"
 
 
 def test_an_evasion_needs_only_room_not_comfort():

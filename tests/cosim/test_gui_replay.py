@@ -19,24 +19,30 @@ SUMO = str(BESIDE) if BESIDE.is_file() else shutil.which("sumo")
 
 
 @pytest.mark.skipif(SUMO is None, reason="the sumo program is not installed (extra `gui`)")
-def test_vehicles_stand_where_they_were_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("scenario", ["front_vehicle_cut_out", "ramp_merge", "crossing_path"])
+def test_vehicles_stand_where_they_were_recorded_and_are_what_they_were(
+    scenario: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from traci import main as traci
 
-    road = catalogue.load("front_vehicle_cut_out").road
+    road = catalogue.load(scenario).road
     vehicles = {
         "ego": builders.drive(50.0, 0.0, 30.0, 3.0),
         "lead": builders.drive(80.0, 0.0, 25.0, 6.0, offset=3.5, braking=1.0),
     }
     seen: list[dict[str, tuple[tuple[float, float], float]]] = []
+    shapes: dict[str, str] = {}
     step = traci.simulationStep
 
     def watched() -> None:
         step()
+        shapes.update((name, traci.vehicle.getShapeClass(name)) for name in vehicles)
         seen.append({name: (traci.vehicle.getPosition(name), traci.vehicle.getAngle(name)) for name in vehicles})
 
     monkeypatch.setattr(traci, "simulationStep", watched)
     assert SUMO is not None
-    gui_replay.replay_in_gui(road, vehicles, None, program=SUMO)
+    gui_replay.replay_in_gui(road, vehicles, None, program=SUMO, bodies={"lead": "bicycle"})
+    assert shapes == {"ego": "passenger/sedan", "lead": "bicycle"}
     times = np.arange(0.0, vehicles["ego"].time[-1] + gui_replay.STEP, gui_replay.STEP)
     assert len(seen) == len(times) > 50
     for time, frame in zip(times, seen, strict=True):

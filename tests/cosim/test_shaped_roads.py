@@ -11,6 +11,7 @@ import pytest
 from sumo_eval import Command
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.scenario import ConcreteScenario, catalogue
+from sumo_eval.scenario.road.reference_line import arc
 from sumo_eval.trajectory import Recording
 
 POINTS = {
@@ -102,3 +103,28 @@ def test_a_model_of_sumos_takes_the_exit_that_its_route_leads_to() -> None:
     found = simulate(case("exit", gap=65.0, other_acceleration=0.0), "sumo:IDM")
     assert (found.collision, found.end_reason, found.error) == (None, "road_end", None)
     assert found.ego.y[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
+    """The case where the road bends from its beginning on."""
+    return replace(concrete, road=replace(concrete.road, name=f"bend_{radius:g}", line=(arc(900.0, radius),)))
+
+
+@pytest.mark.parametrize("name", sorted(POINTS))
+def test_law_a_ramp_a_lane_drop_and_an_exit_on_a_very_wide_bend_are_those_on_a_straight_road(name: str) -> None:
+    straight, wide = (simulate(it, "idm") for it in (case(name), bent(case(name), 1e9)))
+    assert straight.end_reason == wide.end_reason
+    assert len(straight.ego) == len(wide.ego)
+    for channel in ("x", "y", "heading", "speed"):
+        assert np.abs(getattr(straight.ego, channel) - getattr(wide.ego, channel)).max() < 1e-4, channel
+
+
+@pytest.mark.parametrize("radius", [250.0, -250.0])
+def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_frame(radius: float) -> None:
+    merges = simulate(bent(case("ramp_merge"), radius), "idm")
+    assert (merges.collision, merges.end_reason, clips(merges) & {"goal_missed"}) == (None, "road_end", set())
+    assert merges.ego.y[-1] == pytest.approx(3.5, abs=0.05)
+    pedals = bent(case("ramp_merge", offset=60.0, other_speed=28.0, other_acceleration=2.0), radius)
+    found = simulate(pedals, "no_reaction")
+    assert found.end_reason == "road_end"
+    assert np.abs(found.ego.y - pedals.ego.y_at(found.ego.x)).max() < 0.05

@@ -45,14 +45,11 @@ from sumo_eval.trajectory import CHANNELS
 
 FOLDER = Path(__file__).parent
 POINTS = 12
-FEW = ("no_reaction", "ideal_braking", "idm", "lane_changer")
+FEW = ("no_reaction", "ideal_braking", "idm", "attentive", "lane_changer")
 """Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
 COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
 DRIVERS = 4
 NATIVE = "sumo:IDM"
-FEW = ("no_reaction", "ideal_braking", "idm", "attentive", "lane_changer")
-"""Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
-COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
 TOLERANCE = 1e-9  # of scores, relative to 1 or to their own size where that is larger
 MADE_WITH = ("libsumo", "numpy")
 

@@ -71,6 +71,21 @@ def test_sections_are_edges_and_a_ramp_is_one_of_its_own_beside_them() -> None:
     assert vehicle_edges(road, 3.5) == ("road0", "road1", "road2")
 
 
+def test_lanes_that_open_and_end_follow_a_bend_and_meet_where_their_sections_do() -> None:
+    road = read(road={"lanes": 3, "length": 900.0, "lane": [RAMP], "line": [{"length": 800.0, "radius": 250.0}]}).road
+    net = etree.fromstring(network_xml(road).encode())
+    lanes = {
+        str(it.get("id")): np.array([p.split(",") for p in str(it.get("shape")).split()], float)
+        for it in net.iter("lane")
+    }
+    for lane, d in (("ramp0_0", 0.0), ("road0_0", 3.5), ("road1_2", 7.0)):
+        assert np.abs(np.hypot(lanes[lane][:, 0], lanes[lane][:, 1] - 250.0) - (250.0 - d)).max() < 1e-4
+    assert lanes["ramp0_0"][-1].tolist() == lanes["road1_0"][0].tolist()
+    assert lanes["road1_1"][-1].tolist() == lanes["road2_0"][0].tolist()
+    lengths = {str(it.get("id")): float(str(it.get("length"))) for it in net.iter("lane")}
+    assert (lengths["ramp0_0"], lengths["road1_2"], lengths["road2_0"]) == (120.0, 180.0, 600.0)
+
+
 @pytest.mark.parametrize("name", SHAPED)
 def test_sumo_opens_the_network_of_a_shipped_scenario_and_drives_its_routes(name: str, tmp_path: Path) -> None:
     logical = catalogue.SCENARIOS[name]
@@ -117,6 +132,7 @@ def test_a_goal_lane_is_a_way_that_ends_where_the_first_lane_does(
 
 
 ROAD = {"lanes": 3, "length": 900.0}
+BEND = {"length": 500.0, "radius": 300.0}
 GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
 
 
@@ -131,7 +147,8 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
         ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it must be one that"),
         ({"road": {**ROAD, "lane": [{**RAMP, "rmp_until": 31.0}]}}, "ramp_until"),
         ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
-        ({"road": {**ROAD, "lane": [RAMP], "line": [{"length": 500.0, "radius": 300.0}]}}, "must be straight where"),
+        ({"road": {**ROAD, "crossing": [{"x": 400.0}], "line": [BEND]}}, "must be straight where it has a"),
+        ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its innermost lane"),
         ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and there is one already"),
         ({"ego": {"speed": "v", "change_from": 150.0}}, "so it must have a `goal_lane`"),
         ({"ego": {"speed": "v", "goal_lane": 1}}, "so it must have a `change_from`"),

@@ -9,15 +9,16 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from lxml import etree
 
-from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, view_xml
+from sumo_eval.cosim.sumo.sumo_files import EGO, network_xml, road_edges, view_xml
 from sumo_eval.errors import InputError, needs_extra
+from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.trajectory import Collision, Trajectory
@@ -37,11 +38,13 @@ def sumo_gui() -> str:
 
 
 def replay_in_gui(
-    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None, program: str | None = None
-) -> None:
+    road: Road, vehicles: Mapping[str, Trajectory], collision: Collision | None, program: str | None = None,
+    *, bodies: Mapping[str, str] | None = None,
+) -> None:  # fmt: skip
     """Play a recording in sumo-gui in real time, and leave its window open at the end until the person closes it.
 
-    vehicles: by name, the ego's under `ego`. program: sumo-gui, or another SUMO program that understands TraCI.
+    vehicles: by name, the ego's under `ego`. program: sumo-gui, or another SUMO program that understands TraCI. bodies:
+    by the vehicle's name, those of `scenario.bodies`; a car where there is none.
     """
     program = program or sumo_gui()
     from traci import main as traci  # the package itself is libsumo here, which has no window
@@ -50,7 +53,7 @@ def replay_in_gui(
         folder = Path(name)
         (folder / "road.net.xml").write_text(network_xml(road), encoding="utf-8")
         (folder / "road.view.xml").write_text(view_xml(road), encoding="utf-8")
-        (folder / "case.rou.xml").write_text(_types(vehicles), encoding="utf-8")
+        (folder / "case.rou.xml").write_text(_types(vehicles, bodies or {}), encoding="utf-8")
         command = [
             program, "-n", str(folder / "road.net.xml"), "-r", str(folder / "case.rou.xml"), "--step-length", str(STEP),
             "--collision.action", "none", "--no-step-log", "true", "--no-warnings", "true",
@@ -64,12 +67,13 @@ def replay_in_gui(
         except (OSError, traci.TraCIException, traci.FatalTraCIError) as error:
             raise InputError(f"{program} could not be started: {error}.") from error
         try:
-            _play(traci, {name: _on_map(road, it) for name, it in vehicles.items()}, collision, shows=shows)
+            on_map = {name: _on_map(road, it) for name, it in vehicles.items()}
+            _play(traci, on_map, collision, road_edges(road), shows=shows)
         except traci.FatalTraCIError:
             return  # the person has closed the window
         finally:
             if traci.isLoaded():
-                traci.close(wait=False)
+                traci.close(wait=not shows)  # a window is the person's to close
 
 
 def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
@@ -83,8 +87,10 @@ def _on_map(road: Road, trajectory: Trajectory) -> Trajectory:
     )  # fmt: skip
 
 
-def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision | None, *, shows: bool) -> None:
-    traci.route.add("road", ["road"])
+def _play(
+    traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision | None, edges: Sequence[str], *, shows: bool
+) -> None:
+    traci.route.add("road", list(edges))
     start = min(float(trajectory.time[0]) for trajectory in vehicles.values())
     end = float(vehicles[EGO].time[-1])
     for name in vehicles:
@@ -97,7 +103,7 @@ def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision |
     clock = time.monotonic()
     for moment in np.arange(start, end + STEP, STEP):
         for name, trajectory in vehicles.items():
-            _place(traci, name, trajectory, min(float(moment), end))
+            _place(traci, name, trajectory, min(float(moment), end), edges[0] if len(edges) == 1 else "")
         if collision is not None and moment + STEP > collision.time:
             traci.vehicle.setColor(EGO, (198, 40, 40, 255))
         traci.simulationStep()
@@ -108,21 +114,25 @@ def _play(traci: Any, vehicles: Mapping[str, Trajectory], collision: Collision |
         time.sleep(4 * STEP)
 
 
-def _place(traci: Any, name: str, trajectory: Trajectory, moment: float) -> None:
-    """Put a vehicle where it was. SUMO's point is the middle of the front bumper, its angle clockwise from north."""
+def _place(traci: Any, name: str, trajectory: Trajectory, moment: float, edge: str) -> None:
+    """Put a vehicle where it was. SUMO's point is the middle of the front bumper, its angle clockwise from north.
+
+    edge: the road's only one; "": SUMO looks for the nearest.
+    """
     x, y, heading = (
         float(np.interp(moment, trajectory.time, channel))
         for channel in (trajectory.x, trajectory.y, np.unwrap(trajectory.heading))
     )
     front = x + math.cos(heading) * trajectory.length / 2.0, y + math.sin(heading) * trajectory.length / 2.0
-    traci.vehicle.moveToXY(name, "road", 0, *front, angle=90.0 - math.degrees(heading), keepRoute=2)
+    traci.vehicle.moveToXY(name, edge, 0 if edge else -1, *front, angle=90.0 - math.degrees(heading), keepRoute=2)
 
 
-def _types(vehicles: Mapping[str, Trajectory]) -> str:
+def _types(vehicles: Mapping[str, Trajectory], bodies: Mapping[str, str]) -> str:
     routes = etree.Element("routes")
     for name, trajectory in vehicles.items():
+        body = BODIES[bodies.get(name, CAR)]
         etree.SubElement(
             routes, "vType", id=name, length=repr(trajectory.length), width=repr(trajectory.width),
-            color=COLOURS.get(name, COLOURS[""]), minGap="0",
+            color=COLOURS.get(name, COLOURS[""]), minGap="0", vClass=body.sumo_class, guiShape=body.shape,
         )  # fmt: skip
     return etree.tostring(routes, encoding="unicode")

@@ -119,8 +119,7 @@ def network_xml(road: Road) -> str:
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
     bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
     if line is not None:
-        corners = np.hstack([map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)])
-        bounds = ",".join(f"{value:.2f}" for value in (*corners.min(axis=1), *corners.max(axis=1)))
+        bounds = _bounds(road, line)
     etree.SubElement(
         net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
@@ -166,6 +165,8 @@ def _shaped_xml(road: Road) -> str:
     reach = max([0.0, *(crossing.reach for crossing in road.crossings)])
     low, high = min(road.right_edge, -reach), max(road.left_edge, reach)
     bounds = f"0.00,{_metres(low)},{_metres(last)},{_metres(high)}"
+    if road.bent:
+        bounds = _bounds(road, drawn_points(road.line, 0.0, last, SEGMENT))
     etree.SubElement(
         net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
@@ -195,8 +196,7 @@ def _shaped_xml(road: Road) -> str:
             into.setdefault(end, []).append(lane)
             etree.SubElement(
                 element, "lane", id=lane, index=str(index), speed=_metres(road.speed_limit),
-                length=_metres(until - first), width=_metres(width),
-                shape=f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}",
+                length=_metres(until - first), width=_metres(width), shape=_along(road, first, until, y),
             )  # fmt: skip
     for number, crossing in enumerate(road.crossings):
         edge = f"crossing{number}"
@@ -216,9 +216,11 @@ def _shaped_xml(road: Road) -> str:
     for name, (x, y) in where.items():
         links = joints[names.index(name)] if name in names[1:-1] else []
         kind = "priority" if links else "dead_end"
+        spot = _place(road, x, y).split(",")
+        shape = f"{_place(road, x, road.right_edge)} {_place(road, x, road.left_edge)}"
         junction = etree.SubElement(
-            net, "junction", id=name, type=kind, x=_metres(x), y=_metres(y), incLanes=" ".join(into.get(name, ())),
-            intLanes="", shape=f"{_metres(x)},{_metres(road.right_edge)} {_metres(x)},{_metres(road.left_edge)}",
+            net, "junction", id=name, type=kind, x=spot[0], y=spot[1], incLanes=" ".join(into.get(name, ())),
+            intLanes="", shape=shape,
         )  # fmt: skip
         none = "0" * len(links)
         for index in range(len(links)):
@@ -252,6 +254,24 @@ def _joints(road: Road, parts: Sequence[Section]) -> dict[int, list[tuple[str, i
                 links.append((*before, *after))
         found[number] = links
     return found
+
+
+def _along(road: Road, first: float, until: float, y: float) -> str:
+    """The shape of a lane from one place along the road to another, y beside its line."""
+    if not road.bent:
+        return f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}"
+    return _polyline(road, drawn_points(road.line, first, until, SEGMENT), y)
+
+
+def _place(road: Road, x: float, y: float) -> str:
+    """A place along and across the road as SUMO has one on the map."""
+    return _polyline(road, np.array([x]), y) if road.bent else f"{_metres(x)},{_metres(y)}"
+
+
+def _bounds(road: Road, line: FloatArray) -> str:
+    """What encloses a road that bends. line: places along it."""
+    corners = np.hstack([map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)])
+    return ",".join(f"{value:.2f}" for value in (*corners.min(axis=1), *corners.max(axis=1)))
 
 
 def _polyline(road: Road, s: FloatArray, d: float) -> str:

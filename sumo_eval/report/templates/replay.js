@@ -200,6 +200,26 @@ const sumoReplay = (() => {
     stroke(road.left, COLOURS.muted, []);
     stroke(road.right, COLOURS.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
+    const polyline = (points, style) => {
+      context.beginPath();
+      points.forEach(([x, y], k) => (k ? context.lineTo(x, y) : context.moveTo(x, y)));
+      context.lineWidth = 2;
+      context.strokeStyle = style;
+      context.stroke();
+    };
+    for (const [x0, x1, y] of road.solid) {
+      if (Math.min(x1, end) > Math.max(x0, begin)) polyline(within([[x0, y], [x1, y]], begin, end).map(([x, z]) => px(onMap(road, x, z))), "#fff");
+    }
+    for (const gone of road.gone) {
+      const edge = within(gone.slice(1), begin, end);
+      if (edge.length < 2) continue;
+      const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
+      const border = edge.map(([x, y]) => px(onMap(road, x, y)));
+      outline(context, [...border, ...edge.map(([x]) => px(onMap(road, x, outer))).reverse()]);
+      context.fillStyle = "#f5f7f9";
+      context.fill();
+      polyline(border, COLOURS.muted);
+    }
     context.fillStyle = COLOURS.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
@@ -211,6 +231,21 @@ const sumoReplay = (() => {
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
     for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
     car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
+  }
+
+  /** What of a line of points [x, y] lies between two places along the road, a point at every 4 m at most. */
+  function within(points, begin, end) {
+    const found = [];
+    for (let k = 1; k < points.length; k++) {
+      const [[x0, y0], [x1, y1]] = [points[k - 1], points[k]];
+      const [a, b] = [x0, x1].map((x) => Math.min(Math.max(x, begin), end)), parts = Math.max(1, Math.ceil(Math.abs(b - a) / 4));
+      if (a === b) continue;
+      for (let i = 0; i <= parts; i++) {
+        const x = a + (b - a) * i / parts;
+        found.push([x, y0 + (y1 - y0) * (x - x0) / (x1 - x0)]);
+      }
+    }
+    return found;
   }
 
   function pen(canvas) {
@@ -401,8 +436,11 @@ const sumoReplay = (() => {
     }
     for (const [x0, x1, y] of road.solid) flat(Math.max(x0, begin), Math.min(x1, end), y - 0.06, y + 0.06, "#fff");
     for (const gone of road.gone) {
-      const outwards = Math.sign(gone[0][1] - gone[1][1]);
-      face(gone.map(([x, y], k) => ground(x, k === 0 || k === 3 ? y + 0.1 * outwards : y)), "#c9d3c2");
+      const outer = gone[0][1] + 0.1 * Math.sign(gone[0][1] - gone[1][1]), edge = within(gone.slice(1), begin, end);
+      for (let k = 1; k < edge.length; k++) {
+        const [[a, y0], [b, y1]] = [edge[k - 1], edge[k]];
+        if (a !== b) face([ground(a, y0), ground(b, y1), ground(b, outer), ground(a, outer)], "#c9d3c2");
+      }
     }
     for (let x = Math.ceil(begin / 50) * 50; x < from + 250; x += 50) { // posts every 50 m give the eye a speed
       for (const y of [road.right - 1, road.left + 1]) face([[y - 0.06, 0], [y + 0.06, 0], [y + 0.06, 1], [y - 0.06, 1]].map(([across, up]) => ground(x, across, up)), "#f5f7f9", "#57606a");

@@ -229,13 +229,47 @@ const sumoScene = (() => {
         surface.face([place(a, d0), place(b, d0), place(b, d1), place(a, d1)], colour);
       }
     };
+    const crossings = (road.crossings || []).map(([x, wide, reach]) => [x - wide / 2, x + wide / 2, reach]);
+    for (const [a, b, reach] of crossings) strip(a - 0.8, b + 0.8, -reach, reach, SHOULDER);
     strip(begin, end, road.right - 0.8, road.left + 0.8, SHOULDER);
+    /** Grass where an outermost lane is not there, and the shoulder and the line of the edge that is left. */
+    const lawn = (gone) => {
+      const outwards = Math.sign(gone[0][1] - gone[1][1]), outer = gone[0][1] + outwards * 0.9;
+      const edge = gone.slice(1).sort((one, other) => one[0] - other[0]);
+      const cuts = new Set(edge.map(([x]) => Math.min(Math.max(x, begin), end)));
+      for (let x = Math.max(edge[0][0], begin); x < Math.min(edge[2][0], end); x += step) cuts.add(x);
+      const places = [...cuts].sort((one, other) => one - other);
+      const at = (x) => {
+        const [[x0, y0], [x1, y1]] = x <= edge[1][0] ? [edge[0], edge[1]] : [edge[1], edge[2]];
+        return x1 === x0 ? y1 : y0 + (y1 - y0) * (x - x0) / (x1 - x0);
+      };
+      const between = (a, b, near, far, colour) => {
+        const corners = [place(a, at(a) + near), place(b, at(b) + near), place(b, far(b)), place(a, far(a))];
+        surface.face(outwards > 0 ? corners : corners.reverse(), colour);
+      };
+      for (let k = 1; k < places.length; k++) {
+        const [a, b] = [places[k - 1], places[k]];
+        between(a, b, 0, () => outer, GRASS);
+        between(a, b, 0, (x) => at(x) + 0.8 * outwards, SHOULDER);
+        between(a, b, -0.08 * outwards, (x) => at(x) + 0.08 * outwards, WHITE);
+      }
+    };
+    for (const [a, b, reach] of crossings) strip(a, b, -reach, reach, ASPHALT);
     strip(begin, end, road.right, road.left, ASPHALT);
-    for (const d of [road.right, road.left]) strip(begin, end, d - 0.08, d + 0.08, WHITE);
+    for (const d of [road.right, road.left]) { // the edge's line leaves the mouth of a road that crosses free
+      let from = begin;
+      for (const [a, b] of [...crossings].sort((one, other) => one[0] - other[0])) {
+        if (a > from) strip(from, a, d - 0.08, d + 0.08, WHITE);
+        from = Math.max(from, b);
+      }
+      if (from < end) strip(from, end, d - 0.08, d + 0.08, WHITE);
+    }
     for (let lane = 1; lane < road.lanes; lane++) {
       const d = road.right + lane * road.laneWidth;
       for (let s = Math.floor(begin / (DASH + GAP)) * (DASH + GAP); s < end; s += DASH + GAP) strip(s, s + DASH, d - 0.07, d + 0.07, WHITE, 4);
     }
+    for (const [a, b, d] of road.solid || []) if (Math.min(b, end) > Math.max(a, begin)) strip(Math.max(a, begin), Math.min(b, end), d - 0.07, d + 0.07, WHITE);
+    for (const gone of road.gone || []) lawn(gone);
     const line = [];
     for (let s = begin; s <= end; s += 8) line.push(place(s, (road.left + road.right) / 2));
     const half = (road.left - road.right) / 2;
