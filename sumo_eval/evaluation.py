@@ -100,10 +100,13 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     scores: list[ScenarioResult] = []
     cases: list[CaseResult] = []
     spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
+    checks: dict[str, dict[str, str]] = {}
     with open_store(folder / run_folder.FACTS) as store, point_processes(store, settings.run.workers) as spread:
         check_complete(store, folder)
         for entry in settings.scenario:
             logical, points = choose_points(entry, source, settings)
+            if logical.requirements is not None:
+                checks[logical.name] = {one.name: one.text for one in logical.requirements.all}
             zones = zones_of(logical, method.zones)  # step 1: safe and hazardous zones
             zone_results.append(describe_zones(logical, zones, points))
             compared = references(logical, store, settings.drivers)
@@ -132,7 +135,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
             tables: list[list[CaseResult]] = []
             for name, facts in drives.items():
                 measured = drive_measures(
-                    facts, store, plausible.people, logical.road.lane_width
+                    facts, store, plausible.people, logical
                 )  # beside the paper: TTC, DRAC, PET, plausibility ...
                 rows = tabulate(facts, hazardous[name], people.indexes, there, measured, severity, method.collision)
                 if nobody:
@@ -180,6 +183,7 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
         tuple(cases),
         exposures,
         rank(scores, spreads, method.ranking),
+        checks,
     )
 
 

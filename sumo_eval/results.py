@@ -47,7 +47,9 @@ class CaseResult:
 
     min_ttc s, max_ittc 1/s, min_thw s, min_gap m, max_drac m/s2, pet s, max_deceleration m/s2, max_jerk m/s3 and
     delta_v m/s as in `sumo_eval.method.measures`; None where a measure is not defined or has no bound. largest_offset
-    m, overshoot m, over_line_time s and settling_time s: how the lane was kept. struck_from_behind: a vehicle that
+    m, overshoot m, over_line_time s and settling_time s: how the lane was kept. conflict_pet s: PET of the drive where
+    somebody's way conflicts with the ego's; undisturbed_pet s and time_to_conflict s: PET of both, and how long until
+    the ego is at the conflict area, where nobody reacts. struck_from_behind: a vehicle that
     reacts ran into the ego's rear and is at fault; such a case is not `collided`.
 
     Safe-zone cases: drivers that D_i is computed from, recorded people among them; reference_note: where they are too
@@ -118,6 +120,9 @@ class CaseResult:
     over_line_time: float | None = None
     settling_time: float | None = None
     requirements_missed: str | None = None
+    conflict_pet: float | None = None
+    undisturbed_pet: float | None = None
+    time_to_conflict: float | None = None
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -430,7 +435,9 @@ class Ranking:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """A scored run. ranking: None where nobody ranked its ADSs."""
+    """A scored run. ranking: None where nobody ranked its ADSs. checks: of each scenario that has requirements, their
+    names and conditions.
+    """
 
     name: str
     folder: Path
@@ -443,6 +450,7 @@ class Evaluation:
         default_factory=dict
     )  # by scenario, as `drivers.exposure.Exposure.plain` has it
     ranking: Ranking | None = None
+    checks: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     @property
     def not_evaluated(self) -> int:

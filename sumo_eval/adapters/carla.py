@@ -6,6 +6,7 @@ CARLA's frame is left-handed: y to the right, yaw clockwise in degrees, steer po
 from __future__ import annotations
 
 import math
+from fnmatch import fnmatchcase
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,8 +22,10 @@ _NAME = "sumo_eval.adapters:CarlaAgent"
 class Actor:
     """A vehicle as `carla.Vehicle` shows it: `get_transform()`, `get_velocity()`, `bounding_box.extent` and others."""
 
-    def __init__(self, number: int) -> None:
-        self.id, self.type_id, self.attributes = number, "vehicle.sumo_eval.car", {"role_name": "autopilot"}
+    def __init__(self, number: int, kind: str = "car") -> None:
+        walks = kind in ("pedestrian", "child")
+        self.type_id = f"walker.pedestrian.{kind}" if walks else f"vehicle.sumo_eval.{kind}"
+        self.id, self.attributes = number, {"role_name": "autopilot"}
         self.show(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
 
     def show(
@@ -70,7 +73,7 @@ class Ego(Actor):
         self.show(me.x, me.y, me.heading, me.speed, me.acceleration, me.length, me.width)
         self._seen, self._limit, self._time = [], seen.speed_limit, seen.time
         for it in seen.vehicles:
-            other = Actor(it.number)
+            other = Actor(it.number, it.kind)
             other.show(it.x, it.y, it.heading, it.speed, it.acceleration, it.length, it.width)
             self._seen.append(other)
 
@@ -100,11 +103,11 @@ class Ego(Actor):
 
 
 class Actors(list[Actor]):
-    """A list of actors that can be filtered, in the form of `carla.ActorList`; there are vehicles alone."""
+    """A list of actors that can be filtered, in the form of `carla.ActorList`."""
 
     def filter(self, pattern: str) -> Actors:
-        """The actors whose kind a pattern names."""
-        return self if "vehicle" in pattern else Actors()
+        """The actors whose type a pattern names: `*vehicle*`, `walker.*`, or a part of it."""
+        return Actors(it for it in self if pattern in it.type_id or fnmatchcase(it.type_id, pattern))
 
 
 class CarlaAgent:
@@ -113,7 +116,7 @@ class CarlaAgent:
     agent: a class, an object or the name of one. Its constructor is given the options, and `vehicle` if it takes one.
     """
 
-    def __init__(self, agent: Any, **options: Any) -> None:
+    def __init__(self, agent: Any = None, **options: Any) -> None:
         kind = found_agent(agent, "run_step", _NAME)
         self._ego = Ego()
         own = {"vehicle": self._ego, **options} if isinstance(kind, type) and takes(kind, "vehicle") else options
@@ -154,7 +157,7 @@ class CarlaAgent:
         data = {
             "speed": {"speed": me.speed},
             "ego": self._ego,
-            "actors": self._ego.get_actors().filter("vehicle")[1:],
+            "actors": self._ego.get_actors()[1:],
             "observation": seen,
         }
         return {name: (self._frame, it) for name, it in data.items()}, seen.time

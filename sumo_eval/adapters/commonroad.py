@@ -18,6 +18,7 @@ from sumo_eval.cosim.plans import Plan
 from sumo_eval.errors import ControllerError, must_be
 
 _NAME = "sumo_eval.adapters:CommonRoadPlanner"
+_TYPES = {"van": "truck", "child": "pedestrian"}  # what commonroad-io has no obstacle type of its own for
 
 
 class CommonRoadPlanner:
@@ -26,7 +27,7 @@ class CommonRoadPlanner:
     dt: s between two time steps of scenario and trajectory. horizon: s of the predictions, at constant velocity.
     """
 
-    def __init__(self, agent: Any, dt: float = 0.1, horizon: float = 5.0, **options: Any) -> None:
+    def __init__(self, agent: Any = None, dt: float = 0.1, horizon: float = 5.0, **options: Any) -> None:
         for name, value in (("dt", dt), ("horizon", horizon)):
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
                 raise must_be(f"`{name}`", _NAME, "a number greater than 0 s", value)
@@ -76,13 +77,14 @@ class CommonRoadPlanner:
         )  # fmt: skip
 
     def _obstacle(self, it: SeenVehicle) -> SimpleNamespace:
+        kind = _TYPES.get(it.kind, it.kind)
         along, across = it.speed * math.cos(it.heading) * self._dt, it.speed * math.sin(it.heading) * self._dt
         states = [
             _state(k, it.x + k * along, it.y + k * across, it.heading, it.speed, it.acceleration)
             for k in range(self._steps + 1)
         ]
         return SimpleNamespace(
-            obstacle_id=1000 + it.number, obstacle_type=SimpleNamespace(name="CAR", value="car"),
+            obstacle_id=1000 + it.number, obstacle_type=SimpleNamespace(name=kind.upper(), value=kind),
             obstacle_shape=SimpleNamespace(length=it.length, width=it.width), initial_state=states[0],
             prediction=SimpleNamespace(
                 trajectory=SimpleNamespace(initial_time_step=1, state_list=states[1:]), final_time_step=self._steps

@@ -9,7 +9,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from sumo_eval.errors import InputError, must_be, said
+from sumo_eval.cosim.doors.controller import adapter_for
+from sumo_eval.errors import InputError, said
 from sumo_eval.settings.locators import load_object
 
 
@@ -18,12 +19,18 @@ def found_agent(agent: Any, method: str, owner: str) -> Any:
 
     A `file.py:Name` lies where the process runs, or where Python looks for modules: an evaluation file's folder is one.
     """
+    if agent is None:
+        raise InputError(f"{owner} needs the ADS that it drives: `{owner}?options.agent=my_agent.py:Agent`.")
     if isinstance(agent, str):
         place = agent.rpartition(":")[0]
         folder = next((Path(p) for p in ("", *sys.path) if place.endswith(".py") and Path(p, place).is_file()), None)
         agent = load_object(agent, folder, f"{owner}'s agent")
     if not callable(getattr(agent, method, None)):
-        raise must_be("`agent`", owner, f"a class or an object with a method `{method}`", agent)
+        kind = agent if inspect.isclass(agent) else type(agent)
+        other = adapter_for(agent)
+        hint = f" `sumo_eval.adapters:{other}` drives it." if other else ""
+        wanted = f"a class or an object with a method `{method}`"
+        raise InputError(f"`agent` of {owner} must be {wanted}, got {kind.__name__}.{hint}")
     return agent
 
 

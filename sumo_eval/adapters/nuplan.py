@@ -24,7 +24,7 @@ _HISTORY = 2.0  # s, nuPlan's own buffer
 class NuPlanPlanner:
     """Drives a planner with nuPlan's interface. agent: a class, an object or the name of one, made with the options."""
 
-    def __init__(self, agent: Any, **options: Any) -> None:
+    def __init__(self, agent: Any = None, **options: Any) -> None:
         self.agent = made_agent(found_agent(agent, "compute_planner_trajectory", _NAME), options, _NAME)
 
     def reset(self, scenario: Briefing) -> None:
@@ -96,7 +96,7 @@ class _Tracked:
         self.tracked_objects = objects
 
     def get_agents(self) -> list[Any]:
-        """All of them: every one is a vehicle."""
+        """All of them: every one moves."""
         return self.tracked_objects
 
     def __iter__(self) -> Any:
@@ -106,12 +106,17 @@ class _Tracked:
         return len(self.tracked_objects)
 
 
+_VEHICLE, _PERSON = SimpleNamespace(name="VEHICLE", value=0), SimpleNamespace(name="PEDESTRIAN", value=1)
+_TYPES = {"bicycle": SimpleNamespace(name="BICYCLE", value=2), "pedestrian": _PERSON, "child": _PERSON}
+"""nuPlan's `TrackedObjectType` of a kind; motorcycles and lorries are vehicles there."""
+
+
 def _tracked(it: SeenVehicle) -> SimpleNamespace:
     centre = SimpleNamespace(x=it.x, y=it.y, heading=it.heading)
     velocity = SimpleNamespace(x=it.speed * math.cos(it.heading), y=it.speed * math.sin(it.heading))
     return SimpleNamespace(
         center=centre, velocity=velocity, track_token=str(it.number),
         box=SimpleNamespace(center=centre, length=it.length, width=it.width, height=1.5),
-        tracked_object_type=SimpleNamespace(name="VEHICLE", value=0),
+        tracked_object_type=_TYPES.get(it.kind, _VEHICLE),
         metadata=SimpleNamespace(track_token=str(it.number)),
     )  # fmt: skip

@@ -33,7 +33,7 @@ class SmartsAgent:
     s, before those). steering: where positive steering turns, `right` or `left`.
     """
 
-    def __init__(self, agent: Any, action: str = "Continuous", steering: str = "right", **options: Any) -> None:
+    def __init__(self, agent: Any = None, action: str = "Continuous", steering: str = "right", **options: Any) -> None:
         if action not in ACTIONS:
             raise unknown(f"`action` of {_NAME}", action, ACTIONS)
         if steering not in ("right", "left"):

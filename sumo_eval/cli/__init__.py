@@ -42,7 +42,7 @@ MEANT: Final = {
     "explain": "why case ledger arithmetic",
     "replay": "watch view animate animation gui video play",
     "plot": "figure figures chart svg pdf png picture",
-    "export": "csv parquet table tables dump xosc sumocfg",
+    "export": "evidence csv parquet table tables dump xosc sumocfg",
     "compare": "diff gate regression versus",
     "nightly": "night cron schedule ci",
     "trend": "history nights",

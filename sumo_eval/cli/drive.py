@@ -27,7 +27,7 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
     the people in place of the drivers. A TAPE, the record of a drive, is driven again and compared with what came of
     it, byte by byte: exit status 1 where they differ.
     """
-    from sumo_eval.scenario.catalogue import find
+    from sumo_eval.scenario.catalogue import find, is_file
     from sumo_eval.settings.toml_file import read_toml
 
     if what.endswith(".jsonl"):
@@ -59,7 +59,7 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
         return
     logical = find(what, Path.cwd())
     concrete, settings = concrete_of(logical, named_values(values, "--set")), settings_at(rate)
-    where = (Path.cwd() / what).resolve() if what.endswith((".toml", ".xosc")) else what
+    where = (Path.cwd() / what).resolve() if is_file(what) else what
     asyncio.run(
         opened(
             f"Drive {logical.name}",

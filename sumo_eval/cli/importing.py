@@ -1,4 +1,4 @@
-"""Scenarios of other tools: what is understood of a file."""
+"""Scenarios of other tools and use cases: what is understood of a file."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import click
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
-@click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026): where your copy is.")
+@click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026, autoware): where your copy is.")
 @click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
-def import_(file: str | None, folder: str | None, conformity: bool) -> None:
-    """Say what is understood of FILE, an OpenSCENARIO scenario or variation (.xosc), and what does not play.
+@click.option("--steps", is_flag=True, help="List the sentences of use cases that are understood.")
+def import_(file: str | None, folder: str | None, conformity: bool, steps: bool) -> None:
+    """Say what is understood of FILE, and what does not play.
 
-    Of a catalogue (osc_alks, ncap_2026): its files, the points of each and how many play.
+    FILE: an OpenSCENARIO scenario or variation (.xosc), or a use case as a Gherkin table (.feature.md, .feature).
+
+    Of a catalogue (osc_alks, ncap_2026, autoware): its files, the points of each and how many play.
 
     `use = "FILE.xosc"` in an evaluation plays it. Exit status 2 where nothing of it plays.
     """
@@ -24,19 +27,28 @@ def import_(file: str | None, folder: str | None, conformity: bool) -> None:
     from sumo_eval.scenario.openscenario.conformity import table
     from sumo_eval.scenario.openscenario.describe import described, listed
     from sumo_eval.scenario.openscenario.logical import read_file
+    from sumo_eval.scenario.usecase import describe as use_cases
+    from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 
     if conformity:
         click.echo(table())
+    if steps:
+        for line in use_cases.sentences():
+            click.echo(line)
     if file is None:
-        if not conformity:
+        if not conformity and not steps:
             raise click.UsageError("Missing argument 'FILE'.")
         return
     plain, given = options_of(file)
     if plain in COLLECTIONS:
-        for line in listed(plain, Path(folder or ".")):
-            click.echo(line)
-        return
-    if not plain.endswith(".xosc"):
-        raise InputError(f"`import` reads OpenSCENARIO files (.xosc), got {plain}.")
-    for line in described(read_file(Path(plain), given)):
+        files = COLLECTIONS[plain].files(Path(folder or "."))
+        gherkin = files[0].name.endswith(ENDINGS)
+        lines = use_cases.listed(plain, files) if gherkin else listed(plain, files)
+    elif plain.endswith(ENDINGS):
+        lines = use_cases.described(read_use_case(Path(plain), given))
+    elif plain.endswith(".xosc"):
+        lines = described(read_file(Path(plain), given))
+    else:
+        raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and use cases (.feature.md), got {plain}.")
+    for line in lines:
         click.echo(line)

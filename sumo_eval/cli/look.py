@@ -106,11 +106,25 @@ def plot(
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("case", required=False)
 @click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
+@click.option("--evidence", is_flag=True, help="Claims, arguments and evidence of the run, as JSON and a page.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
-def export(run: Path, case: str | None, kind: str | None, out: Path) -> None:
-    """Write the cases, all drives and all trajectories of RUN as tables; with CASE, that case as a SUMO configuration,
-    as OpenSCENARIO, and as an evaluation that drives it again.
+def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path) -> None:
+    """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
+
+    A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it again; with
+    --evidence it is what the run claims, for a safety case.
     """
+    if evidence:
+        if case is not None or kind is not None:
+            raise click.UsageError("`--evidence` is of a whole run, and has its own kinds of files.")
+        from sumo_eval.evaluation import score
+        from sumo_eval.report.evidence import write_evidence
+
+        with Progress() as progress:
+            evaluation = score(run, progress=progress)
+        for path in write_evidence(evaluation, out):
+            click.echo(str(path))
+        return
     if case is None:
         from sumo_eval.record.exchange import export as write
 

@@ -145,6 +145,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.errors import InputError
     from sumo_eval.record.facts import refuse_doubles, resolve, space_of
     from sumo_eval.record.points import scenario_weights
+    from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario import catalogue
     from sumo_eval.scoring.quantities import chosen_severity
@@ -164,6 +165,8 @@ def _check_evaluation(path: Path) -> None:
         else:
             click.echo(f"ok    {described}: {said}")
 
+    if settings.run.qualification:
+        found("qualification", lambda: f"{read_qualification(settings.run.qualification, source)['checks']} checks")
     bare = replace(settings, ads=(), drivers=DriverSettings(), simulation=replace(settings.simulation, plant=None))
     spaces = []
 

@@ -23,7 +23,7 @@ from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController, as_command, knows_the_scripts
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, task_of
+from sumo_eval.cosim.doors.observation import Look, Observation, Observations, Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.plans import Wheel
@@ -322,8 +322,9 @@ class Policies:
         self._direct = world.settings.plant is None and conditions == ConditionSettings()
         self._delayed = _Delayed(world, self._plant)
         self._tasks = [task_of(concrete) for concrete in world.cases]
+        self._kinds = [dict(enumerate(kinds_of(concrete).values(), 1)) for concrete in world.cases]
         self._senses = [
-            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}", task)
+            Senses(it.road, conditions, f"{seed}/{it.scenario}/{it.label}", task, kinds_of(it))
             for it, seed, task in zip(world.cases, self._seeds, self._tasks, strict=True)
             if not self._usual
         ]
@@ -349,7 +350,7 @@ class Policies:
         acceleration = me.pop()
         if self._usual:
             look = _look(Look, (me, list(enumerate(others, 1))))
-            return Observation(time, self._road, me, acceleration, look, self._tasks[case])
+            return Observation(time, self._road, me, acceleration, look, self._tasks[case], self._kinds[case])
         body = _body(me)
         senses = self._senses[case]
         names = [actor.name for actor in world.cases[case].actors]

@@ -18,7 +18,7 @@ from sumo_eval.cosim.actuation import Actuation
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.controller import Briefing, Controller, NativeModel, ObservingController
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.cosim.doors.observation import Senses, task_of
+from sumo_eval.cosim.doors.observation import Senses, kinds_of, task_of
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
 from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
@@ -80,7 +80,9 @@ class OnTraci:
             self._calls.setSpeed(actor.name, actor.start.speed)
         if isinstance(self.ads, ObservingController):
             stream = f"{self._seed}/{concrete.scenario}/{concrete.label}"
-            self._senses = self.ads.senses = Senses(concrete.road, settings.conditions, stream, task_of(concrete))
+            self._senses = self.ads.senses = Senses(
+                concrete.road, settings.conditions, stream, task_of(concrete), kinds_of(concrete)
+            )
         elif any(getattr(settings.conditions, what) != usual for what, usual in SEEN_AS_IT_IS.items()):
             world.note(0, "perception_not_limited", 1.0, 0.0)  # TraCI shows everything
         self._reset()

@@ -1,14 +1,15 @@
-"""A concrete scenario as OpenSCENARIO XML 1.1, and its road as OpenDRIVE, for other simulators.
+"""A concrete scenario as OpenSCENARIO XML 1.2, and its road as OpenDRIVE, for other simulators.
 
-Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what they did here. The
-reference point of every vehicle is put into the middle of its body, where this package has it.
+Vehicles with scripted manoeuvres follow a trajectory with times, so that they do there exactly what they did here;
+those whose moves depend on what happens follow the one that was recorded. The reference point of every vehicle is put
+into the middle of its body, where this package has it.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from lxml import etree
 
@@ -21,6 +22,8 @@ from sumo_eval.trajectory import Trajectory
 
 VERTEX_INTERVAL = 0.1  # s between the vertices of a trajectory
 HEIGHT = 1.5  # m of every body: nothing here knows it, and the format asks
+_ON_FOOT = ("pedestrian", "child")
+_CATEGORIES = {"car": "car", "van": "van", "truck": "truck", "motorcycle": "motorbike", "bicycle": "bicycle"}
 
 
 def opendrive_xml(road: Road) -> str:
@@ -109,17 +112,22 @@ def _plan(plan: etree._Element, road: Road, length: float) -> None:
 
 
 def openscenario_xml(
-    concrete: ConcreteScenario, settings: SimulationSettings, road_file: str, remark: str, ego: Trajectory | None = None
+    concrete: ConcreteScenario,
+    settings: SimulationSettings,
+    road_file: str,
+    remark: str,
+    driven: Mapping[str, Trajectory] | None = None,
 ) -> str:
-    """The scenario. ego: how it was driven, which it then does again, until that ends; None: it keeps its speed, as
-    which controller drives it is the other simulator's to say.
+    """The scenario. driven: how everybody was recorded, by name: the ego drives that way again, until it ends, as do
+    those whose moves depend on what happens. None: the ego keeps its speed, as which controller drives it is the other
+    simulator's to say.
 
     road_file: the OpenDRIVE file, relative. remark: where it comes from, for the header.
     """
     settings = concrete.simulation(settings)
     root = etree.Element("OpenSCENARIO")
     etree.SubElement(
-        root, "FileHeader", revMajor="1", revMinor="1", date="2022-01-01T00:00:00", author="sumo_eval",
+        root, "FileHeader", revMajor="1", revMinor="2", date="2022-01-01T00:00:00", author="sumo_eval",
         description=f"{concrete.scenario}: {concrete.label}. {remark}",
     )  # fmt: skip
     for empty in ("ParameterDeclarations", "CatalogLocations"):
@@ -127,9 +135,9 @@ def openscenario_xml(
     etree.SubElement(etree.SubElement(root, "RoadNetwork"), "LogicFile", filepath=road_file)
     entities = etree.SubElement(root, "Entities")
     vehicle = settings.vehicle
-    _entity(entities, EGO, vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration)
+    _entity(entities, EGO, "car", vehicle.length, vehicle.width, vehicle.max_acceleration, vehicle.max_deceleration)
     for actor in concrete.actors:
-        _entity(entities, actor.name, actor.length, actor.width, 10.0, 10.0)
+        _entity(entities, actor.name, actor.body, actor.length, actor.width, 10.0, 10.0)
     storyboard = etree.SubElement(root, "Storyboard")
     actions = etree.SubElement(etree.SubElement(storyboard, "Init"), "Actions")
     for name, start in [(EGO, concrete.ego), *((actor.name, actor.start) for actor in concrete.actors)]:
@@ -141,17 +149,17 @@ def openscenario_xml(
         etree.SubElement(_under(speed, "SpeedActionTarget"), "AbsoluteTargetSpeed", value=_text(start.speed))
     story = etree.SubElement(storyboard, "Story", name="others")
     act = etree.SubElement(story, "Act", name="others")
+    known = {name: path for name, path in (driven or {}).items() if len(path) > 1}
+    ego = known.get(EGO)
     scripted = [actor for actor in concrete.actors if actor.lane_changes or actor.brake]
+    recorded = [actor.name for actor in concrete.actors if actor.lively and actor.name in known]
     for actor in scripted:
-        _manoeuvre(act, actor, settings.time_limit, concrete.road)
-    if ego is not None and len(ego) > 1:
-        _follow(
-            act,
-            EGO,
-            zip(*(getattr(ego, name).tolist() for name in ("time", "x", "y", "heading")), strict=True),
-            concrete.road,
-        )
-    if not scripted and ego is None:
+        if actor.name not in recorded:
+            _manoeuvre(act, actor, settings.time_limit, concrete.road)
+    for name in [*([] if ego is None else [EGO]), *recorded]:
+        columns = (getattr(known[name], column).tolist() for column in ("time", "x", "y", "heading"))
+        _follow(act, name, zip(*columns, strict=True), concrete.road)
+    if not scripted and not recorded and ego is None:
         group = etree.SubElement(act, "ManeuverGroup", maximumExecutionCount="1", name="nobody")
         etree.SubElement(group, "Actors", selectTriggeringEntities="false")
     _after(etree.SubElement(act, "StartTrigger"), 0.0, "begin")
@@ -160,13 +168,17 @@ def openscenario_xml(
     return _document(root)
 
 
-def _entity(parent: etree._Element, name: str, length: float, width: float, accel: float, decel: float) -> None:
+def _entity(
+    parent: etree._Element, name: str, body: str, length: float, width: float, accel: float, decel: float
+) -> None:
     item = etree.SubElement(parent, "ScenarioObject", name=name)
-    vehicle = etree.SubElement(item, "Vehicle", name=name, vehicleCategory="car")
-    etree.SubElement(vehicle, "ParameterDeclarations")
-    box = etree.SubElement(vehicle, "BoundingBox")
-    etree.SubElement(box, "Center", x="0", y="0", z=_text(HEIGHT / 2))
-    etree.SubElement(box, "Dimensions", width=_text(width), length=_text(length), height=_text(HEIGHT))
+    if body in _ON_FOOT:
+        person = etree.SubElement(item, "Pedestrian", name=name, mass="75", pedestrianCategory="pedestrian")
+        _box(person, length, width)
+        etree.SubElement(person, "Properties")
+        return
+    vehicle = etree.SubElement(item, "Vehicle", name=name, vehicleCategory=_CATEGORIES[body])
+    _box(vehicle, length, width)
     etree.SubElement(vehicle, "Performance", maxSpeed="70", maxAcceleration=_text(accel), maxDeceleration=_text(decel))
     axles = etree.SubElement(vehicle, "Axles")
     for axle, place in (("FrontAxle", 0.3 * length), ("RearAxle", -0.3 * length)):
@@ -175,6 +187,14 @@ def _entity(parent: etree._Element, name: str, length: float, width: float, acce
             positionX=_text(place), positionZ="0.3",
         )  # fmt: skip
     etree.SubElement(vehicle, "Properties")
+
+
+def _box(parent: etree._Element, length: float, width: float) -> None:
+    """A body around the reference point in its middle."""
+    etree.SubElement(parent, "ParameterDeclarations")
+    box = etree.SubElement(parent, "BoundingBox")
+    etree.SubElement(box, "Center", x="0", y="0", z=_text(HEIGHT / 2))
+    etree.SubElement(box, "Dimensions", width=_text(width), length=_text(length), height=_text(HEIGHT))
 
 
 def _manoeuvre(act: etree._Element, actor: Actor, time_limit: float, road: Road) -> None:

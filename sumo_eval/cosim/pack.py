@@ -138,4 +138,4 @@ class Pack:
 
 
 def _kind(concrete: ConcreteScenario) -> tuple[object, ...]:
-    return concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors)
+    return concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time, len(concrete.actors)

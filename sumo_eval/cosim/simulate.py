@@ -242,7 +242,8 @@ def simulate_together(
         if why is not None or not as_usual or concrete.road.network is not None or not _stands_on_its_road(concrete):
             return None
         body = (
-            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, len(concrete.actors),
+            concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time,
+            len(concrete.actors),
             tuple([(actor.body, actor.model is None) for actor in concrete.actors]) if concrete.lively else (),
         )  # fmt: skip
         return (*body, riders.kind(index))

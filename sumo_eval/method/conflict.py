@@ -9,17 +9,17 @@ turned bodies reach along and across the road.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
-from sumo_eval.scenario import ConcreteScenario
+from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.motion import quintic
 from sumo_eval.scenario.undisturbed import Tracks, tracks
-from sumo_eval.settings import ZoneSettings
+from sumo_eval.settings import VehicleSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
 STEP = 0.1  # s between two looks; contact between two is found on the straight line from one to the other
@@ -32,9 +32,10 @@ _WAY = np.dtype([(name, "f8") for name in ("y", "offset", "begin", "length")])
 class Conflict(NamedTuple):
     """How two undisturbed ways conflict. begin, end: of the stretch of the ego's way over which the other passes, x, m.
 
-    enters, leaves: when the other's body is in the ego's strip, s. time_to: until the ego's front is at `begin` at its
-    speed, s. pet: from the one's leaving until the other's entering, s; 0 where both are there at once. All nan where
-    the other never comes into the ego's strip.
+    enters, leaves: when the other's body is in the ego's strip, s; it leaves at inf where their ways join. time_to:
+    until the ego's front is at `begin` at its speed, s. pet: from the one's leaving the area, or `begin` where ways
+    join, until the other's entering, s; 0 where both are there at once. All nan where the other never comes into the
+    ego's strip.
     """
 
     begin: float
@@ -64,9 +65,41 @@ def crossing_conflict(concrete: ConcreteScenario, other: int, size: tuple[float,
         leaves = _zero(times[last : last + 2], apart[last : last + 2])
     begin = float((x - long[0])[inside].min())
     end = float((x + long[0])[inside].max())
-    arrives = (begin - 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
-    clears = (end + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
-    return Conflict(begin, end, enters, leaves, arrives, max(arrives - leaves, enters - clears, 0.0))
+    arrives, clears = (
+        (place - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+        for place in (begin - 0.5 * size[0], end + 0.5 * size[0])
+    )
+    there, gone = enters, leaves
+    if math.isinf(leaves) and math.cos(track[0, last, 2]) > math.cos(0.25 * math.pi):  # one behind the other from there
+        there = float(np.interp(begin, x + long[0], times, left=-math.inf))
+        gone, clears = enters, (begin + 0.5 * size[0] - ego.x) / ego.speed if ego.speed > 0.0 else math.inf
+    return Conflict(begin, end, enters, leaves, arrives, max(arrives - gone, there - clears, 0.0))
+
+
+_ACROSS = 0.5  # sine of the angle to the road from which on somebody crosses it
+
+
+def conflicting(logical: LogicalScenario, concrete: ConcreteScenario) -> int | None:
+    """The number of the one whose way conflicts with the ego's: the obstacle of zones of conflicts, or of others where
+    it crosses the road; None without one.
+    """
+    search = logical.search
+    if search is None or not (search.conflict or abs(math.sin(concrete.actors[search.obstacle].heading)) > _ACROSS):
+        return None
+    return search.obstacle
+
+
+def conflict_at(logical: LogicalScenario, values: Mapping[str, float]) -> Conflict | None:
+    """The conflict of a concrete scenario in which nobody reacts, None where no way conflicts with the ego's."""
+    concrete = logical.placed(values)
+    other = conflicting(logical, concrete)
+    return None if other is None else crossing_conflict(concrete, other, ego_size(logical))
+
+
+def ego_size(logical: LogicalScenario) -> tuple[float, float]:
+    """Length and width of the ego's body, m."""
+    vehicle, own = VehicleSettings(), logical.ego_body
+    return (vehicle.length, vehicle.width) if own is None else (own.length, own.width)
 
 
 def _zero(times: FloatArray, values: FloatArray) -> float:

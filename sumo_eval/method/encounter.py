@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sumo_eval.method.conflict import conflict_criticality
+from sumo_eval.method.conflict import conflict_criticality, ego_size
 from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.undisturbed import meetings
-from sumo_eval.settings import VehicleSettings, ZoneSettings
+from sumo_eval.settings import ZoneSettings
 from sumo_eval.trajectory import FloatArray
 
 STEP = 0.02  # s between two looks
@@ -45,9 +45,7 @@ def _of(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     search = logical.search
     assert search is not None
-    vehicle = VehicleSettings()
-    own = logical.ego_body
-    size = (vehicle.length, vehicle.width) if own is None else (own.length, own.width)
+    size = ego_size(logical)
     values = [dict(zip(logical.names, row, strict=True)) for row in points.tolist()]
     placed = [logical.placed(point) for point in values]
     delays = [search.delay(point) for point in values]

@@ -23,6 +23,7 @@ from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, zones_of
 from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
     REFERENCES,
     Planner,
@@ -157,6 +158,8 @@ def record_facts(
     """
     severity_of(evaluation.method.collision, source)
     refuse_engine(evaluation.run)
+    if evaluation.run.qualification and not run_folder.is_run(folder):
+        read_qualification(evaluation.run.qualification, source)
     _find_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation

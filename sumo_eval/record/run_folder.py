@@ -16,6 +16,7 @@ from typing import Any
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError
 from sumo_eval.record.lock import HeldError, held
+from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -92,6 +93,9 @@ def is_run(folder: Path) -> bool:
 def create(folder: Path, settings: EvaluationSettings, source: Path, examples: Sequence[ConcreteScenario]) -> None:
     """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario."""
     before = read_manifest(folder) if is_run(folder) else None
+    named = settings.run.qualification
+    known = (before or {}).get("qualification")  # of a run that goes on: its file need not be there any more
+    qualified = {"qualification": known or read_qualification(named, source)} if named else {}
     try:
         for name in ("networks", "routes"):
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -114,7 +118,7 @@ def create(folder: Path, settings: EvaluationSettings, source: Path, examples: S
             }
         for name, text in inputs.items():
             _write(folder / name, text)
-        manifest = _manifest(inputs, settings, source)
+        manifest = _manifest(inputs, settings, source) | qualified
         if before is not None:  # who began it stays, and who went on stands beside
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}

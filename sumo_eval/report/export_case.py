@@ -14,7 +14,7 @@ from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, rout
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record import run_folder
 from sumo_eval.record.store import Fact, open_store
-from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.catalogue import find, is_file
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, ExposureSettings, SamplingSettings
 from sumo_eval.settings.config import to_toml
 from sumo_eval.text import cell
@@ -79,14 +79,14 @@ def export_case(run: Path, case: str, out: Path) -> Exported:
     return Exported(tuple(out / name for name in (*texts, f"{stem}.csv")), line)
 
 
-def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, Trajectory | None]:
-    """What is recorded of a case, and how its ego drove; None where it did not come to drive."""
+def _fact(run: Path, settings: EvaluationSettings, case: str) -> tuple[Fact, dict[str, Trajectory] | None]:
+    """What is recorded of a case, and how everybody drove in it; None where it did not come to drive."""
     with open_store(run / run_folder.FACTS) as store:
         facts = {fact.case: fact for fact in store.facts("ads")}
         if case not in facts:
             raise unknown(f"case of run {run}", case, facts)
         fact = facts[case]
-        return fact, None if fact.simulated_time is None else store.trajectory(case)
+        return fact, None if fact.simulated_time is None else dict(store.trajectories(case))
 
 
 def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path, points: str) -> EvaluationSettings:
@@ -94,7 +94,7 @@ def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path
     entry = next(item for item in settings.scenario if item.use == use)
     ads = next(item for item in settings.ads if item.name == fact.driver)
     sampling = SamplingSettings(method="file", file=points)  # its column has the exposure
-    space = str(source / use) if use.partition("?")[0].endswith(".toml") else made_absolute(use, source)
+    space = str(source / use) if is_file(use) else made_absolute(use, source)
     plant = settings.simulation.plant
     if plant is not None:
         plant = replace(plant, file=str(source / plant.file))
@@ -104,6 +104,7 @@ def _evaluation(settings: EvaluationSettings, fact: Fact, use: str, source: Path
         ads=(_absolute(ads, source),),
         drivers=_people(settings.drivers, source),
         simulation=replace(settings.simulation, plant=plant),
+        run=replace(settings.run, qualification=""),  # it is about the run that this case is of
     )
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
+from sumo_eval.report.checks import checks_content
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.confidence_section import confidence_content
 from sumo_eval.report.gate_settings import HIGHER_IS_BETTER
@@ -18,6 +19,7 @@ from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus, sentences
 from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
+from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
 from sumo_eval.report.words import interval_words, number, point
@@ -221,10 +223,22 @@ SECTIONS = (
     Section(
         "opinion", "Opinion", lambda evaluation, _: opinion_content(evaluation.folder), "what people gave the ADSs"
     ),
+    Section(
+        "checks",
+        "Checks",
+        lambda evaluation, _: checks_content(evaluation),
+        "what must hold in every drive, row by row",
+    ),
     Section("collisions", "Collisions", always, "every collision and what it cost"),
     Section("preventability", "Preventability", always, "which collisions the reference avoids"),
     Section("missing", "Not evaluated", always, "cases that left the means, and why"),
     Section("confidence", "Confidence", confidence_section, "where the intervals come from, what the cases cover"),
+    Section(
+        "qualification",
+        "Qualification",
+        lambda evaluation, _: qualification_content(evaluation),
+        "whether the tool found known answers again on this machine",
+    ),
     Section("zones", "Zones", always, "safe and hazardous parts of each space"),
     Section("glossary", "Glossary", always, "every term in plain words"),
     Section("settings", "Settings", always, "readings of the method, every setting, how to reproduce"),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.report.checks import checked_cases
 from sumo_eval.report.preventability import preventability, reference_ads
 from sumo_eval.report.words import (
     exposure_note_words,
@@ -25,6 +26,7 @@ from sumo_eval.report.words import (
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.text import cell
 
+CHECKS = "checks.csv"
 _ALSO = {"d_i": "index"}  # columns that show a field under a second name
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
@@ -64,7 +66,7 @@ def _shown(case: CaseResult, name: str) -> Any:
 
 
 def write_tables(evaluation: Evaluation) -> None:
-    """Write scores.json and cases.csv into the evaluation's folder."""
+    """Write scores.json and cases.csv into the evaluation's folder; checks.csv where a scenario has requirements."""
     scores = json.dumps(scores_json(evaluation), indent=2, allow_nan=False)
     path = evaluation.folder / "scores.json"
     try:
@@ -72,6 +74,22 @@ def write_tables(evaluation: Evaluation) -> None:
     except OSError as error:
         raise InputError(f"The scores {path} cannot be written: {error}.") from error
     cases_csv(evaluation, evaluation.folder / "cases.csv")
+    if evaluation.checks:
+        checks_csv(evaluation, evaluation.folder / CHECKS)
+
+
+def checks_csv(evaluation: Evaluation, path: Path) -> None:
+    """Write one row for each check of a case: what was asked, and whether it passed."""
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(("case", "scenario", "ads", "point", "check", "condition", "verdict"))
+            for one in checked_cases(evaluation):
+                for name, condition in evaluation.checks[one.scenario].items():
+                    row = (one.case, one.scenario, one.ads, one.point, name, condition, one.verdict_of(name))
+                    writer.writerow(map(cell, row))
+    except OSError as error:
+        raise InputError(f"The table {path} cannot be written: {error}.") from error
 
 
 def scores_json(evaluation: Evaluation) -> dict[str, Any]:

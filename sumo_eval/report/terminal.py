@@ -11,9 +11,11 @@ from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
+from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
+from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     SCORES,
@@ -154,6 +156,7 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         for note in score.notes
         if not isinstance(note, CasesMissing)  # said above, with the cases
     ]
+    lines += check_lines(evaluation)
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
         f"{file} of the catalogue does not play: {why}"
@@ -162,6 +165,8 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     ]
     if drivers_are_synthetic(evaluation.settings) or evaluation.settings.drivers.source == "recorded":
         lines.append(people_sentence(evaluation))
+    if "qualification" in evaluation.manifest:
+        lines.append(qualification_sentence(evaluation.manifest))
     lines.append(f"The report is {evaluation.folder / 'report.html'}")
     return lines
 

@@ -15,6 +15,7 @@ from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.openscenario.logical import read_logical
 from sumo_eval.scenario.shipped_files import scenario_files
+from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 from sumo_eval.settings.locators import load_object
 
 
@@ -40,8 +41,8 @@ SCENARIOS: Final[Mapping[str, LogicalScenario]] = _Shipped()
 
 
 def find(use: str, folder: Path | None = None) -> LogicalScenario:
-    """A logical scenario by its shipped name, or `file.toml`, `file.xosc`, `module:name`, `file.py:name` relative to
-    `folder`.
+    """A logical scenario by its shipped name, or `file.toml`, `file.xosc`, `file.feature.md`, `module:name`,
+    `file.py:name` relative to `folder`.
 
     After the name of a shipped one or of a file options may stand: `cut_in?lateral_acceleration=1.5`.
     """
@@ -50,12 +51,19 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
         return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
     if plain.endswith(".xosc"):
         return read_logical((Path.cwd() if folder is None else folder) / plain, given)
+    if plain.endswith(ENDINGS):
+        return read_use_case((Path.cwd() if folder is None else folder) / plain, given).logical
     if ":" not in plain:
         return load(use)
     found = load_object(use, folder, "Logical scenario")
     if not isinstance(found, LogicalScenario):
         raise InputError(f"Logical scenario `{use}` must be a LogicalScenario, got {type(found).__name__}.")
     return found
+
+
+def is_file(use: str) -> bool:
+    """Whether a `use` names a file with a scenario of its own, not a shipped one and no Python."""
+    return use.partition("?")[0].endswith((".toml", ".xosc", *ENDINGS))
 
 
 @cache

@@ -409,7 +409,8 @@ class ConcreteScenario:
     """One point of a logical scenario: parameter values by name, exposure p_i, the road and every vehicle's start.
 
     ego_body: the body that the ego has here; None: the one of the vehicle settings. time_limit: simulated time after
-    which the case is over, s; None: the simulation's own, which holds as well.
+    which the case is over, s; None: the simulation's own, which holds as well. standstill_time: how long the ego must
+    stand for the case to be over, s; None: the simulation's own.
     """
 
     scenario: str
@@ -420,6 +421,7 @@ class ConcreteScenario:
     actors: tuple[Actor, ...]
     ego_body: EgoBody | None = None
     time_limit: float | None = None
+    standstill_time: float | None = None
 
     def __post_init__(self) -> None:
         names = ["ego", *(actor.name for actor in self.actors)]
@@ -453,7 +455,8 @@ class ConcreteScenario:
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
         """The settings with which this case is simulated: the given ones, with the scenario's ego and time limit."""
         limit = settings.time_limit if self.time_limit is None else min(settings.time_limit, self.time_limit)
+        stood = settings.standstill_time if self.standstill_time is None else self.standstill_time
         vehicle = self.ego_vehicle(settings.vehicle)
-        if vehicle is settings.vehicle and limit == settings.time_limit:
+        if vehicle is settings.vehicle and (limit, stood) == (settings.time_limit, settings.standstill_time):
             return settings
-        return replace(settings, vehicle=vehicle, time_limit=limit)
+        return replace(settings, vehicle=vehicle, time_limit=limit, standstill_time=stood)

@@ -268,6 +268,11 @@ class EndTable(Checked):
 
     x: Annotated[float, Positive, About("the ego's centre reaches this place", "m")] = 600.0
     time: Annotated[float | None, Positive, About("simulated time; default: the simulation's own", "s")] = None
+    standstill: Annotated[
+        float | None,
+        Positive,
+        About("how long the ego must stand, for scenes in which it has to go on; default: the simulation's own", "s"),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -389,7 +394,8 @@ class RequireTable(Checked):
         str,
         About(
             "a condition on the whole drive: min, max, at_end of time, x, offset, speed, acceleration, jerk, "
-            "lateral_speed, gap, thw, ttc; collided, reached_end; e.g. `min(gap) > 2 and collided == 0`"
+            "lateral_speed, gap, thw, ttc, and x, y, speed, lateral_speed of another vehicle, as `x(lead)`; collided, "
+            "reached_end; e.g. `min(gap) > 2 and collided == 0`"
         ),
     ]
     name: Annotated[str, About("name in tables; default: the check itself")] = ""
@@ -1039,7 +1045,9 @@ class _Builder:
         told_by = [*(quantity.expression for quantity in placed), *(it for when in triggers for it in when.expressions)]
         lively = bool(streams) or any(item.lively for item in vehicles) or road.shaped
         searched = lively or ego.goal_lane is not None or (table.zone != "none" and table.zone.conflict)
-        self._all_used(parameters, definitions, told_by)
+        requirements = self._requirements(definitions)
+        asked = requirements.all if requirements is not None else ()
+        self._all_used(parameters, definitions, [*told_by, *(it for one in asked for it in one.expressions)])
         if road.shaped and road.bent:
             raise InputError(
                 f"The road of {self.where} must be straight where it has [[road.lane]] or [[road.crossing]]."
@@ -1073,19 +1081,20 @@ class _Builder:
             met=None if table.met is None else Met(table.met.events, table.met.vehicle_km, table.met.where),
             ego_body=body,
             time_limit=table.end.time,
+            standstill_time=table.end.standstill,
             zone_coordinates=self._coordinates(definitions),
             samples=tuple(self._sample(item, parameters) for item in table.sample),
             default_sample=table.default_sample,
             has_drivers=table.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
-            requirements=self._requirements(definitions),
+            requirements=requirements,
         )
 
     def _requirements(self, definitions: Definitions) -> Requirements | None:
         if not self.table.require:
             return None
         found = tuple(
-            requirement(item.name or item.check, item.check, item.about, self.where, self.known)
+            requirement(item.name or item.check, item.check, item.about, self.where, self.known, list(self.numbers_of))
             for item in self.table.require
         )
         _distinct([item.name for item in found], "requirement", self.where)

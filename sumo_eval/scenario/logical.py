@@ -164,12 +164,12 @@ class LogicalScenario:
     depend on what happens. margin: instead, values by name (arrays) -> what is left to spare of a limit that is known,
     m, hazardous from 0 down. None of them: no zone can be defined, and everything is safe.
     exposure: values by name (arrays) -> naturalistic probability density, up to a factor.
-    ego_body, time_limit: as in `ConcreteScenario`. samples: prescribed points. default_sample: how points are chosen
-    where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP sees instead of the
-    parameters. options: what may be given where the scenario is named. notes: sentences that stand with its zones in
-    every report. recorded: the events of recordings that it is met as; met: how often it was; None: nobody says.
-    has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones make a D.
-    requirements: what must hold in every drive; None: nothing.
+    ego_body, time_limit, standstill_time: as in `ConcreteScenario`. samples: prescribed points. default_sample: how
+    points are chosen where nobody says: `grid`, or the name of one of `samples`. zone_coordinates: what the zones' GP
+    sees instead of the parameters. options: what may be given where the scenario is named. notes: sentences that stand
+    with its zones in every report. recorded: the events of recordings that it is met as; met: how often it was; None:
+    nobody says. has_drivers: whether the synthetic drivers know the scene; where not, only recorded ones
+    make a D. requirements: what must hold in every drive; None: nothing.
     """
 
     name: str
@@ -184,6 +184,7 @@ class LogicalScenario:
     exposure_about: str = "uniform: every concrete scenario counts the same"
     ego_body: EgoBody | None = None
     time_limit: float | None = None
+    standstill_time: float | None = None
     samples: tuple[NamedSample, ...] = ()
     default_sample: str = "grid"
     zone_coordinates: ZoneCoordinates | None = None
@@ -304,7 +305,15 @@ class LogicalScenario:
         """The scene at values by name, which nobody checks: constraints may forbid it. Its exposure is 1."""
         ego, actors = self.place(point)
         return ConcreteScenario(
-            self.name, point, 1.0, self.road, ego, actors, ego_body=self.ego_body, time_limit=self.time_limit
+            self.name,
+            point,
+            1.0,
+            self.road,
+            ego,
+            actors,
+            ego_body=self.ego_body,
+            time_limit=self.time_limit,
+            standstill_time=self.standstill_time,
         )
 
     def concretes(self, points: ArrayLike, exposure: ArrayLike | None = None) -> Sequence[ConcreteScenario]:

@@ -7,7 +7,7 @@ of the moment below with parameters and definitions. The rest is the language of
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -35,21 +35,34 @@ OUTCOMES = {
     "reached_end": "1 if it came to the end of the scenario's road, else 0",
 }
 """What it may ask of the whole."""
+OF_OTHERS = ("x", "y", "speed", "lateral_speed")
+"""What it may ask of another vehicle at each moment, as `x(lead)`; y and lateral_speed are across the road, to the left
+of the right lane's centre line."""
 _OVER_TIME: dict[str, Callable[[FloatArray], Any]] = {"min": np.min, "max": np.max, "at_end": lambda values: values[-1]}
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """A checked requirement. parts: placeholder, function and what it is taken of, for each value over time."""
+    """A checked requirement. parts: placeholder, function and what it is taken of, for each value over time. asks:
+    placeholder, function and vehicle for each number of another vehicle.
+    """
 
     name: str
     text: str
     about: str
     outer: Expression
     parts: tuple[tuple[str, str, Expression], ...]
+    asks: tuple[tuple[str, str, str], ...] = ()
+
+    @property
+    def expressions(self) -> tuple[Expression, ...]:
+        """What it is worked out from."""
+        return (self.outer, *(inner for _, _, inner in self.parts))
 
     def holds(self, series: Mapping[str, FloatArray], known: Mapping[str, float]) -> bool:
-        """Whether it holds in a drive. series: by the names of `SERIES`, (n,) each; known: all other numbers."""
+        """Whether it holds in a drive. series: by the names of `SERIES` and of `asks`, (n,) each; known: all other
+        numbers.
+        """
         numbers = dict(known)
         for placeholder, function, inner in self.parts:
             over = np.broadcast_to(inner.value({**known, **series}), series["time"].shape)
@@ -78,8 +91,13 @@ class Requirements:
         return self.numbers.at(values)
 
 
-def requirement(name: str, text: str, about: str, owner: str, known: Iterable[str]) -> Requirement:
-    """The requirement in a text. known: names of parameters, options and definitions. InputError with what is wrong."""
+def requirement(
+    name: str, text: str, about: str, owner: str, known: Iterable[str], vehicles: Sequence[str] = ()
+) -> Requirement:
+    """The requirement in a text. known: names of parameters, options and definitions; vehicles: of the others.
+
+    InputError with what is wrong.
+    """
     if not name or ";" in name:
         raise must_be("The name", f"a requirement of {owner}", "a text without `;`", name)
     names = [*known, *OUTCOMES]
@@ -90,30 +108,52 @@ def requirement(name: str, text: str, about: str, owner: str, known: Iterable[st
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"Requirement `{text[:200]}` of {owner} cannot be read.") from None
-    found = _Parts(text, owner)
+    found = _Parts(text, owner, vehicles)
     outer = condition(ast.unparse(ast.fix_missing_locations(found.visit(tree))), owner)
     for _, _, inner in found.parts:
-        checked_names(inner, [*names, *SERIES], owner)
-        if not inner.names & set(SERIES):
+        moments = [*SERIES, *(placeholder for placeholder, _, _ in found.asks)]
+        checked_names(inner, [*names, *moments], owner)
+        if not inner.names & set(moments):
             raise must_be(f"`{inner.text}`", f"requirement `{name}` of {owner}", f"of {', '.join(SERIES)}", inner.text)
     for asked in sorted(outer.names - {part[0] for part in found.parts}):
         if asked in SERIES:
             raise must_be(f"`{asked}`", f"requirement `{name}` of {owner}", "within min(), max() or at_end()", text)
         if asked not in names:
             raise unknown(f"name in requirement `{name}` of {owner}:", asked, [*names, *SERIES])
-    return Requirement(name, text, about, outer, tuple(found.parts))
+    return Requirement(name, text, about, outer, tuple(found.parts), tuple(found.asks))
 
 
 class _Parts(ast.NodeTransformer):
-    """Puts a placeholder where a value over time stands."""
+    """Puts a placeholder where a value over time stands, and within one where a number of another vehicle does."""
 
-    def __init__(self, text: str, owner: str) -> None:
-        self.text, self.owner = text, owner
+    def __init__(self, text: str, owner: str, vehicles: Sequence[str]) -> None:
+        self.text, self.owner, self.vehicles = text, owner, vehicles
         self.parts: list[tuple[str, str, Expression]] = []
+        self.asks: list[tuple[str, str, str]] = []
+        self.within = False
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
+        if self.within:
+            return self._of_other(node)
         if isinstance(node.func, ast.Name) and node.func.id in _OVER_TIME and len(node.args) == 1 and not node.keywords:
             placeholder = f"over_time_{len(self.parts)}"
-            self.parts.append((placeholder, node.func.id, Expression(ast.unparse(node.args[0]))))
+            self.within = True
+            inner = ast.unparse(ast.fix_missing_locations(self.visit(node.args[0])))
+            self.within = False
+            self.parts.append((placeholder, node.func.id, Expression(inner)))
             return ast.copy_location(ast.Name(placeholder, ast.Load()), node)
+        return self.generic_visit(node)
+
+    def _of_other(self, node: ast.Call) -> ast.AST:
+        """`x(lead)` as a name whose series is worked out for the drive; other calls are arithmetic."""
+        match node:
+            case ast.Call(func=ast.Name(id=function), args=[ast.Name(id=vehicle)], keywords=[]) if (
+                function in OF_OTHERS
+            ):
+                if vehicle not in self.vehicles:
+                    raise unknown(f"vehicle in requirement `{self.text}` of {self.owner}:", vehicle, self.vehicles)
+                placeholder = f"{function}_of_{vehicle}"
+                if (placeholder, function, vehicle) not in self.asks:
+                    self.asks.append((placeholder, function, vehicle))
+                return ast.copy_location(ast.Name(placeholder, ast.Load()), node)
         return self.generic_visit(node)

@@ -17,7 +17,8 @@ from sumo_eval.method.collision_avoidance import (
     collision_weight,
     impact_severity,
 )
-from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, lane_keeping, measures
+from sumo_eval.method.conflict import Conflict, conflict_at, conflicting
+from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, lane_keeping, measures
 from sumo_eval.method.plausibility import Quantiles, extremes_of, plausibility
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity, severity_of
@@ -45,7 +46,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.settings import CollisionSettings, MethodSettings
-from sumo_eval.trajectory import BoolArray
+from sumo_eval.trajectory import BoolArray, Trajectory
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
@@ -76,12 +77,14 @@ def driven_in_blocks(facts: Sequence[Fact]) -> tuple[ScoreNote, ...]:
 @dataclass(frozen=True, slots=True)
 class PointTerms:
     """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
-    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated.
+    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated. conflict: of its ways,
+    None where none conflicts with the ego's.
     """
 
     weight: float
     ideal_severity: float | None
     no_reaction_severity: float | None
+    conflict: Conflict | None = None
 
 
 def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
@@ -105,7 +108,7 @@ def point_terms(
     )
     weights = collision_weight(np.array([logical.row(one) for one in values.values()]), zones)
     return {
-        point: PointTerms(weight, ideal[point], unreacting.get(point))
+        point: PointTerms(weight, ideal[point], unreacting.get(point), conflict_at(logical, values[point]))
         for point, weight in zip(values, weights.tolist(), strict=True)
     }
 
@@ -117,12 +120,15 @@ class DriveMeasures:
     criticality: CriticalityMeasures
     plausibility: float
     lane: LaneKeeping
+    conflict_pet: float
 
 
 def drive_measures(
-    facts: Sequence[Fact], store: Store, people: Quantiles, lane_width: float
+    facts: Sequence[Fact], store: Store, people: Quantiles, logical: LogicalScenario
 ) -> dict[str, DriveMeasures]:
-    """The criticality measures, the plausibility among some people and the lane keeping of every evaluated case."""
+    """The criticality measures, the plausibility among some people, the lane keeping of every evaluated case, and the
+    PET with whoever's way conflicts with the ego's, s, nan without one.
+    """
     measured = {}
     for fact in facts:
         if fact.status in EVALUATED:
@@ -131,9 +137,19 @@ def drive_measures(
             measured[fact.case] = DriveMeasures(
                 measures(ego, actors, fact.collision),
                 plausibility(extremes_of(ego, actors, fact.collision), people),
-                lane_keeping(ego, lane_width),
+                lane_keeping(ego, logical.road.lane_width),
+                _conflict_pet(logical, fact, ego, actors),
             )
     return measured
+
+
+def _conflict_pet(logical: LogicalScenario, fact: Fact, ego: Trajectory, actors: Mapping[str, Trajectory]) -> float:
+    concrete = logical.placed(fact.values)
+    other = conflicting(logical, concrete)
+    if other is None or (name := concrete.actors[other].name) not in actors:
+        return math.nan
+    hit = fact.collision if fact.collision is not None and fact.collision.other == name else None
+    return conflict_pet(ego, actors[name], hit)
 
 
 def _loss(fact: Fact) -> float | None:
@@ -220,6 +236,8 @@ def tabulate(
                 index_note=index.notes if index else (),
                 clips="; ".join(f"{clip.what} x{clip.count}" for clip in fact.clips),
                 ideal_collided=None if ideal is None else ideal > 0.0,
+                undisturbed_pet=None if there.conflict is None else _finite(there.conflict.pet),
+                time_to_conflict=None if there.conflict is None else _finite(there.conflict.time_to),
             )
         )
     return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
@@ -243,6 +261,7 @@ def _judged(row: CaseResult, index: AnthropomorphicIndex | None, found: DriveMea
         overshoot=lane.overshoot,
         over_line_time=lane.over_line_time,
         settling_time=_finite(lane.settling_time),
+        conflict_pet=_finite(found.conflict_pet),
     )
 
 

@@ -11,6 +11,7 @@ from sumo_eval.method.measures import time_headway, time_to_collision, vehicle_a
 from sumo_eval.record.store import EGO, Fact, Store
 from sumo_eval.results import EVALUATED, CaseResult, RequirementMissed, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.requirement import Requirement
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 
@@ -35,6 +36,23 @@ def series_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Coll
     return found | {name: np.where(np.isnan(found[name]), np.inf, found[name]) for name in ("gap", "thw", "ttc")}
 
 
+def series_of_others(
+    asked: Sequence[Requirement], ego: Trajectory, actors: Mapping[str, Trajectory]
+) -> dict[str, FloatArray]:
+    """What requirements ask of others at each sample of the ego, by the placeholders of `Requirement.asks`."""
+    found: dict[str, FloatArray] = {}
+    for placeholder, function, name in {ask for one in asked for ask in one.asks}:
+        actor = actors[name]
+        values = {
+            "x": actor.x,
+            "y": actor.y,
+            "speed": actor.speed * np.cos(actor.heading),
+            "lateral_speed": actor.speed * np.sin(actor.heading),
+        }[function]
+        found[placeholder] = np.interp(ego.time, actor.time, values)
+    return found
+
+
 def with_requirements(
     rows: Sequence[CaseResult], facts: Sequence[Fact], logical: LogicalScenario, store: Store
 ) -> list[CaseResult]:
@@ -53,6 +71,7 @@ def with_requirements(
             "reached_end": float(ego.x[-1] >= logical.road.length),
         }
         series = series_of(ego, actors, fact.collision)
+        series |= series_of_others(logical.requirements.all, ego, actors)
         missed = [one.name for one in logical.requirements.all if not one.holds(series, known)]
         found.append(replace(row, requirements_missed="; ".join(missed)))
     return found

@@ -82,7 +82,11 @@ class ScenarioSettings(Checked):
     """One logical scenario of an evaluation."""
 
     use: Annotated[
-        str, About("a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: osc_alks, ncap_2026")
+        str,
+        About(
+            "a shipped name, a scenario file (.toml, .xosc, .feature.md), module:name, or a catalogue: osc_alks, "
+            "ncap_2026, autoware"
+        ),
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)

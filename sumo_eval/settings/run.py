@@ -36,3 +36,6 @@ class RunSettings(Checked):
         Literal["shown", "gate"],
         About("what cases that could not be evaluated do: widen C and D visibly (exit 3), or fail the run (exit 1)"),
     ] = "shown"
+    qualification: Annotated[
+        str, About("qualification.json of this installation, made by `sumo-eval qualify`: the report carries it")
+    ] = ""

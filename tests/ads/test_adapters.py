@@ -78,7 +78,16 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [
-        ("CarlaAgent?options.agent=foreign_agents:LanePlanner", "a class or an object with a method `run_step`"),
+        (
+            "CarlaAgent?options.agent=foreign_agents:LanePlanner",
+            "`agent` of sumo_eval.adapters:CarlaAgent must be a class or an object with a method `run_step`, got "
+            "LanePlanner. `sumo_eval.adapters:CommonRoadPlanner` drives it.",
+        ),
+        (
+            "NuPlanPlanner",
+            "sumo_eval.adapters:NuPlanPlanner needs the ADS that it drives: "
+            "`sumo_eval.adapters:NuPlanPlanner?options.agent=my_agent.py:Agent`.",
+        ),
         ("CarlaAgent?options.agent=nowhere:Agent", "there is no module `nowhere`"),
         ("SmartsAgent?options.agent=foreign_agents:Follower&options.action=Continous", "Did you mean `Continuous`?"),
         ("CommonRoadPlanner?options.agent=foreign_agents:LanePlanner&options.dt=0", "a number greater than 0 s"),
@@ -87,4 +96,28 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
 def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
     with pytest.raises(InputError) as refused:
         load_controller(f"sumo_eval.adapters:{locator}")
+    assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("locator", "sentence"),
+    [
+        ("carla:my.py:Agent", "`sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent` drives it"),
+        ("SmartsAgent", "`sumo_eval.adapters:SmartsAgent?options.agent=my_agent.py:Agent` drives an agent of yours"),
+        ("policy.onnx", "`onnx:policy.onnx` drives it"),
+        ("Car.fmu", "`fmu:Car.fmu` drives it"),
+        ("my_ads.py", "`my_ads.py:NAME` names what it holds, `sumo-eval check my_ads.py` lists it"),
+        ("ppo.zip", "weights alone do not drive; as ONNX they do (docs/ads/onnx.md)"),
+        ("python my_ads.py", "`exec:python my_ads.py` runs it as a program"),
+        ("./my_ads", "`exec:./my_ads` runs it as a program"),
+        ("ros2:my_stack", "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"),
+        ("grpc:localhost:50051", "a class with `act(observation)` that asks the server drives it"),
+    ],
+)
+def test_what_is_meant_by_a_locator_and_is_none_is_told_the_right_one(locator, sentence):
+    with pytest.raises(InputError) as refused:
+        load_controller(locator)
+    assert f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: " in str(
+        refused.value
+    )
     assert sentence in str(refused.value)

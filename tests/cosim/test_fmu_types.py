@@ -65,6 +65,57 @@ FEEDTHROUGH_3 = """
             self.speeds = np.array([-0.01 * float(np.sum(self.gaps[:seen])), -1.0 * seen, -0.5 * int(self.count)])
             return True
 """
+PLANNER_2 = """
+    from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Integer, Real
+
+    class Planner2(Fmi2Slave):
+        def __init__(self, **kwargs):
+            super().__init__(**kwargs)
+            self.ego_x, self.ego_speed, self.number, self.places = 0.0, 0.0, 0, 3
+            for name in ("ego_x", "ego_speed"):
+                self.register_variable(Real(name, causality=Fmi2Causality.input))
+            for part in ("time", "x", "y"):
+                for place in (1, 2, 3, 4):
+                    name = f"{part}_{place}"
+                    setattr(self, name, 0.0)
+                    self.register_variable(Real(f"plan_{part}[{place}]", causality=Fmi2Causality.output,
+                                                getter=lambda name=name: getattr(self, name)))
+            for name in ("number", "places"):
+                self.register_variable(Integer(name, causality=Fmi2Causality.output,
+                                               variability=Fmi2Variability.discrete))
+
+        def do_step(self, current_time, step_size):
+            if current_time >= 1.0 * self.number:
+                self.number += 1
+                for place in (1, 2, 3):
+                    ahead = 2.0 * (place - 1)
+                    setattr(self, f"time_{place}", current_time + ahead)
+                    setattr(self, f"x_{place}", self.ego_x + 0.5 * self.ego_speed * ahead)
+            return True
+"""
+PLANNER_3 = """
+    import numpy as np
+    from pythonfmu3 import Dimension, Fmi3Causality, Fmi3Slave, Fmi3Variability, Float64
+
+    class Planner3(Fmi3Slave):
+        def __init__(self, **kwargs):
+            super().__init__(**kwargs)
+            self.time, self.ego_x, self.ego_speed = 0.0, 0.0, 0.0
+            self.when, self.plan_x, self.plan_y = np.zeros(3), np.zeros(3), np.zeros(3)
+            self.register_variable(Float64("time", causality=Fmi3Causality.independent,
+                                           variability=Fmi3Variability.continuous))
+            for name in ("ego_x", "ego_speed"):
+                self.register_variable(Float64(name, causality=Fmi3Causality.input,
+                                               variability=Fmi3Variability.continuous))
+            for name in ("when", "plan_x", "plan_y"):
+                self.register_variable(Float64(name, dimensions=[Dimension(start="3")],
+                    causality=Fmi3Causality.output, variability=Fmi3Variability.continuous))
+
+        def do_step(self, current_time, step_size):
+            ahead = np.array([0.0, 2.0, 4.0])
+            self.when, self.plan_x = current_time + ahead, self.ego_x + 0.5 * self.ego_speed * ahead
+            return True
+"""
 TWO = "fmu:Feedthrough2.fmu?inputs.real_in=ego_speed&outputs.acceleration=real_out"
 THREE = "fmu:Feedthrough3.fmu?inputs.gaps=objects_gap&inputs.there=objects_present&inputs.*=start"
 
@@ -75,6 +126,8 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for builder, name, source in (
         ("pythonfmu", "Feedthrough2", FEEDTHROUGH_2),
         ("pythonfmu3", "Feedthrough3", FEEDTHROUGH_3),
+        ("pythonfmu", "Planner2", PLANNER_2),
+        ("pythonfmu3", "Planner3", PLANNER_3),
     ):
         library = pytest.importorskip(f"{builder}.builder")
         file = folder / f"{name}.py"
@@ -119,6 +172,40 @@ def test_arrays_of_fmi_3_are_given_a_value_of_each_vehicle(fmus: Path) -> None:
     first = simulate(case(*both), f"{THREE}&outputs.acceleration=speeds[0]", HALF_SECOND, folder=fmus)
     assert -1.4 < first.ego.acceleration[1] < -0.5
     assert deceleration(f"{THREE}&outputs.acceleration=speeds[1]", fmus, lead(90.0)) == -1.0
+
+
+def test_kinds_of_vehicles_are_numbers(fmus: Path) -> None:
+    """A lorry is 2 and nobody -1: -0.01 of the sum over the one that is there."""
+    locator = THREE.replace("objects_gap", "objects_kind") + "&outputs.acceleration=speeds[0]"
+    assert deceleration(locator, fmus, replace(lead(50.0), body="truck")) == -0.02
+
+
+PLANS = {
+    "scalars": "fmu:Planner2.fmu?outputs.plan_time=plan_time&outputs.plan_count=places&outputs.plan_number=number",
+    "arrays": "fmu:Planner3.fmu?outputs.plan_time=when",
+}
+
+
+@pytest.mark.parametrize("kind", PLANS)
+def test_an_fmu_may_plan(fmus: Path, kind: str) -> None:
+    """From where the ego is at half its speed, every second or at every step: it slows down along its lane."""
+    found = simulate(case(), PLANS[kind], SimulationSettings(time_limit=2.0), folder=fmus)
+    assert found.error is None, found.log
+    assert found.ego.speed[-1] < 0.6 * found.ego.speed[0]
+    assert float(abs(found.ego.y).max()) < 1e-6
+    assert "plan_error" in {clip.what for clip in found.clips}
+
+
+def test_a_plan_that_an_fmu_does_not_have_is_refused(fmus: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"has no output `plan_x`, nor `plan_x\[1\]`, for `plan_x`; `outputs` must map it"
+    ):
+        load_controller("fmu:Feedthrough3.fmu?outputs.plan_time=speeds&inputs.*=start", fmus)
+    recording = simulate(case(), PLANS["scalars"].replace("=places", "=number"), HALF_SECOND, folder=fmus)
+    assert recording.error is None  # the first plan of number 1 has one place
+    wide = PLANS["scalars"].replace("plan_count=places", "plan_count=plan_time[1]")
+    recording = simulate(case(), wide, HALF_SECOND, folder=fmus)
+    assert "`plan_count` of FMU `Planner2.fmu` must be within 1 and 4" in (recording.error or "")
 
 
 @pytest.mark.parametrize(

@@ -3,16 +3,19 @@
 import math
 from dataclasses import FrozenInstanceError, replace
 
+import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body
+from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Senses, signal_names
+from sumo_eval.cosim.simulate import simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.concrete import Brake
-from sumo_eval.settings import ConditionSettings
+from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from
 
 EGO = Body(50.0, 0.0, 0.0, 20.0, 4.5, 1.8)
@@ -152,6 +155,34 @@ def test_every_seen_vehicle_has_its_place_in_the_world_beside_the_relative_value
     seen = look({"lead": car(84.5, 0.5, 10.0, 0.1), "left": car(70.0, 3.5, 25.0)})
     assert [(v.x, v.y, v.heading, v.kind) for v in seen.vehicles] == [(70.0, 3.5, 0.0, "car"), (84.5, 0.5, 0.1, "car")]
     assert (seen.ego.x + seen.lead.gap + 4.5, seen.ego.y + seen.lead.offset) == (pytest.approx(84.5, abs=0.15), 0.5)
+
+
+@pytest.mark.parametrize("conditions", [{}, {"sensor_range": 1000.0}], ids=["as_it_is", "through_senses"])
+def test_every_seen_vehicle_says_what_it_is(conditions):
+    """A lorry ahead, a person beside the road behind it; as numbers, 2 and 5 of car, van, truck, motorcycle, ..."""
+    truck = Actor("truck", Start(100.0, 0.0, 20.0), length=12.0, width=2.5, body="truck")
+    person = Actor("person", Start(160.0, -3.0, 0.0), length=0.215, width=0.478, body="pedestrian")
+    _, shown = seen_by(None, case(truck, person), **conditions)
+    assert [it.kind for it in shown[0].vehicles] == ["truck", "pedestrian"]
+    assert (shown[0].lead.kind, shown[0].plain()["lead"]["kind"]) == ("truck", "truck")
+    assert (shown[0].signals()["lead_kind"], shown[0].signals()["left_ahead_kind"]) == (2.0, -1.0)
+
+
+def test_a_policy_over_arrays_is_told_the_kinds_as_numbers():
+    told = []
+
+    class Policy:
+        batch = True
+
+        def act(self, seen):
+            told.append((seen.vehicles.length[:, 0].tolist(), seen.kinds.tolist(), feature.show(seen).tolist()))
+            return np.zeros(len(seen.number))
+
+    feature = Interface((Feature("vehicles.1.kind"), Feature("vehicles.2.kind")), (Action("acceleration"),))
+    bicycle = Actor("bicycle", Start(150.0, 0.0, 5.0), length=1.6, width=0.65, body="bicycle")
+    cases = [case(bicycle), case(lead(60.0))]
+    assert [it.error for it in simulate_many(cases, Policy(), SimulationSettings(time_limit=0.1))] == [None, None]
+    assert sorted(zip(*told[0], strict=True)) == [(1.6, [4], [4.0, -1.0]), (4.5, [0], [0.0, -1.0])]
 
 
 def test_the_second_lead_is_the_next_one_ahead_in_the_strip():

@@ -6,6 +6,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim import simulate
+from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
@@ -66,6 +67,25 @@ def test_a_client_that_breaks_ends_its_case_and_what_it_said_is_kept(tmp_path):
     )  # fmt: skip
     assert "no map" in found.log
     assert "on stdout" in found.log
+
+
+def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):
+    """SUMO's IDM with a headway of its own, which the client sees; anything else is refused before the first case."""
+    sees = CLIENT.replace("from the_drive import drive", "import sys").replace(
+        'drive(traci, "ego")', "sys.exit(f\"tau {traci.vehicle.getTau('ego')}\")"
+    )
+    (tmp_path / "client.py").write_text(sees)
+    locator = f"traci:{sys.executable} client.py?options.vehicle_type="
+    named = locator + '{"carFollowModel": "IDM", "tau": 2.5}'
+    assert "tau 2.5" in simulate(case(), named, HALF_SECOND, folder=tmp_path, step_timeout=10.0).log
+    for wrong, sentence in (
+        ('{"length": 2}', "Unknown vType parameter `length`"),
+        ('{"carFollowModel": "IDMX"}', r"Did you mean `IDMM?`\?"),
+        ('{"carFollowModel.ccac": 1}', r"set it with traci\.vehicle\.setParameter"),
+        ("3&options.speed=2", "Unknown option of an ADS of `traci:` `speed`"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            load_controller(locator + wrong, tmp_path)
 
 
 def test_a_client_that_hangs_is_ended(tmp_path):

@@ -257,6 +257,29 @@ def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, 
         commonroad.read(tmp_path / name)
 
 
+def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):
+    """One that drives, beside one that stands, a person whose body is a circle, and one that is predicted by sets."""
+    state = "<position><point><x>{0}</x><y>0</y></point></position><orientation><exact>0</exact></orientation>"
+    state = f"<state>{state}<time><exact>{{0}}</exact></time><velocity><exact>10</exact></velocity></state>"
+    path = "<trajectory>" + "".join(state.format(k) for k in range(3)) + "</trajectory>"
+    circle = "<shape><circle><radius>0.3</radius></circle></shape>"
+    (tmp_path / "a.xml").write_text(
+        f"<commonRoad timeStepSize='0.1'><dynamicObstacle id='1'><type>car</type>{STATE}{path}</dynamicObstacle>"
+        f"<dynamicObstacle id='2'><type>pedestrian</type>{circle}{path}</dynamicObstacle>"
+        f"<dynamicObstacle id='3'><type>car</type>{STATE}<occupancySet/></dynamicObstacle>"
+        f"<dynamicObstacle id='4'><type>car</type>{STATE}</dynamicObstacle>"
+        f"<staticObstacle id='5'><type>parkedVehicle</type>{STATE}</staticObstacle></commonRoad>"
+    )
+    (found,) = commonroad.read(tmp_path / "a.xml")
+    assert set(found.table["vehicle"]) == {"1"}
+    assert set(found.notes) == {
+        "a.xml: 1 obstacles are left out, which stand.",
+        "a.xml: 1 obstacles are left out, whose body is no rectangle.",
+        "a.xml: 1 obstacles are left out, which have a set-based prediction and no trajectory.",
+        "a.xml: 1 obstacles are left out, which have no trajectory.",
+    }
+
+
 def _bend(path: Path, **columns) -> Path:
     """Eight cars along a circle of 300 m, in two lanes of 3.5 m, on a map, and one that stands."""
     rows = []

@@ -45,6 +45,28 @@ def test_what_was_trained_drives_as_it_was_trained(trainer: Any, tmp_path: Path)
     assert simulate(concrete, "onnx:policy.onnx", SimulationSettings(time_limit=5.0), folder=tmp_path).error is None
 
 
+@pytest.mark.filterwarnings("default")  # torch's exporter warns of torch
+def test_what_ppo_learnt_drives_as_it_was_trained(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Two short updates; what the file answers is the mean of stable-baselines3's policy, to float32."""
+    for needed in ("stable_baselines3", "onnxscript"):
+        pytest.importorskip(needed)
+    monkeypatch.syspath_prepend(EXAMPLES)
+    import train_ppo
+
+    monkeypatch.setattr(train_ppo, "BESIDE", 8)
+    monkeypatch.setattr(train_ppo, "STEPS", 16)
+    model = train_ppo.train("front_vehicle_cut_out", 60.0, steps=256)
+    sys.modules.pop("train_ppo")
+    assert model.num_timesteps == 256
+    train_ppo.write(model, tmp_path / "ppo.onnx")
+    policy = load_controller("onnx:ppo.onnx", tmp_path).target  # type: ignore[attr-defined]
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (50, len(train_ppo.INTERFACE.features))).astype(np.float32)
+    expected, _ = model.predict(seen, deterministic=True)
+    np.testing.assert_allclose(policy._answers(seen), expected, atol=1e-5)
+    concrete = catalogue.load("front_vehicle_cut_out").concrete(**POINT)
+    assert simulate(concrete, "onnx:ppo.onnx", SimulationSettings(time_limit=2.0), folder=tmp_path).error is None
+
+
 def test_highway_envs_drivers_keep_or_change_their_lane() -> None:
     """25 m/s, a lead that cuts out before an obstacle of 10 m/s: IDM slows down to it, MOBIL drives past."""
     pytest.importorskip("highway_env")

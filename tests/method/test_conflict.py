@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sumo_eval.method.conflict import conflict_criticality, crossing_conflict
+from sumo_eval.method.conflict import conflict_at, conflict_criticality, conflicting, crossing_conflict
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc
-from sumo_eval.scenario import ConcreteScenario
+from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import ZoneSettings
 
@@ -100,3 +100,29 @@ def test_the_area_the_time_to_it_and_the_pet_of_a_crossing_by_hand() -> None:
     assert later.pet == pytest.approx(46.85 / 5.0 - 13.15 / 2.1)
     away = crossing_conflict(scene(5.0, {"speed": 2.1, "x": 100.0, "y": 3.5}), 0, SIZE)
     assert np.isnan(away.pet)
+
+
+def test_the_pet_of_ways_that_join_is_that_at_the_place_where_they_do() -> None:
+    # The other drives in lane 1, its rear at p = `begin` when its body comes into the ego's strip. It is 50 m ahead at
+    # 25 m/s, the ego is at 20 m/s: the other's rear leaves p first, the ego's front is there at (p - 52.25) / 20.
+    ego = {"goal_lane": 1, "change_from": 120.0}
+    concrete = scene(20.0, {"speed": 25.0, "gap": 50.0, "y": 3.5}, road=RAMP, ego=ego)
+    found = crossing_conflict(concrete, 0, SIZE)
+    rear = 50.0 + 2.25 + 50.0  # at the start
+    assert np.isinf(found.leaves)
+    assert found.enters == pytest.approx((found.begin - rear) / 25.0, abs=0.1)
+    assert found.time_to == pytest.approx((found.begin - 52.25) / 20.0)
+    assert found.pet == pytest.approx(found.time_to - found.enters)
+    # From 100 m behind at 25 m/s: the ego's rear leaves p at (p + 2.25 - 50) / 20, the other's front comes later.
+    behind = scene(20.0, {"speed": 25.0, "gap_behind": 100.0, "y": 3.5}, road=RAMP, ego=ego)
+    later = crossing_conflict(behind, 0, SIZE)
+    front = 50.0 - 2.25 - 100.0
+    assert later.pet == pytest.approx((later.begin - front) / 25.0 - (later.begin - 47.75) / 20.0, abs=0.1)
+
+
+def test_whose_way_conflicts_is_the_obstacle_of_a_conflict_or_who_crosses() -> None:
+    for name, expected in (("crossing_path", 0), ("pedestrian_crossing", 0), ("swerving_lead", None), ("cut_in", None)):
+        logical = catalogue.load(name)
+        point = dict(zip(logical.names, [one.low for one in logical.parameters], strict=True))
+        assert conflicting(logical, logical.placed(point)) == expected, name
+        assert (conflict_at(logical, point) is None) == (expected is None), name

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from twins.measures import plain_measures
 
-from sumo_eval.method.measures import lane_keeping, measures, velocity_change
+from sumo_eval.method.measures import conflict_pet, lane_keeping, measures, velocity_change
 from sumo_eval.trajectory import Collision, Trajectory
 
 law = settings(derandomize=True, deadline=None, max_examples=40)
@@ -229,3 +229,41 @@ def test_lane_keeping_by_hand():
     straight = lane_keeping(Trajectory(time, 10.0 * time, 0.0 * y + 3.6, speed=np.full(6, 10.0), width=1.8), 3.5)
     assert straight.largest_offset == pytest.approx(0.1)
     assert (straight.overshoot, straight.over_line_time, straight.settling_time) == (0.0, 0.0, 0.0)
+
+
+def straight(x: float, y: float, speed: float, heading: float = 0.0, duration: float = 10.0) -> Trajectory:
+    time = np.arange(0.0, duration + 0.05, 0.1)
+    way = speed * time
+    return Trajectory(
+        time, x + way * math.cos(heading), y + way * math.sin(heading), heading=np.full(len(time), heading),
+        speed=np.full(len(time), speed), length=4.5, width=1.8,
+    )  # fmt: skip
+
+
+def test_the_pet_of_a_crossing_by_hand_whoever_comes_first() -> None:
+    # The ego drives along y = 0 from x = 0 at 10 m/s, the other upwards along x = 53.15 m at 10 m/s: the area is
+    # x 52.25..54.05 m, y -0.9..0.9 m. The ego is in it from (52.25 - 2.25) / 10 = 5 s to (54.05 + 2.25) / 10 = 5.63 s.
+    ego = straight(0.0, 0.0, 10.0)
+    # The other is in it from (-3.15 - start) / 10 to (3.15 - start) / 10: 3 to 3.63 s, 6 to 6.63 s, 9 to 9.63 s.
+    for start, least in ((-33.15, 5.0 - 3.63), (-63.15, 6.0 - 5.63), (-93.15, 9.0 - 5.63)):
+        other = straight(53.15, start, 10.0, math.pi / 2.0)
+        assert conflict_pet(ego, other) == pytest.approx(least, abs=0.01)
+        assert conflict_pet(other, ego) == pytest.approx(least, abs=0.01), "the order of both does not matter"
+
+
+def test_the_pet_of_conflicting_ways_is_0_with_contact_and_none_apart_and_the_headway_behind_one_another() -> None:
+    ego = straight(0.0, 0.0, 10.0)
+    assert conflict_pet(ego, straight(53.15, -53.15, 10.0, math.pi / 2.0)) == 0.0
+    assert math.isnan(conflict_pet(ego, straight(0.0, 5.0, 10.0)))
+    # 15 m between the bumpers at 10 m/s: the front is where the rear was 1.5 s before
+    assert conflict_pet(ego, straight(19.5, 0.0, 10.0)) == pytest.approx(1.5, abs=0.01)
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.0, 2.2, -2.8])
+def test_law_turning_and_moving_the_scene_leaves_its_pet(angle: float) -> None:
+    def turned(one: Trajectory) -> Trajectory:
+        c, s = math.cos(angle), math.sin(angle)
+        return replace(one, x=7.0 + c * one.x - s * one.y, y=-3.0 + s * one.x + c * one.y, heading=one.heading + angle)
+
+    ego, other = straight(0.0, 0.0, 12.0), straight(53.0, -40.0, 6.0, math.radians(70.0))
+    assert conflict_pet(turned(ego), turned(other)) == pytest.approx(conflict_pet(ego, other), abs=0.006)

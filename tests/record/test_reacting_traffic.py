@@ -97,3 +97,43 @@ def test_law_facts_of_reacting_traffic_are_the_same_for_eight_workers(
 ) -> None:
     eight = sumo_eval.open_run(chased(tmp_path / "eight", 8).folder).digest()
     assert eight == sumo_eval.open_run(done.folder).digest()
+
+
+STREAM = """
+name = "stream"
+[[scenario]]
+use = "stop_and_go_stream"
+[scenario.sampling]
+method = "sobol"
+count = 6
+[[ads]]
+name = "idm"
+controller = "idm"
+[[ads]]
+name = "lane_changer"
+controller = "lane_changer"
+[[ads]]
+name = "mine"
+controller = "mine.py:Mine"
+[drivers]
+count = 2
+"""
+MINE = """
+class Mine:
+    def act(self, seen):
+        return -2.0 if seen.lead and seen.lead.gap < 30 else 0.0
+"""
+
+
+@pytest.mark.campaign
+def test_law_facts_of_a_stream_are_the_same_for_one_two_and_eight_workers(tmp_path: Path) -> None:
+    digests = set()
+    for workers in (1, 2, 8):
+        folder = tmp_path / str(workers)
+        folder.mkdir()
+        (folder / "mine.py").write_text(MINE)
+        (folder / "stream.toml").write_text(STREAM)
+        done = sumo_eval.evaluate(folder / "stream.toml", folder / "run", workers=workers)
+        assert {case.status for case in done.cases} <= {"ok", "collision", "off_road"}
+        digests.add(sumo_eval.open_run(done.folder).digest())
+    assert len(digests) == 1

@@ -11,15 +11,21 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from lxml import etree
 
 import sumo_eval
 from sumo_eval.cli import main
+from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.export_case import export_case
+from sumo_eval.scenario.catalogue import load
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[2]
 SLOW_TRUCK = re.findall(r"```toml\n(name = .*?)```", (ROOT / "docs" / "space.md").read_text(), re.DOTALL)[0]
@@ -222,7 +228,7 @@ def test_the_openscenario_file_has_the_cases_elements_and_numbers(run, tmp_path)
     export_case(run, case, tmp_path)
     root = etree.parse(tmp_path / f"{case}.xosc").getroot()
     header = root.find("FileHeader")
-    assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "1")
+    assert (root.tag, header.get("revMajor"), header.get("revMinor")) == ("OpenSCENARIO", "1", "2")
     assert header.get("description").endswith(f"Run again: sumo-eval run {case}.toml --out again")
     assert root.find("RoadNetwork/LogicFile").get("filepath") == f"{case}.xodr"
     assert [entity.get("name") for entity in root.findall("Entities/ScenarioObject")] == ["ego", "other"]
@@ -265,6 +271,65 @@ def test_a_braking_vehicle_follows_its_braking_in_openscenario(run, tmp_path):
     assert travelled == pytest.approx([10.0, 10.0 + 8.0, 10.0 + 12.5, 10.0 + 12.5], abs=1e-5)
     assert "moves on in this file" not in (tmp_path / f"{case}.rou.xml").read_text()
     assert "`truck` brakes to a standstill with 4 m/s2 from 1 s on" in (tmp_path / f"{case}.rou.xml").read_text()
+
+
+def recorded(start, speed):
+    """A drive straight on for 2 s."""
+    time = np.linspace(0.0, 2.0, 21)
+    still = np.zeros(21)
+    return Trajectory(time=time, x=start.x + speed * time, y=start.y + still, heading=still, speed=speed + still,
+                      acceleration=still, steering_wheel_angle=still, length=4.5, width=1.8)  # fmt: skip
+
+
+def lively_case():
+    """A child who runs when the ego is near: where it was is known from the recording alone."""
+    logical = load("child_from_behind_parked_cars")
+    concrete = logical.concrete(**dict(zip(logical.names, sample(logical).points[0].tolist(), strict=True)))
+    child = next(actor for actor in concrete.actors if actor.name == "child")
+    return concrete, {"ego": recorded(concrete.ego, 5.0), "child": recorded(child.start, 1.0)}
+
+
+def test_who_waits_for_a_condition_follows_its_recording_in_openscenario():
+    """10 m of the ego's and 2 m of the child's in 2 s at 5 and 1 m/s; a child is a Pedestrian."""
+    concrete, driven = lively_case()
+    root = etree.fromstring(openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r", driven).encode())
+    assert [item.get("name") for item in root.iter("Pedestrian")] == ["child"]
+    for name, far in (("ego", 10.0), ("child", 2.0)):
+        path = vertices(root, name)
+        assert float(path[2.0].get("x")) - float(path[0.0].get("x")) == pytest.approx(far, abs=1e-6)
+    assert {g.get("name") for g in root.iter("ManeuverGroup")} == {"ego", "child"}  # parked cars stand
+    alone = etree.fromstring(openscenario_xml(concrete, SimulationSettings(), "r.xodr", "r").encode())
+    assert "ego" not in {g.get("name") for g in alone.iter("ManeuverGroup")}
+
+
+CHECKER = os.environ.get("QC_OPENSCENARIO") or shutil.which("qc_openscenario")
+
+
+@pytest.mark.skipif(not CHECKER, reason="ASAM's checker (asam-qc-openscenarioxml) is not here")
+@pytest.mark.parametrize("kind", ["a lively case", "a recorded one", "a plain one"])
+def test_asams_checker_finds_no_issue_and_skips_no_rule(tmp_path, request, kind):
+    if kind == "a lively case":
+        concrete, driven = lively_case()
+        (tmp_path / "c.xosc").write_text(openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r", driven))
+        (tmp_path / "c.xodr").write_text(opendrive_xml(concrete.road))
+    elif kind == "a plain one":
+        concrete = load("cut_in").concrete(ego_speed=30.0, cut_in_speed=20.0, gap=25.0, lateral_speed=1.0)
+        (tmp_path / "c.xosc").write_text(openscenario_xml(concrete, SimulationSettings(), "c.xodr", "r"))
+        (tmp_path / "c.xodr").write_text(opendrive_xml(concrete.road))
+    else:
+        export_case(request.getfixturevalue("run"), "cut_in-0001-draws", tmp_path)
+        (tmp_path / "cut_in-0001-draws.xosc").rename(tmp_path / "c.xosc")
+    (tmp_path / "config.xml").write_text(
+        f'<Config><Param name="InputFile" value="{tmp_path}/c.xosc"/><CheckerBundle application="xoscBundle">'
+        f'<Param name="resultFile" value="{tmp_path}/found.xqar"/></CheckerBundle></Config>'
+    )
+    done = subprocess.run([CHECKER, "-c", "config.xml"], cwd=tmp_path, capture_output=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    found = etree.parse(tmp_path / "found.xqar").getroot()
+    assert [issue.get("description") for issue in found.iter("Issue")] == []
+    checkers = list(found.iter("Checker"))
+    assert len(checkers) >= 17
+    assert {checker.get("status") for checker in checkers} == {"completed"}
 
 
 def test_the_opendrive_road_is_the_cases_road(run, tmp_path):

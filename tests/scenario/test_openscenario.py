@@ -241,6 +241,36 @@ def test_a_variation_that_leads_back_to_itself_is_refused(tmp_path: Path) -> Non
         read_file(one)
 
 
+def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> None:
+    """A left bend of 500 m: the cut-in waits until the gap is below 30 m there as on a straight road."""
+    path = written(tmp_path, events=CUT_IN)
+    straight = find(str(path)).concrete(only=0.0).actors[0]
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8")
+    logical = find(str(written_again(path)))
+    assert logical.road.bent
+    (other,) = logical.concrete(only=0.0).actors
+    assert other.lively
+    assert [act.kind for act in other.acts] == [act.kind for act in straight.acts]
+    assert other.acts[0].program == straight.acts[0].program
+    assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
+
+
+def written_again(path: Path) -> Path:
+    """The file under another name: what was read of a path is kept while it does not change."""
+    again = path.with_name("again.xosc")
+    again.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
+    return again
+
+
+def test_why_every_point_counts_as_safe_is_said(tmp_path: Path) -> None:
+    path = written(tmp_path, events=TIMED.format(n=1, action=BRAKE, delay=0, when=AT.format(2)))
+    (said,) = (note for note in find(str(path)).notes if "counts as safe" in note)
+    assert "`?zones=1`" in said
+    searched = find(f"{path}?zones=1")
+    assert searched.search is not None
+    assert not any("counts as safe" in note for note in searched.notes)
+
+
 def test_the_page_has_the_table_of_the_code() -> None:
     page = Path(__file__).parents[2] / "docs" / "openscenario.md"
     assert table() in page.read_text(encoding="utf-8")

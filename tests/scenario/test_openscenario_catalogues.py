@@ -78,7 +78,39 @@ def ours_and_theirs() -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
         )
         own = load("front_vehicle_braking").concrete(ego_speed=kph / 3.6, headway=2.0, lead_deceleration=rate)
         found.append((f"brakes {kph:g} {rate:g}", own, theirs))
+    cuts_in = find(str(folder / "alks_scenario_4_4_1_cut_in_no_collision_variation.xosc"))
+    for gap, lateral in ((10.0, 1.0), (20.0, 3.0), (60.0, 1.0)):  # of 60 km/h, 40 km/h: the speed that theirs keeps
+        theirs = cuts_in.concrete(
+            Ego_InitSpeed_Ve0_kph=60.0, CutInVehicle_Model=0.0, CutInVehicle_InitPosition_RelativeLaneId=1.0,
+            CutInVehicle_RelativeInitSpeed_Ve0_Vo0_kph=-20.0, CutInVehicle_HeadwayDistanceTrigger_dx0_m=gap,
+            CutInVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, CutInVehicle_Acceleration_Rate_mps2=3.0,
+        )  # fmt: skip
+        own = load("cut_in").concrete(ego_speed=60 / 3.6, cut_in_speed=40 / 3.6, gap=gap, lateral_speed=lateral)
+        found.append((f"cuts in {gap:g} {lateral:g}", own, theirs))
+    cuts_out = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"))
+    for kph, gap, lateral in ((30.0, 100.0, 3.0), (60.0, 20.0, 1.0), (60.0, 100.0, 1.0)):
+        theirs = cuts_out.concrete(
+            Ego_InitSpeed_Ve0_kph=kph, CutOutVehicle_RelativeTargetLane=1.0, FrontOfLead_Distance_dx0_f_m=gap,
+            CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=lateral, TargetBlocking_Model=1.0,
+        )  # fmt: skip
+        own = load("r157_cut_out").concrete(ego_speed=kph / 3.6, obstacle_gap=gap, lateral_speed=lateral)
+        found.append((f"cuts out {kph:g} {gap:g} {lateral:g}", own, theirs))
     return found
+
+
+@needs_catalogues
+def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imported_ones() -> None:
+    """Closing speeds at contact: 50 of CCRs, 80 - 20 of CCRm, 60 - 40 of the cut-in and 60 km/h of the cut-out; the
+    braking lead has come to a stop in both.
+    """
+    cases = {name: (own, theirs) for name, own, theirs in ours_and_theirs()}
+    for name, kph in (
+        ("CCRs 50", 50.0), ("CCRm 80", 60.0), ("cuts in 60 1", 20.0), ("cuts out 60 100 1", 60.0), ("brakes 60 9", 60.0)
+    ):  # fmt: skip
+        for case in cases[name]:
+            hit = simulate(case, "no_reaction").collision
+            assert hit is not None, name
+            assert hit.ego_velocity[0] - hit.other_velocity[0] == pytest.approx(kph / 3.6, abs=0.01), name
 
 
 @needs_catalogues

@@ -300,6 +300,10 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
     if colon and scheme in DOORS:
         return load_object(DOORS[scheme], None, "ADS")(rest, folder)
     target = SHIPPED.get(locator, locator)
+    if (way := _other_way(target)) is not None:
+        raise InputError(
+            f"ADS `{locator}` must be one that ships, or of the form `module:name` or `file.py:name`: {way}."
+        )
     if ":" not in target:
         raise InputError(
             f"Unknown ADS `{locator}`: not one that ships, and not of the form `module:name` or `file.py:name`."
@@ -309,6 +313,44 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
         found = load_object(target, folder, "ADS")
     check_options(found, entry.options, locator)
     return found
+
+
+_WEIGHTS = (".zip", ".pt", ".pth", ".pkl", ".npz", ".h5", ".keras", ".safetensors")
+_BY_SCHEME = {
+    "carla": "CarlaAgent", "smarts": "SmartsAgent", "nuplan": "NuPlanPlanner", "commonroad": "CommonRoadPlanner",
+}  # fmt: skip
+
+
+def _other_way(locator: str) -> str | None:
+    """How something is named that is meant by a locator, and is none; None: nothing is known of it."""
+    scheme, colon, rest = locator.partition(":")
+    plain, suffix = locator.partition("?")[0], Path(locator.partition("?")[0]).suffix
+    if scheme.lower() in _BY_SCHEME and ":" in rest:
+        return f"`{_adapter(_BY_SCHEME[scheme.lower()], rest)}` drives it"
+    if colon and scheme.lower() in ("ros2", "ros"):
+        return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
+    if colon and scheme.lower() in ("grpc", "http", "https", "tcp", "zmq"):
+        return "a class with `act(observation)` that asks the server drives it (docs/ads/observation.md)"
+    if colon:
+        return None
+    if locator in _BY_SCHEME.values():
+        return f"`{_adapter(locator, 'my_agent.py:Agent')}` drives an agent of yours"
+    if suffix in (".onnx", ".fmu"):
+        return f"`{suffix[1:]}:{locator}` drives it"
+    if suffix == ".py" and " " not in plain:
+        return f"`{locator}:NAME` names what it holds, `sumo-eval check {locator}` lists it"
+    if suffix in _WEIGHTS:
+        return (
+            "weights alone do not drive; as ONNX they do (docs/ads/onnx.md), or in a class with `act(observation)` "
+            "that loads them"
+        )
+    if " " in locator or "/" in locator:
+        return f"`exec:{locator}` runs it as a program (docs/ads/exec.md)"
+    return None
+
+
+def _adapter(name: str, agent: str) -> str:
+    return f"sumo_eval.adapters:{name}?options.agent={agent}"
 
 
 def knows_the_scripts(driver: Any) -> bool:
@@ -360,6 +402,11 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
 
     Raises InputError where it is more than how the vehicle follows.
     """
+    named = _named_type(target)
+    return None if named is None else named.vtype_on(road)
+
+
+def _named_type(target: Any) -> NativeModel | None:
     given = getattr(target, "vehicle_type", None)
     if given is None:
         return None
@@ -370,8 +417,11 @@ def own_vehicle_type(target: Any, road: Road) -> dict[str, str] | None:
     model = attributes.pop("carFollowModel", "Krauss")
     if model not in SUMO_MODELS:
         raise unknown("SUMO car-following model", model, SUMO_MODELS)
+    for name in attributes:
+        if name.startswith(PARAMETER):
+            raise InputError(f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter.")
     _check_attributes(attributes, owner)
-    return NativeModel(model, attributes).vtype_on(road)
+    return NativeModel(model, attributes)
 
 
 def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
@@ -400,6 +450,7 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
         found = made(found, options or {}, described)
     elif options and hasattr(found, "options"):
         found.options = dict(options)
+        _named_type(found)  # refused before the first case
     elif options:
         raise InputError(f"ADS `{described}` takes no `options`: they are for a class or a program of `exec:`.")
     if isinstance(found, _ADAPTERS) or getattr(found, "is_adapter", False):
@@ -427,6 +478,11 @@ FOREIGN = {
 }
 """Methods by which the ADSs of other tools are called: whose, the adapter that drives them, and its page."""
 _SMARTS = ("SMARTS's agents have it", "SmartsAgent", "smarts")
+
+
+def adapter_for(found: Any) -> str:
+    """The adapter that drives an agent with another tool's interface, "" where there is none."""
+    return next((adapter for name, (_, adapter, _) in FOREIGN.items() if callable(getattr(found, name, None))), "")
 
 
 def _foreign(found: Any, described: str) -> str | None:

@@ -94,6 +94,8 @@ def made(kind: type, options: Mapping[str, Any], described: str) -> Any:
         return kind(**options)
     except KeyboardInterrupt:
         raise
+    except InputError:  # of an adapter, in words
+        raise
     except BaseException as error:
         how = f"with the options {', '.join(options)}" if options else "without arguments"
         raise InputError(f"ADS `{described}`: making one {how} failed: {said(error)}.") from error

@@ -38,14 +38,14 @@ ACTIONS = ("acceleration", "steering")
 _EGO = ("x", "y", "heading", "speed", "acceleration", "lane", "length", "width")
 _LEAD = ("present", "gap", "relative_speed", "speed", "offset")
 _VEHICLE = ("present", "gap", "relative_speed", "offset", "overlaps", "ahead", "speed", "lateral_speed", "lane",
-            "length", "width", "x", "y", "vx", "vy")  # fmt: skip
+            "length", "width", "x", "y", "vx", "vy", "kind")  # fmt: skip
 NAMES = (
     "time", "left_edge", "right_edge", "lane_offset", *(f"ego.{name}" for name in _EGO),
     *(f"lead.{name}" for name in _LEAD), *(f"vehicles.1.{name}" for name in _VEHICLE),
 )  # fmt: skip
 """Names of features; `vehicles.1` is the nearest along the road, `vehicles.2` the next."""
 
-_IN_PLACE = {"gap": 1000.0, "x": 1000.0}  # m, of a vehicle that is not there; everything else is 0
+_IN_PLACE = {"gap": 1000.0, "x": 1000.0, "kind": -1.0}  # m, of a vehicle that is not there; everything else is 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +249,8 @@ def _of_vehicle(seen: Observations, frame: str, place: int, what: str) -> Floats
             c, s = np.cos(me.heading), np.sin(me.heading)
             ahead, left = c * ahead + s * left, c * left - s * ahead
         value = ahead if what.endswith("x") else left
+    elif what == "kind":
+        value = seen.kinds[rows, them]
     else:
         value = getattr(seen.vehicles, what)[rows, them]
     return np.asarray(np.where(there, value, np.nan))

@@ -3,8 +3,8 @@
 An input of the FMU is given the signal of the same name, or the one that the mapping names (signals:
 `Observation.signals`; of a vehicle model: acceleration and steering of the command), a constant, or its own start
 value. An array is given a value of each vehicle that is seen (`OBJECTS`). An ADS's outputs are `acceleration` and, if
-it steers, `steering`; a vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them, `acceleration` and
-`steering_wheel_angle`.
+it steers, `steering`; or a plan (`PLAN`). A vehicle model's are `x`, `y`, `heading`, `speed` and, if it has them,
+`acceleration` and `steering_wheel_angle`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from sumo_eval.cosim.doors.controller import Briefing, ObservingController
-from sumo_eval.cosim.doors.observation import NO_LEAD_GAP, Observation, SeenVehicle, Senses, signal_names
-from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState, Pedals
+from sumo_eval.cosim.doors.observation import KINDS, NO_LEAD_GAP, Observation, SeenVehicle, Senses, signal_names
+from sumo_eval.cosim.plans import HOLD, Plan
+from sumo_eval.cosim.vehicle_model import Clipped, Command, EgoState
 from sumo_eval.errors import (
     ControllerError,
     InputError,
@@ -49,8 +50,12 @@ _TYPES = (*_NUMBERS, *_WHOLE, "Boolean", *_TEXTS)
 _FATAL = 4  # fmi2Fatal, fmi3Fatal
 AS_IT_STARTS = "start"
 """In the place of a signal: the input keeps the start value of the FMU. `inputs.*=start`: so do all that are left."""
-OBJECTS = ("objects_present", *(f"objects_{name}" for name in SeenVehicle._fields if name not in ("number", "kind")))
+OBJECTS = ("objects_present", *(f"objects_{name}" for name in SeenVehicle._fields if name != "number"))
 """What inputs that are arrays can be given: a value of each vehicle that is seen, the nearest first."""
+PLAN = ("plan_time", "plan_x", "plan_y", "plan_heading", "plan_speed")
+"""Outputs of an FMU that plans: arrays, or in FMI 2.0 scalars `NAME[1]`, `NAME[2]`, ...; the last two may miss."""
+_OF_A_PLAN = ("plan_count", "plan_number")
+"""Outputs that it may have beside them: how many of the places are used, and a number that says which plan it is."""
 
 Wired = tuple[Any, str | float]
 Signals = Mapping[str, float | Sequence[float]]
@@ -60,8 +65,9 @@ class _Fmu:
     """One FMU file and how it is wired; `begin` makes a fresh instance of it."""
 
     def __init__(
-        self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str], optional: Sequence[str]
-    ) -> None:
+        self, path: Path, wiring: FmuSettings, signals: Sequence[str], needed: Sequence[str], optional: Sequence[str],
+        lists: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         self.path = path
         self._library = _fmpy()
         if not path.is_file():
@@ -73,10 +79,15 @@ class _Fmu:
         if self.description.fmiVersion not in _SLAVES:
             raise must_be("The FMI version", f"FMU `{path.name}`", "2.0 or 3.0", self.description.fmiVersion)
         if self.description.coSimulation is None:
-            raise must_be("The FMU", f"`{path.name}`", "one for co-simulation", "one for model exchange only")
+            kinds = {"model exchange": "modelExchange", "scheduled execution": "scheduledExecution"}
+            other = [kind for kind, name in kinds.items() if getattr(self.description, name, None) is not None]
+            raise InputError(
+                f"FMU `{path.name}` must be one for co-simulation, got one for {' and '.join(other) or 'nothing'}."
+            )
         self._variables = {variable.name: variable for variable in self.description.modelVariables}
         self._inputs = self._wire_inputs(wiring, signals)
-        self._outputs = self._wire_outputs(wiring, needed, optional)
+        self._outputs = self._wire_outputs(wiring, needed, optional, lists)
+        self._lists = self._wire_lists(wiring, lists)
         self._parameters = self._wire_parameters(wiring)
         self._instance: Any = None
         self._initialized = False
@@ -131,13 +142,13 @@ class _Fmu:
         return variable, constant
 
     def _wire_outputs(
-        self, wiring: FmuSettings, needed: Sequence[str], optional: Sequence[str]
+        self, wiring: FmuSettings, needed: Sequence[str], optional: Sequence[str], lists: Sequence[str]
     ) -> dict[str, tuple[Any, int]]:
         known = (*needed, *optional)
         for what in wiring.outputs:
-            if what not in known:
-                raise unknown(f"output in the mapping of FMU `{self.path.name}`", what, known)
-        wired = {what: self._output(name) for what, name in wiring.outputs.items()}
+            if what not in (*known, *lists):
+                raise unknown(f"output in the mapping of FMU `{self.path.name}`", what, (*known, *lists))
+        wired = {what: self._output(name) for what, name in wiring.outputs.items() if what in known}
         for what in known:
             found = self._variables.get(what)
             if what not in wired and found is not None and found.causality == "output":
@@ -146,6 +157,27 @@ class _Fmu:
                 raise InputError(
                     f"FMU `{self.path.name}` has no output `{what}`; `outputs` must map it."
                     f"{did_you_mean(what, [n for n, v in self._variables.items() if v.causality == 'output'])}"
+                )
+        return wired
+
+    def _wire_lists(self, wiring: FmuSettings, lists: Sequence[str]) -> dict[str, list[Any]]:
+        """Outputs that are many numbers: the array, or the scalars of its places in their order."""
+        wired = {}
+        for what in lists:
+            name = wiring.outputs.get(what, what)
+            places = sorted(
+                (int(place), variable)
+                for full, variable in self._variables.items()
+                if full.startswith(f"{name}[") and (place := full[len(name) + 1 : -1]).isdigit()
+            )
+            if name in self._variables:
+                wired[what] = [self._variable(name, "outputs")]
+            elif places:
+                wired[what] = [variable for _, variable in places]
+            elif what in wiring.outputs or what in PLAN[:3]:
+                raise InputError(
+                    f"FMU `{self.path.name}` has no output `{name}`, nor `{name}[1]`, for `{what}`; `outputs` must map "
+                    f"it.{did_you_mean(name, list(self._variables))}"
                 )
         return wired
 
@@ -209,6 +241,15 @@ class _Fmu:
             get, count = getattr(fmu, f"get{self._kind(variable)}"), _count(variable)
             values = get([variable.valueReference]) if count is None else get([variable.valueReference], count)
             found[what] = float(values[place])
+        return found
+
+    def read_lists(self) -> dict[str, list[float]]:
+        """The outputs that are many numbers."""
+        found = {}
+        for what, variables in self._lists.items():
+            get, (first, *_) = getattr(self._instance, f"get{self._kind(variables[0])}"), variables
+            count, numbers = _count(first), [variable.valueReference for variable in variables]
+            found[what] = [float(value) for value in (get(numbers) if count is None else get(numbers, count))]
         return found
 
     @property
@@ -285,8 +326,11 @@ def _objects(seen: Observation) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for name in OBJECTS:
         field_name = name.removeprefix("objects_")
-        values = [1.0 if field_name == "present" else float(getattr(it, field_name)) for it in seen.vehicles]
-        found[name] = [*values, NO_LEAD_GAP if field_name == "gap" else 0.0]
+        if field_name == "kind":
+            values = [float(KINDS[it.kind]) for it in seen.vehicles]
+        else:
+            values = [1.0 if field_name == "present" else float(getattr(it, field_name)) for it in seen.vehicles]
+        found[name] = [*values, {"gap": NO_LEAD_GAP, "kind": -1.0}.get(field_name, 0.0)]
     return found
 
 
@@ -300,10 +344,15 @@ class FmuController(ObservingController):
     _fmu: _Fmu = field(init=False)
     _step: float = 0.0
     _begun: bool = False
+    _plans: bool = False
+    _plan: float | None = None  # the number of the one in force
 
     def __post_init__(self) -> None:
-        asks = next((name for name in ("speed", "throttle") if self._gives(name)), "acceleration")
-        if asks == "throttle":
+        asks = next((name for name in ("speed", "throttle", *PLAN) if self._gives(name)), "acceleration")
+        self._plans = asks in PLAN
+        if self._plans:
+            self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (), _OF_A_PLAN, PLAN)
+        elif asks == "throttle":
             self._fmu = _Fmu(self.path, self.wiring, SIGNALS, ("throttle", "brake"), ("steer",))
         else:
             self._fmu = _Fmu(self.path, self.wiring, SIGNALS, (asks,), ("steering",))
@@ -322,9 +371,9 @@ class FmuController(ObservingController):
 
     def reset(self, scenario: Briefing, traci: Any, ego: str) -> None:
         """A fresh instance of the FMU is made at the first step, which knows the signals."""
-        self._step, self._begun = scenario.period, False
+        self._step, self._begun, self._plan = scenario.period, False, None
 
-    def step(self, traci: Any, ego: str, time: float) -> Command | Pedals:
+    def step(self, traci: Any, ego: str, time: float) -> Any:
         """One step of the FMU: what is seen goes in, the command comes out."""
         seen = self.senses.observe()
         signals: dict[str, Any] = dict(seen.signals())
@@ -334,7 +383,25 @@ class FmuController(ObservingController):
             self._begun = True
             self._fmu.begin(signals)
         answer = self._fmu.step(signals, time, self._step)
+        if self._plans:
+            return self._planned(answer)
         return Command.pedals(**answer) if "throttle" in answer else Command(**answer)
+
+    def _planned(self, answer: Mapping[str, float]) -> Any:
+        """The plan that the outputs hold; it goes on while its number stays. Without a number each one is new."""
+        number = answer.get("plan_number")
+        if number is not None and number == self._plan:
+            return HOLD
+        self._plan = number
+        lists = self._fmu.read_lists()
+        most = min(len(values) for values in lists.values())
+        count = answer.get("plan_count", float(most))
+        if not 1.0 <= count <= most:
+            raise ControllerError(
+                f"`plan_count` of FMU `{self.path.name}` must be within 1 and {most}, the places that it has, "
+                f"got {count:g}"
+            )
+        return Plan(*(lists[name][: round(count)] if name in lists else None for name in PLAN))
 
     def _gives(self, name: str) -> bool:
         """Whether the mapping has an output of this name, where it has no acceleration."""

@@ -27,7 +27,7 @@ from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, ControllerTimeoutError
 
 PROTOCOL = 1
-START_TIMEOUT = 10.0  # s of wall time that a program has to start and to answer the reset
+START_TIMEOUT = 10.0  # s of wall time that a program has to start and to answer the reset, or a step's, if longer
 _ANSWERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "acceleration": (("acceleration", "steering"), Command),
     "speed": (("speed", "steering"), Command),
@@ -76,7 +76,7 @@ class JsonLinesProgram(ObservingController):
             briefing["options"] = self.options
         if scenario.values is not None:
             briefing |= {"scenario": scenario.scenario, "values": dict(scenario.values)}
-        self._ask(briefing, START_TIMEOUT)
+        self._ask(briefing, max(START_TIMEOUT, scenario.step_timeout))
         self._deadline = scenario.step_timeout
 
     def step(self, traci: Any, ego: str, time: float) -> Any:

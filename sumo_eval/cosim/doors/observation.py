@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, within_a_turn
+from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import curvatures, map_places
 from sumo_eval.settings import ConditionSettings
@@ -26,6 +27,8 @@ from sumo_eval.settings import ConditionSettings
 _tuple = tuple.__new__  # a NamedTuple's own constructor takes twice as long
 NO_LEAD_GAP = 1000.0  # m, what `signals` give as gap where no vehicle is ahead
 _COVERED = 0.8  # share of a vehicle's width behind a nearer one from which it is hidden
+KINDS = {kind: number for number, kind in enumerate(BODIES)}
+"""Numbers of the kinds of bodies, where only numbers can be shown; -1 is nobody's."""
 
 
 class Task(NamedTuple):
@@ -36,6 +39,11 @@ class Task(NamedTuple):
     desired_speed: float
     goal: tuple[float, float]
     change: tuple[float, float] | None = None
+
+
+def kinds_of(concrete: ConcreteScenario) -> dict[str, str]:
+    """What the others of a concrete scenario are, by name (`scenario.bodies`)."""
+    return {actor.name: actor.body for actor in concrete.actors}
 
 
 def task_of(concrete: ConcreteScenario) -> Task:
@@ -86,7 +94,8 @@ class SeenVehicle(NamedTuple):
     relative_speed: its speed along the road less the ego's, m/s (a lead that comes nearer: negative). offset: its
     centre to the left of the ego's, m. overlaps: whether its body reaches into the strip that the ego's body sweeps.
     x, y, heading: its centre, m, and where it points, rad, in the coordinates of the ego's own. acceleration: the rate
-    at which its seen speed has changed since it was last seen, m/s2; 0 until it has been seen twice. kind: `car`.
+    at which its seen speed has changed since it was last seen, m/s2; 0 until it has been seen twice. kind: what it is,
+    `car`, `van`, `truck`, `motorcycle`, `bicycle`, `pedestrian` or `child`.
     """
 
     number: int
@@ -104,7 +113,7 @@ class SeenVehicle(NamedTuple):
     y: float
     heading: float
     acceleration: float
-    kind: str = "car"
+    kind: str = CAR
 
 
 class _Worked:
@@ -133,12 +142,14 @@ class Observation:
     _acceleration: float
     _look: Look
     _task: Task | None
+    _kinds: Mapping[int, str]
 
     def __init__(
-        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None = None
-    ) -> None:
+        self, time: float, road: Road, ego: Sequence[float], acceleration: float, look: Look, task: Task | None = None,
+        kinds: Mapping[int, str] | None = None,
+    ) -> None:  # fmt: skip
         own = self.__dict__  # a frozen dataclass's own constructor takes three times as long
-        own["_task"] = task
+        own["_task"], own["_kinds"] = task, kinds or _ALL_CARS
         own["time"], own["road"], own["_ego"], own["_acceleration"], own["_look"] = time, road, ego, acceleration, look
 
     @_Worked
@@ -151,7 +162,8 @@ class Observation:
     def vehicles(self) -> tuple[SeenVehicle, ...]:
         """The other vehicles that are seen, the nearest along the road first."""
         me, others = self._look
-        seen = [_seen(number, me, other, self.road) for number, other in others]
+        kinds = self._kinds
+        seen = [_seen(number, me, other, self.road, kinds.get(number, CAR)) for number, other in others]
         return tuple(sorted(seen, key=lambda vehicle: (abs(vehicle.gap), vehicle.number)))
 
     @_Worked
@@ -168,7 +180,10 @@ class Observation:
                 gap = abs(x - my_x) - half - half_length
                 if gap < least and abs(other[1] - my_y) < half_other + half_width:
                     nearest, least = (number, other), gap
-        return None if nearest is None else _seen(nearest[0], me, nearest[1], self.road)
+        if nearest is None:
+            return None
+        number, other = nearest
+        return _seen(number, me, other, self.road, self._kinds.get(number, CAR))
 
     @_Worked
     def neighbours(self) -> Mapping[str, SeenVehicle | None]:
@@ -267,7 +282,8 @@ class Observation:
     def signals(self) -> dict[str, float]:
         """Everything that is one number, by name.
 
-        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own place and heading.
+        In a place where no vehicle is: present 0, gap 1000 m, its speed the ego's, at the ego's own place and heading,
+        kind -1. A kind is its number in `KINDS`: 0 is a car.
         """
         me, road = self.ego, self.road
         found = {
@@ -307,6 +323,12 @@ class Observations:
     def desired_speed(self) -> NDArray[np.float64]:
         """The speed that each ego wants, m/s: the one that it starts with."""
         return np.array([self._cases[number].ego.speed for number in self.number.tolist()])
+
+    @cached_property
+    def kinds(self) -> NDArray[np.intp]:
+        """What the vehicles are, by their numbers in `KINDS`, (n, m): 0 is a car."""
+        shown = [[KINDS[actor.body] for actor in self._cases[number].actors] for number in self.number.tolist()]
+        return np.array(shown, dtype=np.intp).reshape(self._seen.shape)
 
     @cached_property
     def ego(self) -> SimpleNamespace:
@@ -393,10 +415,17 @@ class Look(NamedTuple):
 
 
 class Senses:
-    """The ADS's eyes in one case. `stream` names the random numbers: the same name, the same misses and noise."""
+    """The ADS's eyes in one case. `stream` names the random numbers: the same name, the same misses and noise.
 
-    def __init__(self, road: Road, conditions: ConditionSettings, stream: str, task: Task | None = None) -> None:
+    kinds: what the others are, by name; who is not in it is a car.
+    """
+
+    def __init__(
+        self, road: Road, conditions: ConditionSettings, stream: str, task: Task | None = None,
+        kinds: Mapping[str, str] | None = None,
+    ) -> None:  # fmt: skip
         self._road, self._task = road, task
+        self._by_name, self._kinds = kinds or {}, dict[int, str]()
         self._conditions = conditions
         self._sees_all = not (
             conditions.dropout or conditions.position_noise or conditions.speed_noise or conditions.occlusion
@@ -410,7 +439,9 @@ class Senses:
     def take_in(self, time: float, ego: Body, acceleration: float, others: Mapping[str, Body]) -> None:
         """The world at a step; call once a step, before `observe`."""
         for name in others:
-            self._numbers.setdefault(name, len(self._numbers) + 1)
+            if name not in self._numbers:
+                self._numbers[name] = len(self._numbers) + 1
+                self._kinds[self._numbers[name]] = self._by_name.get(name, CAR)
         self._now = time, ego, acceleration
         look = Look(ego, tuple(self._with_acceleration(time, self._perceived(ego, others))))
         limit = time - self._conditions.perception_delay + 1e-9
@@ -421,7 +452,7 @@ class Senses:
     def observe(self) -> Observation:
         """The present step, as old as the perception delay makes it (at the start: as old as there is)."""
         time, ego, acceleration = self._now
-        return Observation(time, self._road, ego, acceleration, self._memory[0][1], self._task)
+        return Observation(time, self._road, ego, acceleration, self._memory[0][1], self._task, self._kinds)
 
     def _with_acceleration(self, time: float, seen: list[tuple[int, Body]]) -> Iterator[tuple[int, tuple[float, ...]]]:
         for number, body in seen:
@@ -496,7 +527,10 @@ def _velocity(body: Sequence[float]) -> tuple[float, float]:
     return speed * c - across * s, speed * s + across * c
 
 
-def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road) -> SeenVehicle:
+_ALL_CARS: Mapping[int, str] = {}
+
+
+def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road, kind: str) -> SeenVehicle:
     half, half_width = _extent(other)
     my_half, my_half_width = _extent(me)
     along, across = _velocity(other)
@@ -504,22 +538,22 @@ def _seen(number: int, me: Sequence[float], other: Sequence[float], road: Road) 
     return _tuple(SeenVehicle, (
         number, ahead > 0.0, abs(ahead) - half - my_half, along - _velocity(me)[0], offset,
         abs(offset) < half_width + my_half_width, other[3], across, _lane(other[1], road), other[4], other[5],
-        other[0], other[1], other[2], other[7], "car",
+        other[0], other[1], other[2], other[7], kind,
     ))  # fmt: skip
 
 
 def _place_signals(place: str, it: SeenVehicle | None, me: SeenEgo) -> dict[str, float]:
     """What `signals` tell of a vehicle in one place, or of nobody there."""
     if it is None:
-        values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0)
+        values = (0.0, NO_LEAD_GAP, me.speed, 0.0, 0.0, me.x, me.y, me.heading, 0.0, 0.0, 0.0, -1.0)
     else:
         values = (1.0, it.gap, it.speed, it.relative_speed, it.offset, it.x, it.y, it.heading, it.acceleration,
-                  it.length, it.width)  # fmt: skip
+                  it.length, it.width, float(KINDS[it.kind]))  # fmt: skip
     return {f"{place}_{name}": value for name, value in zip(_OF_A_PLACE, values, strict=True)}
 
 
 _OF_A_PLACE = ("present", "gap", "speed", "relative_speed", "offset", "x", "y", "heading", "acceleration", "length",
-               "width")  # fmt: skip
+               "width", "kind")  # fmt: skip
 
 
 def signal_names() -> tuple[str, ...]:

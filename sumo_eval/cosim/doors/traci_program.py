@@ -18,16 +18,16 @@ import threading
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.child_program import ChildProgram, split_command
-from sumo_eval.cosim.doors.controller import Briefing
+from sumo_eval.cosim.doors.controller import Briefing, own_vehicle_type
 from sumo_eval.cosim.sumo.private_server import CLIENTS, LOOPBACK, PrivateServer, Relay
 from sumo_eval.cosim.sumo.session import check_start, command_line, libsumo, quoted
 from sumo_eval.cosim.sumo.sumo_files import EGO
-from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, needs_extra, said
+from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, needs_extra, said, unknown
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings
 
@@ -49,14 +49,26 @@ _SETTINGS = {
 
 @dataclass(slots=True)
 class TraciProgram:
-    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for it."""
+    """A program that is a TraCI client of its own; nobody calls it, it acts while SUMO waits for it.
+
+    options: of its entry; `vehicle_type`, the ego's vType as a table, is all that there is.
+    """
 
     command: tuple[str, ...]
     folder: Path | None
     log: str = ""
     took: float = 0.0  # s of wall time of its last turn, the step of SUMO included
+    options: dict[str, Any] = field(default_factory=dict)
 
     is_adapter = True
+
+    @property
+    def vehicle_type(self) -> Any:
+        """The ego's vType as the entry names it; None: the vehicle settings' own."""
+        for name in self.options:
+            if name != "vehicle_type":
+                raise unknown("option of an ADS of `traci:`", name, ("vehicle_type",))
+        return self.options.get("vehicle_type")
 
     @classmethod
     def from_command(cls, command: str, folder: Path | None) -> TraciProgram:
@@ -167,7 +179,7 @@ def served(
         folder = Path(name)
         log, console = folder / "sumo.log", folder / "console.txt"
         port = _free_port()
-        command = command_line(concrete, settings, folder, log, None)
+        command = command_line(concrete, settings, folder, log, own_vehicle_type(ads, concrete.road))
         words = [sumo_binary(), *command[1:], "--remote-port", str(port), "--num-clients", str(CLIENTS)]
         with console.open("wb") as output:
             server = PrivateServer(words, port, output)

@@ -1,4 +1,4 @@
-"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which of its files they are."""
+"""Public catalogues of OpenSCENARIO files and use cases, played out of the user's own copy: which files they are."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario.openscenario.logical import Read, read_file
+from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 from sumo_eval.settings import ScenarioSettings
 
 
@@ -49,6 +50,10 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
             "Euro NCAP 2026, crash avoidance, frontal collisions, standard range", "vectorgrp/OSC-NCAP-scenarios",
             ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange", "CA-FC_2026/Variations/StandardRange",
              "Variations/StandardRange", "."), "*.xosc",
+        ),
+        "autoware": Collection(
+            "use cases of an open ADS as Gherkin tables with pass criteria", "autowarefoundation/odd-usecase-scenario",
+            ("usecases", "use_cases", "."), "UC-*.feature.md",
         ),
     }
 )  # fmt: skip
@@ -96,7 +101,11 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
     refused: dict[str, str] = {}
     for file in COLLECTIONS[entry.use].files(copy):
         try:
-            found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
+            if file.name.endswith(ENDINGS):
+                read_use_case(file)
+                found.append(replace(entry, use=str(file), folder=None))
+            else:
+                found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
         except InputError as error:
             refused[file.name] = str(error)
     if not found:

@@ -10,7 +10,7 @@ from pathlib import Path
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor
-from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
+from sumo_eval.scenario.openscenario.collections import uses_of
 from sumo_eval.scenario.openscenario.logical import Read, concrete_points, grid_size
 from sumo_eval.scenario.openscenario.scene import scene
 
@@ -62,10 +62,9 @@ def described(read: Read) -> Iterator[str]:
             yield from _of(actor)
 
 
-def listed(name: str, copy: Path) -> Iterator[str]:
+def listed(name: str, found: Iterable[Path]) -> Iterator[str]:
     """A line for each file of a catalogue: its points and how many of them play, or why none does; and their sums."""
     points = played_ = files = whole = 0
-    found = COLLECTIONS[name].files(copy)
     for file in found:
         whole += 1
         try:

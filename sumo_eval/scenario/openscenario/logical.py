@@ -377,9 +377,9 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     names = _road_names(list(roads.values()))
     name = whole.name if len(roads) == 1 else f"{whole.name}_{names[number]}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
-    logical = replace(
-        _logical(space, frame, scenes, name, searched=zones == 1), notes=tuple(_notes(dropped, ignored, refused))
-    )
+    logical = _logical(space, frame, scenes, name, searched=zones == 1)
+    notes = [*_notes(dropped, ignored, refused), *_about_zones(logical, scenes)]
+    logical = replace(logical, notes=tuple(notes))
     return Read(logical, space, frame, names, number, dropped, ignored, tuple(refused.items()))
 
 
@@ -391,6 +391,23 @@ def _notes(dropped: Sequence[str], ignored: Sequence[str], refused: Mapping[str,
         yield f"Ignored, because they move nobody here: {', '.join(ignored)}."
     for why, count in refused.items():
         yield f"{count} of the points that were tried do not play: {why}"
+
+
+def _about_zones(logical: LogicalScenario, scenes: Sequence[tuple[dict[str, float], Scene]]) -> Iterator[str]:
+    """Why every point counts as safe, where no zones are searched."""
+    if logical.search is not None:
+        return
+    if _search(scenes, logical.road) is not None:
+        yield "No zones are searched, so every point counts as safe: `?zones=1` behind the file's name asks for them."
+        return
+    counts = {len(found.actors) for _, found in scenes}
+    if logical.road.bent:
+        why = "the road bends"
+    elif len(counts) > 1:
+        why = "not everybody is there at every point"
+    else:
+        why = "nobody moves or stands in the way"
+    yield f"No zone can be defined, so every point counts as safe: {why}."
 
 
 def _option(path: Path, options: Mapping[str, str], name: str, most: int) -> int:

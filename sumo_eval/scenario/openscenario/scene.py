@@ -629,7 +629,7 @@ class _Player:
         if math.hypot(first[0] - pose.x, first[1] - pose.y) > 0.5:
             raise fault(element, f"the trajectory must begin where `{entity.name}` is")
         if self.frame.line:
-            raise fault(element, "a trajectory on a road that bends is not played")
+            raise fault(element, "a trajectory, straight on the map, is not played on a road that bends")
         entity.way = trajectory.points
         entity.frame = self._along(entity)
         if not trajectory.times:
@@ -718,9 +718,6 @@ class _Player:
                 plain = False
         if plain:
             return Actor(entity.name, start, tuple(changes), entity.length, entity.width, brake, body=entity.body)
-        if self.frame.line:
-            raise fault(entity.element, f"`{entity.name}` does what is not played on a road that bends: there only "
-                                        "brakes and moves across at given times are")  # fmt: skip
         if not acts:
             acts = [played.Act(played.KEEP)]
         return Actor(

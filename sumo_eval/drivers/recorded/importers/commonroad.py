@@ -6,6 +6,7 @@ described by sets) are left out.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +40,12 @@ def _read_one(path: Path) -> Found:
         raise InputError(f"{path} must be a CommonRoad file (<commonRoad>), got <{root.tag}>.")
     step = _number(root.get("timeStepSize"), path, root, "timeStepSize")
     rows: list[dict[str, Any]] = []
-    left_out = 0
-    for obstacle in [*root.iter("dynamicObstacle"), *root.iter("obstacle")]:
+    left_out: Counter[str] = Counter()
+    standing = root.iter("staticObstacle")
+    for obstacle in [*root.iter("dynamicObstacle"), *root.iter("obstacle"), *standing]:
         shape, states = obstacle.find("shape/rectangle"), obstacle.findall("trajectory/state")
-        if obstacle.findtext("role", "dynamic") != "dynamic" or shape is None or not states:
-            left_out += 1
+        if (why := _why_left_out(obstacle, shape, states)) is not None:
+            left_out[why] += 1
             continue
         known = [state for state in (obstacle.find("initialState"), *states) if state is not None]
         vague = next((place for state in known for place in _SETS if state.find(place) is not None), None)
@@ -78,8 +80,20 @@ def _read_one(path: Path) -> Found:
     centres = _lane_centres(root, path)
     if len(centres):
         table["offset"] = _offsets(table, centres)
-    notes = (f"{left_out} obstacles of {path.name} without a driven trajectory are left out.",) if left_out else ()
+    notes = tuple(f"{path.name}: {number} obstacles are left out, {why}." for why, number in left_out.items())
     return Found(table, planar=True, notes=notes)
+
+
+def _why_left_out(obstacle: Any, shape: Any, states: list[Any]) -> str | None:
+    """Why an obstacle is no vehicle that was driven; None: it is one."""
+    if obstacle.tag == "staticObstacle" or obstacle.findtext("role", "dynamic") != "dynamic":
+        return "which stand"
+    if shape is None:
+        return "whose body is no rectangle"
+    if states:
+        return None
+    sets = obstacle.find("occupancySet") is not None
+    return "which have a set-based prediction and no trajectory" if sets else "which have no trajectory"
 
 
 def _lane_centres(root: Any, path: Path) -> FloatArray:

@@ -1,0 +1,52 @@
+"""The qualification of the tool that a run names: read before it simulates, kept in its manifest."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.errors import InputError
+
+_LARGEST = 10_000_000  # bytes of a file
+
+
+def read_qualification(named: str, source: Path) -> dict[str, Any]:
+    """What a manifest keeps of a `qualification.json`: when, on what, how many checks, which failed, and its hash.
+
+    named: as the evaluation has it, relative to `source`; a folder with the file in it will do. Raises InputError for
+    what is no qualification.
+    """
+    path = source / named
+    if path.is_dir():
+        path = path / "qualification.json"
+    owner = f"The qualification {path}, which `qualification` of [run] names,"
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{owner} is larger than any that `sumo-eval qualify` writes.")
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{owner} cannot be read: {error.strerror or error}.") from error
+    try:
+        content = json.loads(text)
+        checks = [(str(one["name"]), one["passed"] is True) for one in content["checks"]]
+        found = {
+            "file": str(path.resolve()),
+            "sha256": hashlib.sha256(text).hexdigest(),
+            "created": str(content["created"]),
+            "checks": len(checks),
+            "failed": [name for name, passed in checks if not passed],
+            "versions": _texts(content["versions"]),
+            "machine": _texts(content["machine"]),
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InputError(f"{owner} is not what `sumo-eval qualify` writes: qualification.json.") from None
+    if not checks:
+        raise InputError(f"{owner} holds no checks.")
+    return found
+
+
+def _texts(table: Mapping[str, Any]) -> dict[str, str]:
+    return {str(name): str(value) for name, value in table.items()}

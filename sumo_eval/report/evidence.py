@@ -1,0 +1,271 @@
+"""Evidence for a safety case: what a run claims of each ADS, why that follows, what it rests on, and what stays open.
+
+Claim - argument - evidence, as assessors of type approval ask for it. A claim that the facts do not bear out is written
+down as such: `supported`, `not supported`, or `open` where nothing could be evaluated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
+from sumo_eval.report.checks import FAILED, PASSED, checked_cases
+from sumo_eval.report.html import asset, template
+from sumo_eval.report.preventability import preventability, reference_ads, reference_sentence, verdicts
+from sumo_eval.report.qualification import holds, qualification_sentence
+from sumo_eval.report.words import count, people_sentence
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.scoring.confidence.intervals import LEVEL
+from sumo_eval.scoring.confidence.risk import risk
+from sumo_eval.settings.random_streams import random_stream
+
+FORMAT_VERSION = 1
+PAGE, PLAIN = "evidence.html", "evidence.json"
+MOST_CASES = 50  # that a claim names; cases.csv has all
+Verdict = Literal["supported", "not supported", "open"]
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """interval: of the number that the claim is about, with its level; None: it is about none. cases: keys of those
+    that speak against it, at most `MOST_CASES`. assumptions: what has to be so, and was not shown by the run.
+    """
+
+    id: str
+    ads: str
+    scenario: str
+    claim: str
+    verdict: Verdict
+    argument: str
+    evidence: tuple[str, ...]
+    interval: dict[str, float] | None
+    cases: tuple[str, ...]
+    assumptions: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """claims: of every ADS in every scenario. run: what identifies it. hashes: SHA-256 of its files."""
+
+    run: dict[str, str]
+    hashes: dict[str, str]
+    qualification: str
+    qualified: bool
+    reference: str
+    people: str
+    claims: tuple[Claim, ...]
+
+    def plain(self) -> dict[str, Any]:
+        """The content of `evidence.json`."""
+        return {"format_version": FORMAT_VERSION, **asdict(self)}
+
+
+def evidence_of(evaluation: Evaluation) -> Evidence:
+    """The evidence that a scored run gives."""
+    manifest, folder = evaluation.manifest, evaluation.folder
+    hashes = {
+        name: _hash(folder / name) for name in (MANIFEST, EVALUATION, FACTS, EXPOSURES) if (folder / name).is_file()
+    }
+    run = {
+        "id": hashes[MANIFEST][:16], "name": evaluation.name, "folder": str(folder),
+        "created": str(manifest.get("created", "")), "seed": str(evaluation.settings.seed),
+        **{name: str(value) for name, value in manifest.get("versions", {}).items()},
+        **{name: str(value) for name, value in manifest.get("machine", {}).items()},
+    }  # fmt: skip
+    claims = tuple(
+        claim
+        for score in evaluation.scores
+        for claim in _claims(evaluation, score, next(it for it in evaluation.zones if it.scenario == score.scenario))
+    )
+    return Evidence(
+        run, hashes, qualification_sentence(manifest), holds(manifest), reference_sentence(evaluation.settings),
+        people_sentence(evaluation), claims,
+    )  # fmt: skip
+
+
+def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
+    """Write `evidence.html` and `evidence.json` into a folder and return their paths."""
+    found = evidence_of(evaluation)
+    text = template("evidence.html.j2").render(found=found, css=asset("report.css"), page_js=asset("page.js"))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / PAGE).write_text(text, encoding="utf-8")
+        (out / PLAIN).write_text(json.dumps(found.plain(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"The evidence cannot be written into {out}: {error}.") from error
+    return out / PAGE, out / PLAIN
+
+
+def _hash(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error}.") from error
+
+
+def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:
+    """What is claimed of one ADS in one scenario."""
+    cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+    assumptions = tuple(_assumptions(evaluation, score, zone))
+    about = f"{score.ads} in {score.scenario}"
+    yield _complete(about, score, cases)
+    yield _collisions(evaluation, about, score, cases, assumptions)
+    yield _preventable(evaluation, about, score, cases, assumptions)
+    yield _avoided(evaluation, about, score, cases, assumptions)
+    if score.scenario in evaluation.checks:
+        yield _checked(evaluation, about, score, assumptions)
+
+
+def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
+    return Claim(id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts)
+
+
+def _complete(about: str, score: ScenarioResult, cases: list[CaseResult]) -> Claim:
+    missing = [case.case for case in cases if not case.evaluated]
+    return _claim(
+        score, "complete",
+        claim=f"Every concrete scenario that was chosen for {about} was driven and evaluated.",
+        verdict="not supported" if missing else "supported",
+        argument="Cases are counted when they are planned and when they are stored; one without an outcome is named.",
+        evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome that counts.",),
+        interval=None, cases=tuple(missing[:MOST_CASES]), assumptions=(),
+    )  # fmt: skip
+
+
+def _collisions(
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+) -> Claim:
+    """Collision share < p: p is the upper end of its interval."""
+    known = evaluation.exposure_known(score.scenario)
+    under = "this exposure" if known else "equal weights of its points"
+    judged = [case for case in cases if case.evaluated]
+    hit = tuple(case.case for case in judged if case.collided)
+    exposure = np.array([case.exposure for case in judged])
+    if len(judged) < 2 or not exposure.sum() > 0.0:
+        return _claim(
+            score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
+            argument="An interval needs two evaluated cases with exposure.",
+            evidence=(f"{count(len(judged), 'case')} evaluated.",), interval=None, cases=hit, assumptions=assumptions,
+        )  # fmt: skip
+    loss = np.array([case.loss or 0.0 for case in judged])
+    found = risk(exposure, loss, random_stream(evaluation.settings.seed, "risk", score.scenario, score.ads))
+    it = found.collision_probability
+    return _claim(
+        score, "collisions",
+        claim=f"The collision share of {about} is below {it.high:z.3g} in this space under {under}.",
+        verdict="supported" if score.not_evaluated == 0 else "not supported",
+        argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the cases, or, where "
+        "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
+        evidence=(
+            f"{count(len(hit), 'collision')} in {count(len(judged), 'evaluated case')}.",
+            f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
+        ),
+        interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
+        cases=hit[:MOST_CASES], assumptions=assumptions,
+    )  # fmt: skip
+
+
+def _preventable(
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+) -> Claim:
+    """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
+    row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
+    found = verdicts(evaluation)
+    against = [case.case for case in cases if found[case.case] in ("preventable", "undecided")]
+    skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
+    undecided = row.undecided + row.not_evaluated
+    verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"
+    return _claim(
+        score, "preventability",
+        claim=f"{about} has no collision that is preventable for a skilled driver.",
+        verdict=verdict,
+        argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside the ADS: a collision "
+        "is unpreventable for a skilled driver where that one collides as well.",
+        evidence=(
+            f"{count(row.collided, 'collision')}: {row.preventable} preventable for a skilled driver, "
+            f"{row.unpreventable} unpreventable for a skilled driver, {row.undecided} undecided.",
+            f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the ADS.",
+            f"{row.off_road} left the road, {row.not_evaluated} not evaluated, of {count(row.cases, 'case')}.",
+        ),
+        interval=None, cases=tuple(against[:MOST_CASES]), assumptions=assumptions,
+    )  # fmt: skip
+
+
+def _avoided(
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+) -> Claim:
+    """The avoided share A is above the lower end of its interval."""
+    ends = score.avoided_share_interval
+    if score.avoided_share is None or ends is None:
+        return _claim(
+            score, "avoided", claim=f"The avoided share A of {about} is known.", verdict="open",
+            argument="A needs evaluated cases, its interval two of them.", evidence=(), interval=None, cases=(),
+            assumptions=assumptions,
+        )  # fmt: skip
+    against = [case.case for case in cases if case.avoidable]
+    return _claim(
+        score, "avoided",
+        claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids and a car that does "
+        "nothing does not.",
+        verdict="supported" if ends[0] > 0.0 else "open",
+        argument="Lower end of the interval of A = 1 - sum w max(0, U - Ug) / sum w max(0, U0 - Ug) over all evaluated "
+        "cases; cases without an outcome count as worst.",
+        evidence=(
+            f"A = {score.avoided_share:z.3g}; {count(score.avoidable_collisions, 'avoidable collision')}, "
+            f"{score.unavoidable_collisions} unavoidable.",
+        ),
+        interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
+                  "level": LEVEL},
+        cases=tuple(against[:MOST_CASES]), assumptions=assumptions,
+    )  # fmt: skip
+
+
+def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, assumptions: tuple[str, ...]) -> Claim:
+    rows = [one for one in checked_cases(evaluation) if (one.ads, one.scenario) == (score.ads, score.scenario)]
+    failed = [one.case for one in rows if one.verdict == FAILED]
+    passed = sum(one.verdict == PASSED for one in rows)
+    verdict: Verdict = "not supported" if failed else "supported" if passed == len(rows) else "open"
+    checks = evaluation.checks[score.scenario]
+    return _claim(
+        score, "checks",
+        claim=f"{about} passes every check of the scenario in every case that was driven.",
+        verdict=verdict,
+        argument=f"{count(len(checks), 'condition')} on the whole drive, each evaluated on the recorded trajectories.",
+        evidence=(
+            f"{passed} of {count(len(rows), 'case')} pass all.",
+            *(f"{name}: {text}" for name, text in checks.items()),
+        ),
+        interval=None, cases=tuple(failed[:MOST_CASES]), assumptions=assumptions,
+    )  # fmt: skip
+
+
+def _assumptions(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[str]:
+    """What has to be so for the claims on a scenario to hold on a road, and is not shown by the run."""
+    settings = evaluation.settings
+    names = list(dict.fromkeys(item.scenario for item in evaluation.zones))
+    entry = settings.scenario[names.index(score.scenario)]
+    method = entry.sampling.method or "the scenario's own"
+    yield (
+        f"{count(zone.sampled, 'point')}, chosen by `{method}`, stand for the space; what lies outside of it is not "
+        "claimed."
+    )
+    if not evaluation.exposure_known(score.scenario):
+        yield "Nobody said how often concrete scenarios are met: every point counts the same."
+    yield "Vehicles are rectangles on a single-track model, and SUMO moves the others as their scripts say."
+    if settings.simulation.conditions == type(settings.simulation.conditions)():
+        yield "The ADS perceives without error and without delay: no conditions are set."
+    if zone.zones == 0:
+        yield "No hazardous zone was found or could be defined: every case counts as safe."
+    if not holds(evaluation.manifest):
+        yield qualification_sentence(evaluation.manifest)
+    if score.not_evaluated:
+        yield f"{count(score.not_evaluated, 'case')} could not be evaluated."

@@ -1,0 +1,1 @@
+from messages import Clock  # noqa: F401

@@ -1,0 +1,1 @@
+from messages import String  # noqa: F401

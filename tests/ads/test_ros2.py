@@ -1,0 +1,52 @@
+"""docs/examples/ros2_node.py with a stack behind it, without ROS: a stand-in carries the same messages."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import SimulationSettings
+from sumo_eval.trajectory import Recording
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+STAND_IN = Path(__file__).parent / "ros_stand_in"
+SLOWER = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20.0, lead_speed=5.0)
+
+
+def drive(seconds: float, *variables: str, option: str = "") -> Recording:
+    environment = " ".join((f"PYTHONPATH={STAND_IN}", "STACK=stack", *variables))
+    locator = f"exec:env {environment} {sys.executable} ros2_node.py {option}"
+    found = simulate(SLOWER, locator, SimulationSettings(time_limit=seconds), folder=EXAMPLES, step_timeout=20.0)
+    assert found.error is None, found.log
+    return found
+
+
+def test_a_stack_drives_by_controls_in_lockstep() -> None:
+    """The stack is the ten-line ACC, kept from accelerating; its controls of an earlier stamp do not count."""
+    stack = drive(8.0)
+
+    def acc(seen):  # type: ignore[no-untyped-def]
+        gap, speed = seen.lead.gap, seen.lead.speed
+        wanted = 0.15 * (gap - 3.0 - 1.5 * seen.ego.speed) + 0.9 * (speed - seen.ego.speed)
+        return max(-6.0, min(0.0, wanted))
+
+    here = simulate(SLOWER, acc, SimulationSettings(time_limit=8.0))
+    assert here.ego.speed[-1] < 12.0
+    np.testing.assert_allclose(stack.ego.speed, here.ego.speed, atol=1e-6)
+
+
+def test_a_control_may_be_a_speed() -> None:
+    assert drive(6.0, option="--follow speed").ego.speed[-1] == pytest.approx(10.0, abs=0.2)
+
+
+def test_a_path_is_a_plan() -> None:
+    """1 m/s slower at every step's plan: the tracker follows within its error, straight on."""
+    found = drive(2.0, "STACK_PLANS=1")
+    assert found.ego.speed[-1] < 19.0
+    assert float(np.abs(found.ego.y).max()) < 1e-6
+    assert "plan_error" in {clip.what for clip in found.clips}

@@ -1,0 +1,167 @@
+"""Evidence for a safety case, and the qualification that a run names."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import shutil
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from sumo_eval import evaluate, score
+from sumo_eval.errors import InputError
+from sumo_eval.record.qualification import read_qualification
+from sumo_eval.report.evidence import write_evidence
+from sumo_eval.report.qualification import qualification_content, qualification_sentence
+from sumo_eval.report.terminal import closing_lines
+
+SCENE = """name = "approach"
+[[parameter]]
+name = "gap0"
+unit = "m"
+low = 20.0
+high = 60.0
+step = 40.0
+[ego]
+speed = 20.0
+[[vehicle]]
+name = "lead"
+speed = 10.0
+gap = "gap0"
+[zone]
+obstacle = "lead"
+[end]
+x = 300.0
+[[require]]
+name = "keeps clear"
+check = "collided == 0"
+"""
+HERE = {
+    "python": sys.version.split()[0],
+    **{name: version(name) for name in ("sumo_eval", "libsumo", "numpy", "scipy", "scikit-learn")},
+}
+MACHINE = {"system": platform.platform(), "processor": platform.machine(), "node": platform.node()}
+
+
+def qualification(folder: Path, passed: tuple[bool, ...] = (True, True), **versions: str) -> Path:
+    """A file as `qualify` writes it, with so many checks."""
+    path = folder / "qualification.json"
+    content = {
+        "format_version": 1, "created": "2026-11-22T08:00:00+00:00", "versions": HERE | versions, "machine": MACHINE,
+        "checks": [{"name": f"check {k}", "passed": one} for k, one in enumerate(passed)],
+    }  # fmt: skip
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("evidence")
+    (folder / "approach.toml").write_text(SCENE, encoding="utf-8")
+    evaluate(
+        {"name": "claims", "scenario": [{"use": str(folder / "approach.toml")}], "drivers": {"count": 2},
+         "ads": [{"name": "nothing", "controller": "no_reaction"}, {"name": "ideal", "controller": "ideal_braking"}],
+         "run": {"qualification": str(qualification(folder))}},
+        folder / "run", workers=1,
+    )  # fmt: skip
+    return folder / "run"
+
+
+def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
+    """A car that does nothing closes 20 m at 10 m/s, and 60 m within 6 s and 120 m: both of its cases collide, the
+    ideal vehicle's none. Of two equally frequent cases without a collision at least 1 - 0.025^(1/2) = 0.842 is open.
+    """
+    page, plain = write_evidence(score(run), tmp_path)
+    found = json.loads(plain.read_text(encoding="utf-8"))
+    claims = {claim["id"]: claim for claim in found["claims"]}
+    assert set(claims) == {
+        f"approach/{ads}/{kind}"
+        for ads in ("nothing", "ideal")
+        for kind in ("complete", "collisions", "preventability", "avoided", "checks")
+    }
+    nothing, ideal = (claims[f"approach/{ads}/preventability"] for ads in ("nothing", "ideal"))
+    assert (nothing["verdict"], ideal["verdict"]) == ("not supported", "supported")
+    assert len(nothing["cases"]) == 2
+    assert nothing["evidence"][0].startswith("2 collisions: 2 preventable for a skilled driver, 0 unpreventable")
+    share = claims["approach/ideal/collisions"]
+    assert share["claim"].endswith("is below 0.842 in this space under equal weights of its points.")
+    assert share["interval"]["high"] == pytest.approx(1.0 - 0.025**0.5)
+    assert any("every point counts the same" in text for text in share["assumptions"])
+    assert claims["approach/nothing/checks"]["verdict"] == "not supported"
+    assert claims["approach/ideal/checks"]["verdict"] == "supported"
+    assert found["hashes"]["facts.sqlite"] == hashlib.sha256((run / "facts.sqlite").read_bytes()).hexdigest()
+    assert found["run"]["id"] == hashlib.sha256((run / "manifest.json").read_bytes()).hexdigest()[:16]
+    assert found["qualified"]
+    text = page.read_text(encoding="utf-8")
+    assert "unpreventable for a skilled driver" in text
+    assert all(claim["id"] in text for claim in found["claims"])
+
+
+def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> None:
+    evaluation = score(run)
+    (sentence,) = (line for line in closing_lines(evaluation) if line.startswith("Qualification"))
+    assert sentence == (
+        "Qualification of 2026-11-22T08:00:00+00:00: 2 of 2 known answers were found again, with the versions and on "
+        "the machine of this run."
+    )
+    content = qualification_content(evaluation)
+    assert content is not None
+    assert content["holds"]
+
+
+def test_a_run_that_goes_on_needs_its_qualification_no_more(run: Path, tmp_path: Path) -> None:
+    shutil.copytree(run, tmp_path / "run")
+    moved = run.parent / "qualification.json"
+    kept = moved.read_bytes()
+    moved.unlink()
+    try:
+        again = evaluate(None, tmp_path / "run", resume=True, workers=1)
+        assert again.manifest["qualification"]["checks"] == 2
+    finally:
+        moved.write_bytes(kept)
+
+
+@pytest.mark.parametrize(
+    ("passed", "versions", "sentence"),
+    [
+        ((True, False), {}, "1 of 2 known answers were found again, so the tool is NOT qualified: check 1."),
+        (
+            (True, True),
+            {"libsumo": "1.0.0"},
+            f"not with what made this run: libsumo 1.0.0 instead of {HERE['libsumo']}.",
+        ),
+    ],
+)
+def test_a_qualification_that_does_not_hold_is_said_to(
+    tmp_path: Path, passed: tuple[bool, ...], versions: dict[str, str], sentence: str
+) -> None:
+    named = read_qualification("qualification.json", qualification(tmp_path, passed, **versions).parent)
+    manifest = {"qualification": named, "versions": HERE, "machine": MACHINE}
+    assert qualification_sentence(manifest).endswith(sentence)
+    assert read_qualification(".", tmp_path) == named  # the folder will do
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (None, "cannot be read: No such file"), ("[]", "is not what `sumo-eval qualify` writes"),
+        ("{", "is not what `sumo-eval qualify` writes"), ('{"checks": 3}', "is not what `sumo-eval qualify` writes"),
+        ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
+    ],
+)  # fmt: skip
+def test_what_is_no_qualification_is_refused_before_anything_is_driven(
+    tmp_path: Path, text: str | None, sentence: str
+) -> None:
+    if text is not None:
+        (tmp_path / "q.json").write_text(text, encoding="utf-8")
+    content = {
+        "name": "n", "scenario": [{"use": "cut_in"}], "ads": [{"name": "idm", "controller": "idm"}],
+        "run": {"qualification": str(tmp_path / "q.json")},
+    }  # fmt: skip
+    with pytest.raises(InputError, match=sentence):
+        evaluate(content, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
