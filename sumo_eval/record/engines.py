@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import closing, suppress
@@ -17,6 +18,7 @@ from sumo_eval.record.identity import IDENTITY_BOUND, read_identity, tell_identi
 from sumo_eval.record.packs import Pack, Packs, driven
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.worker import answer, run_together
+from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone
@@ -41,12 +43,22 @@ def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -
 
 def run_packs(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[list[Outcome], None, None]:
     """Outcomes of the cases by packs, a list of those that ended together, from the engine that `setup.run` names."""
+    refuse_engine(setup.run)
     if setup.run.engine == "serial":
         return _run_here(cases, setup, stopping)
     if setup.run.engine == "dask":
         found: Generator[list[Outcome], None, None] = load_object(_CLUSTER, None, "Engine")(cases, setup, stopping)
         return found
     return run_in_children(cases, setup, stopping, setup.run.workers)
+
+
+def refuse_engine(run: RunSettings) -> None:
+    """Refuse processes of our own on a system that cannot copy one: Windows."""
+    if run.engine == "processes" and not hasattr(os, "fork"):
+        raise InputError(
+            "The engine `processes` needs a system whose processes can fork, such as Linux; this one cannot. "
+            'Drive in this process: --engine serial, or [run] engine = "serial". A hanging ADS is not ended there.'
+        )
 
 
 def run_in_children(

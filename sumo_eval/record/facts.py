@@ -18,7 +18,7 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
-from sumo_eval.record.engines import Stopping, never, run_cases, run_packs
+from sumo_eval.record.engines import Stopping, never, refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, zones_of
@@ -157,6 +157,7 @@ def record_facts(
     Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     severity_of(evaluation.method.collision, source)
+    refuse_engine(evaluation.run)
     if evaluation.run.qualification and not run_folder.is_run(folder):
         read_qualification(evaluation.run.qualification, source)
     _find_scenarios(evaluation, source)
@@ -273,6 +274,7 @@ def verify(
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
     """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
+    refuse_engine(evaluation.run)
     _find_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)

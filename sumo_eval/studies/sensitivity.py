@@ -158,32 +158,39 @@ def sensitivity_lines(rows: Sequence[SensitivityRow], *, by_wheel: bool = True) 
     return [*aligned(table), *([] if by_wheel else [NO_WHEEL])]
 
 
+_COLOURS = ("#0072b2", "#b26a00", "#4d9e7a", "#8a3d74", "#56b4e9", "#d55e00", "#8593a3")  # told apart by everybody
+_ACROSS = 4
+"""Panels beside each other."""
+
+
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
     """One panel for each scenario, constant and score: the ADSs' scores against the constant. Works offline."""
-    from plotly.colors import qualitative
     from plotly.subplots import make_subplots
 
-    scenarios = list(dict.fromkeys(row.scenario for row in rows))
-    constants = list(dict.fromkeys((row.constant, row.index) for row in rows))
+    panels = list(dict.fromkeys((row.scenario, row.constant, row.index) for row in rows))
     ads = list(dict.fromkeys(name for row in rows for name in row.ads))
-    titles = [f"{scenario}: {index} over {constant}" for scenario in scenarios for constant, index in constants]
-    figure = make_subplots(rows=len(scenarios), cols=len(constants), subplot_titles=titles)
-    for line, scenario in enumerate(scenarios, start=1):
-        for column, (constant, index) in enumerate(constants, start=1):
-            part = [row for row in rows if (row.scenario, row.constant, row.index) == (scenario, constant, index)]
-            for number, name in enumerate(ads):
-                figure.add_scatter(
-                    x=[row.value for row in part],
-                    y=[row.scores[row.ads.index(name)] for row in part],
-                    name=name,
-                    legendgroup=name,
-                    showlegend=line == column == 1,
-                    line={"color": qualitative.Plotly[number % len(qualitative.Plotly)]},
-                    row=line,
-                    col=column,
-                )
-            figure.update_yaxes(title_text=index, row=line, col=column)
-    figure.update_layout(height=320 * len(scenarios) + 100)
+    lines = -(-len(panels) // _ACROSS)
+    titles = [f"{scenario}<br>{index} over {constant}" for scenario, constant, index in panels]
+    figure = make_subplots(
+        rows=lines, cols=_ACROSS, subplot_titles=titles, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
+    )
+    for place, panel in enumerate(panels):
+        part = [row for row in rows if (row.scenario, row.constant, row.index) == panel]
+        for number, name in enumerate(ads):
+            figure.add_scatter(
+                x=[row.value for row in part],
+                y=[row.scores[row.ads.index(name)] for row in part],
+                name=name,
+                legendgroup=name,
+                showlegend=place == 0,
+                line={"color": _COLOURS[number % len(_COLOURS)]},
+                row=place // _ACROSS + 1,
+                col=place % _ACROSS + 1,
+            )
+    figure.update_annotations(font_size=12)
+    figure.update_layout(
+        height=270 * lines + 60, legend={"orientation": "h", "y": 0.0, "yanchor": "bottom", "yref": "container"}
+    )
     write_study(
         path,
         kicker="Sensitivity",
@@ -199,5 +206,5 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                 for row in rows
             ),
         ],
-        least_width=260 * len(constants),
+        least_width=260 * _ACROSS,
     )

@@ -16,7 +16,7 @@
 
   // Figures come in the colours of a light page; each stands for its name in the style sheet.
   const NAMES = { "#e6f1f8": "--safe", "#fbd9b5": "--hazardous", "#1b1f24": "--ink", "#0072b2": "--c", "#b23c00": "--hit",
-    "#9aa1aa": "--hatch", "#4d9e7a": "--d", "#b26a00": "--actor" };
+    "#9aa1aa": "--hatch", "#4d9e7a": "--d", "#b26a00": "--actor", "#8a3d74": "--off" };
   const coloured = (value) => {
     if (typeof value === "string") return NAMES[value.toLowerCase()] ? C(NAMES[value.toLowerCase()]) : value;
     if (Array.isArray(value)) return value.map(coloured);
