@@ -340,7 +340,7 @@ const sumoScene = (() => {
     const gl = canvas.getContext("webgl2", attributes);
     if (!gl) return null;
     const slow = software(gl);
-    let program = null, names = {}, meshes = {}, standing = null, lost = false, fence = null;
+    let program = null, names = {}, meshes = {}, standing = null, lost = false, fence = null, begun = 0, done = 0;
     let ratio = Math.min(window.devicePixelRatio || 1, MOST_RATIO) * (slow ? 0.6 : 1), interval = 1 / 60, last = null, since = 0;
     const free = { turn: 0.5, rise: 0.35, away: 14 };
 
@@ -457,6 +457,7 @@ const sumoScene = (() => {
       }
       if (fence) gl.deleteSync(fence);
       fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+      begun += 1;
       gl.flush();
       return true;
     }
@@ -468,8 +469,12 @@ const sumoScene = (() => {
       if (state === gl.TIMEOUT_EXPIRED) return true;
       gl.deleteSync(fence);
       fence = null;
+      done = begun;
       return false;
     }
+
+    /** Whether the picture of that number is there, whatever has been begun since. */
+    const there = (number) => !busy() || done >= number;
 
     /** Once a picture that moves has been drawn, at `now`, s: fewer pixels where they come too slowly, more where not. */
     function pace(now) {
@@ -517,7 +522,7 @@ const sumoScene = (() => {
       if (before) onRoad(before.road, before.onMap, before.extent);
       canvas.dispatchEvent(new Event("scene-restored"));
     });
-    return { draw, busy, pace, onRoad, steerable, slow, resolution: () => ratio, interval: () => interval };
+    return { draw, busy, there, begun: () => begun, pace, onRoad, steerable, slow, resolution: () => ratio, interval: () => interval };
   }
 
   return { create };

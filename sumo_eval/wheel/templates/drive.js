@@ -376,8 +376,9 @@ const sumoDrive = (() => {
 
     /** The picture is there once the graphics processor is done with it. */
     time(stamp) {
+      const picture = this.space ? this.space.begun() : 0;
       const look = () => {
-        if (this.space && this.space.busy()) { setTimeout(look, 1); return; }
+        if (this.space && !this.space.there(picture)) { setTimeout(look, 1); return; }
         const took = performance.now() - stamp;
         this.latency.push(took);
         if (this.latency.length > 200) this.latency.shift();
