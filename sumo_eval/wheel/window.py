@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from websockets.http11 import Request, Response
 
 LOOPBACK: Final = "127.0.0.1"
-SILENT: Final = 2.0  # s within which a window must show its token
+SILENT: Final = 2.0  # s within which who connects must say what he wants (browsers also connect ahead), and his token
 COUNTDOWN: Final = 3.0  # s
 WRONG, UNKNOWN, TAKEN, FLOODED = 4400, 4401, 4409, 4429  # why a window is shut
 
@@ -73,7 +73,7 @@ class Window:
         self._server = await serve(
             self._talk, sock=self._listening, origins=own, process_request=self._answer,  # type: ignore[arg-type]
             max_size=LARGEST, max_queue=64, compression=None, ping_interval=5.0, ping_timeout=15.0,
-            close_timeout=2.0, server_header=None,
+            open_timeout=SILENT, close_timeout=2.0, server_header=None,
         )  # fmt: skip
         return self
 
