@@ -120,7 +120,7 @@ _STATUS = {
     "rejected": "The case was refused before it began.",
 }
 _END = {
-    "contact": "contact with another vehicle",
+    "contact": "contact with another road user",
     "standstill": "the ego came to a standstill",
     "road_end": "the ego reached the end of the road",
     "off_road": "the ego left the road",
