@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.trajectory import Trajectory
 
 
@@ -17,7 +20,7 @@ class Scene:
     """One concrete scenario of a run as it was driven.
 
     runs: the ego of every ADS, others: the other vehicles in the drive of the first, people: the egos of the human
-    drivers by name, none in the hazardous zone. words: where it lies in the space.
+    drivers by name, none in the hazardous zone. words: where it lies in the space. line: of the road, as in `Road`.
     """
 
     scenario: str
@@ -25,6 +28,7 @@ class Scene:
     runs: Mapping[str, Trajectory]
     others: Mapping[str, Trajectory]
     people: Mapping[str, Trajectory]
+    line: tuple[Piece, ...]
 
 
 def scenario_of(evaluation: Evaluation, scenario: str | None) -> str:
@@ -82,4 +86,7 @@ def scene_of(evaluation: Evaluation, case: CaseResult, ads: Sequence[str]) -> Sc
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     words = ", ".join(f"{name} = {value:g}" for name, value in case.values.items())
-    return Scene(case.scenario, words, runs, others, people)
+    source = Path(evaluation.manifest["source_folder"])
+    spaces = (find(entry.use, source) for entry in evaluation.settings.scenario)
+    road = next(space for space in spaces if space.name == case.scenario).placed(case.values).road
+    return Scene(case.scenario, words, runs, others, people, road.line)

@@ -29,6 +29,8 @@ from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.page_data import View, choose_view, slice_points
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,17 +153,21 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
         points, list(drives.values()), k1=settings.k1, k2=settings.k2, sample_interval=settings.sample_interval,
         superposition=settings.superposition,
     )  # fmt: skip
+    east, north = map_places(scene.line, x, y[:, None])[:2]
     tallest = float(np.quantile(values, 0.998))  # next to a vehicle that stands the field has no bound worth a colour
     with styled():
         figure, axes = new_figure(width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
-                x, y, strength.reshape(len(y), len(x)), cmap="cividis", vmin=0.0, vmax=tallest, rasterized=True
+                east, north, strength.reshape(len(y), len(x)), cmap="cividis", vmin=0.0, vmax=tallest, rasterized=True
             )
-            ax.plot(drive.x, drive.y, color="white", linewidth=0.8)
+            ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set_title(name.replace("_", " "))
             ax.set_ylabel(label("y", "m"))
-            ax.set_xlim(x[0], x[-1])
+            ax.set_xlim(east.min(), east.max())
+            ax.set_ylim(north.min(), north.max())
+            if scene.line:
+                ax.set_aspect("equal")  # a bend keeps its radius
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
         figure.suptitle(f"{row.case}\n{scene.words}", fontsize=7.0)
@@ -175,14 +181,18 @@ def trajectories(
     row = case_of(evaluation, case, scenario)
     names = ads_of(evaluation, ads)
     scene = scene_of(evaluation, row, names)
+
+    def way(drive: Trajectory) -> tuple[FloatArray, FloatArray]:
+        return map_places(scene.line, drive.x, drive.y)[:2]
+
     with styled():
         figure, (ax,) = new_figure(width, 0.55)
         for drive in scene.people.values():
-            ax.plot(drive.x, drive.y, color=FAINT, linewidth=0.7, zorder=1)
+            ax.plot(*way(drive), color=FAINT, linewidth=0.7, zorder=1)
         for other in scene.others.values():
-            ax.plot(other.x, other.y, color=MUTED, linewidth=0.8, linestyle=":", zorder=2)
+            ax.plot(*way(other), color=MUTED, linewidth=0.8, linestyle=":", zorder=2)
         for who, drive in scene.runs.items():
-            ax.plot(drive.x, drive.y, color=look_of(who, names)[0], linestyle=line_of(who, names), label=who, zorder=3)
+            ax.plot(*way(drive), color=look_of(who, names)[0], linestyle=line_of(who, names), label=who, zorder=3)
         _name_the_grey(ax, bool(scene.people), bool(scene.others))
         ax.set_xlabel(label("x", "m"))
         ax.set_ylabel(label("y", "m"))

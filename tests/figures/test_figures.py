@@ -122,3 +122,20 @@ def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Pa
 def test_the_list_of_figures_is_the_documented_one() -> None:
     documented = "zone_map field trajectories time_history collisions boundary intervals points trend opinion"
     assert " ".join(FIGURES) == documented
+
+
+def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
+    """Along an arc of R = 250 m to the left the ego ends about s^2 / 2R to the left of where it began: metres."""
+    evaluation = {
+        "name": "bend",
+        "scenario": [{"use": "curve_cut_in", "sampling": {"levels": {"ego_speed": 2, "gap": 2}}}],
+        "ads": [{"name": "idm", "controller": "idm"}],
+        "drivers": {"count": 2},
+        "run": {"engine": "serial"},
+    }
+    bent = sumo_eval.evaluate(evaluation, tmp_path / "run")
+    for name in ("field", "trajectories"):
+        figure = draw(bent, name, ads="idm")
+        (x, y) = next(line.get_data() for panel in figure.axes for line in panel.lines if len(line.get_xdata()) > 2)
+        assert abs(y[-1] - y[0]) > 3.0
+        assert len(x) == len(y)
