@@ -21,7 +21,7 @@ from sumo_eval.record.engines import Stopping, never
 from sumo_eval.record.facts import Evaluable, check_complete, record_facts, resolve
 from sumo_eval.record.human_reference import LeftOut, point_processes
 from sumo_eval.record.kept_results import KeptResults, key_of
-from sumo_eval.record.points import choose_points, kept_zones
+from sumo_eval.record.points import choose_points, kept_zones, scenarios_of
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store, open_store, vouch
@@ -143,10 +143,9 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
 
 def _checks(settings: EvaluationSettings, source: Path) -> dict[str, dict[str, str]]:
     """Names and conditions of what scenarios require, by scenario."""
-    spaces = [catalogue.find(entry.use, source) for entry in settings.scenario]
     return {
-        logical.name: {one.name: one.text for one in logical.requirements.all}
-        for logical in spaces
+        name: {one.name: one.text for one in logical.requirements.all}
+        for name, logical in scenarios_of(settings, source).items()
         if logical.requirements is not None
     }
 
@@ -299,9 +298,8 @@ def let_go(evaluation: Evaluation) -> int:
         with open_store(facts, create=True) as store:
             critical: set[tuple[str, int]] = set()
             if keep == "critical":
-                found = [catalogue.find(entry.use, source) for entry in evaluation.settings.scenario]
                 numbers = {case: number for case, number, _ in store.names("ads")}
-                critical = critical_points(evaluation, {space.name: space for space in found}, numbers)
+                critical = critical_points(evaluation, scenarios_of(evaluation.settings, source), numbers)
             gone = store.let_go(lambda scenario, number: (scenario, number) in critical)
         kept = KeptResults(folder)
         with open_store(facts, whole=True):

@@ -47,24 +47,26 @@ def import_(
             raise click.UsageError("Missing argument 'FILE'.")
         return
     plain, given = options_of(file)
+    use_case = read = None
     if plain in COLLECTIONS:
         files = COLLECTIONS[plain].files(Path(folder or "."))
         gherkin = files[0].name.endswith(ENDINGS)
         lines = use_cases.listed(plain, files) if gherkin else listed(plain, files)
     elif plain.endswith(ENDINGS):
-        lines = use_cases.described(read_use_case(Path(plain), given))
+        use_case = read_use_case(Path(plain), given)
+        lines = use_cases.described(use_case)
     elif plain.endswith(".xosc"):
-        lines = described(read_file(Path(plain), given))
+        read = read_file(Path(plain), given)
+        lines = described(read)
     else:
         raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and use cases (.feature.md), got {plain}.")
     for line in lines:
         click.echo(line)
     if out is None:
         return
-    if plain.endswith(ENDINGS):
-        write_scenario(read_use_case(Path(plain), given).table, out)
-    elif plain.endswith(".xosc"):
-        read = read_file(Path(plain), given)
+    if use_case is not None:
+        write_scenario(use_case.table, out)
+    elif read is not None:
         write_scenario(scenario_content(read, point_of(read, named_values(values, "--set"))), out)
     else:
         raise InputError(f"`--out` is for one file, got the catalogue {plain}.")

@@ -50,13 +50,13 @@ def explain(run: Path, case: str | None) -> None:
 @click.option("--gui", is_flag=True, help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
 def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
     """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
+    from sumo_eval.record.points import scenarios_of
     from sumo_eval.record.run_folder import read_manifest, read_settings
     from sumo_eval.report.replay import recorded, write_replay
-    from sumo_eval.scenario.catalogue import find
 
     settings, source = read_settings(run), Path(read_manifest(run)["source_folder"])
     fact = recorded(run, case)
-    logical = next(space for entry in settings.scenario if (space := find(entry.use, source)).name == fact.scenario)
+    logical = scenarios_of(settings, source)[fact.scenario]
     if gui:
         from sumo_eval.cosim.sumo.gui_replay import replay_in_gui
         from sumo_eval.record.run_folder import FACTS

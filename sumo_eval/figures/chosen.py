@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.points import scenarios_of
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.results import CaseResult, Evaluation
-from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.road.reference_line import Piece
 from sumo_eval.trajectory import Trajectory
 
@@ -86,7 +86,5 @@ def scene_of(evaluation: Evaluation, case: CaseResult, ads: Sequence[str]) -> Sc
     if not runs:
         raise InputError(f"Case `{case.case}` has no trajectory to draw.")
     words = ", ".join(f"{name} = {value:g}" for name, value in case.values.items())
-    source = Path(evaluation.manifest["source_folder"])
-    spaces = (find(entry.use, source) for entry in evaluation.settings.scenario)
-    road = next(space for space in spaces if space.name == case.scenario).placed(case.values).road
-    return Scene(case.scenario, words, runs, others, people, road.line)
+    logical = scenarios_of(evaluation.settings, Path(evaluation.manifest["source_folder"]))[case.scenario]
+    return Scene(case.scenario, words, runs, others, people, logical.placed(case.values).road.line)

@@ -21,7 +21,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import Stopping, never, refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
-from sumo_eval.record.points import choose_points, scenario_weights, zones_of
+from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of, zones_of
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -160,7 +160,7 @@ def record_facts(
     refuse_engine(evaluation.run)
     if evaluation.run.qualification and not run_folder.is_run(folder):
         read_qualification(evaluation.run.qualification, source)
-    _find_scenarios(evaluation, source)
+    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
@@ -275,7 +275,7 @@ def verify(
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
     """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
     refuse_engine(evaluation.run)
-    _find_scenarios(evaluation, source)
+    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
@@ -355,12 +355,6 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
             picked = stream.permutation(len(cases))[: math.ceil(share * len(cases))]
             chosen += [cases[index] for index in sorted(picked.tolist())]
     return chosen
-
-
-def _find_scenarios(settings: EvaluationSettings, source: Path) -> None:
-    """Refuse a misspelt scenario before anything is compiled, an ADS is asked or a zone is computed."""
-    for entry in settings.scenario:
-        catalogue.find(entry.use, source)
 
 
 def _spaces(

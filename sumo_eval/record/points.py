@@ -49,6 +49,11 @@ def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
     return partition(logical, settings)
 
 
+def scenarios_of(settings: EvaluationSettings, source: Path) -> dict[str, LogicalScenario]:
+    """The logical scenarios of an evaluation, by name. Raises InputError for one that is not there."""
+    return {logical.name: logical for logical in (catalogue.find(entry.use, source) for entry in settings.scenario)}
+
+
 def choose_points(
     entry: ScenarioSettings, source: Path, settings: EvaluationSettings, exposure: Exposure | None = None
 ) -> tuple[LogicalScenario, Sample]:
