@@ -3,6 +3,7 @@
 "use strict";
 
 const sumoReplay = (() => {
+  const MS = 1e-3; // s, to which recorded times are rounded
   const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
   const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828", ink: "#1b1f24", muted: "#57606a" };
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
@@ -40,7 +41,7 @@ const sumoReplay = (() => {
         const x = at(actor, "x", time), y = at(actor, "y", time);
         const beside = Math.abs(y - ego.y[k]) >= (ego.width + actor.width) / 2;
         let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, x - ego.x[k] - (ego.length + actor.length) / 2);
-        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - 1e-9) distance = 0;
+        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
           closing = own - at(actor, "speed", time) * Math.cos(at(actor, "heading", time));
@@ -248,8 +249,8 @@ const sumoReplay = (() => {
     return found;
   }
 
-  function pen(canvas) {
-    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  function pen(canvas, ratio = window.devicePixelRatio || 1) {
+    const width = canvas.clientWidth, height = canvas.clientHeight;
     if (width === 0) return null;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio);
@@ -275,7 +276,7 @@ const sumoReplay = (() => {
     context.closePath();
   }
 
-  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-3; // recorded times are whole ms
+  const touching = (view, time) => view.contact !== null && time >= view.contact.time - MS;
 
   // --- from above ----------------------------------------------------------------------------------------------------
 
@@ -390,8 +391,8 @@ const sumoReplay = (() => {
     return `rgb(${parts.join(",")})`;
   }
 
-  function drawChase(canvas, scene, view, colour, time) {
-    const sheet = pen(canvas);
+  function drawChase(canvas, scene, view, colour, time, ratio) {
+    const sheet = pen(canvas, ratio);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const me = mapped(road, view.ego), heading = at(me, "heading", time);
@@ -629,7 +630,7 @@ const sumoReplay = (() => {
   function nearestSample(ego, time) {
     const wanted = time + ego.time[0];
     let k = 0;
-    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + 1e-9) k++;
+    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + MS) k++;
     return k;
   }
 
@@ -768,7 +769,7 @@ const sumoReplay = (() => {
     return { show, stop, draw };
   }
 
-  return { player, ahead, at, onMap, CAMERAS };
+  return { player, ahead, at, onMap, drawChase, drawBody, CAMERAS };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoReplay;
