@@ -9,6 +9,7 @@ const sumoReplay = (() => {
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
   const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
   const MOST_TTC = 10; // s; longer ones are off the chart
+  const SETTLES = 250; // ms without a change after which a picture is drawn with all pixels
   const SPEEDS = [0.25, 0.5, 1, 2, 4];
 
   /** A channel at a time, linear between samples, constant beyond the ends. */
@@ -511,7 +512,7 @@ const sumoReplay = (() => {
   }
 
   /** Draw the view of a scene on a canvas of `sumoScene`; through it, as ghosts, another view where one is given. */
-  function drawSpace(space, scene, view, colour, time, mode, ghost = null) {
+  function drawSpace(space, scene, view, colour, time, mode, ghost, sharp) {
     space.onRoad(scene.road, onMap, scene.extent);
     const there = (t, held) => held <= duration(t) + 1e-9;
     const held = Math.min(time, duration(view.ego)), hit = touching(view, held);
@@ -532,7 +533,7 @@ const sumoReplay = (() => {
       return { ...body, vx: speed * Math.cos(body.heading), vy: speed * Math.sin(body.heading) };
     };
     const contact = hit ? [moving(view.ego, me), ...struck.map((body) => moving(view.actors.find(([name]) => name === view.contact.other)[1], body))] : null;
-    return space.draw({ vehicles, contact, camera: { mode, about: me } });
+    return space.draw({ vehicles, contact, camera: { mode, about: me }, sharp });
   }
 
   // --- charts over time ----------------------------------------------------------------------------------------------
@@ -666,7 +667,7 @@ const sumoReplay = (() => {
       return canvas;
     });
     root.replaceChildren(views, controls, charts);
-    let scene = null, panes = [], frame = null, now = 0, whole = 1;
+    let scene = null, panes = [], frame = null, now = 0, whole = 1, settled = null;
     const chases = []; // a canvas for each view, once and for all: a browser gives a page few contexts
 
     /** The canvas of the view in place k, and what draws in it in three dimensions; null: the plain drawing does. */
@@ -678,8 +679,8 @@ const sumoReplay = (() => {
         chase.setAttribute("role", "img");
         chases[k] = { chase, space };
         if (space) {
-          space.steerable(() => camera.value === "free", draw);
-          chase.addEventListener("scene-restored", draw);
+          space.steerable(() => camera.value === "free", () => draw());
+          chase.addEventListener("scene-restored", () => draw());
         }
       }
       return chases[k];
@@ -717,15 +718,18 @@ const sumoReplay = (() => {
       draw();
     }
 
-    function draw() {
+    /** sharp: the three-dimensional pictures with all pixels, as they are drawn once nothing has moved for a while. */
+    function draw(sharp = false) {
+      clearTimeout(settled);
       if (!scene) return;
+      if (!sharp && frame === null && panes.some(({ space }) => space)) settled = setTimeout(() => draw(frame === null), SETTLES);
       const time = now;
       const one = !ghosted.hidden && together.checked;
       panes.forEach(({ chase, space, top, words, view, colour }, which) => {
         const held = Math.min(time, duration(view.ego));
         chase.hidden = one && which > 0;
         if (!space) drawChase(chase, scene, view, colour, held);
-        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null);
+        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null, sharp);
         drawTop(top, scene, view, colour, held);
         words.textContent = reading(view, time);
       });
@@ -739,8 +743,13 @@ const sumoReplay = (() => {
       button.textContent = "Play";
     }
 
+    function rest() {
+      stop();
+      draw();
+    }
+
     function play() {
-      if (frame !== null) return stop();
+      if (frame !== null) return rest();
       let time = now >= whole - 1e-6 ? 0 : now, before = null;
       button.textContent = "Pause";
       const tick = (clock) => {
@@ -752,7 +761,7 @@ const sumoReplay = (() => {
         }
         for (const { space } of panes) if (space) space.pace(clock / 1000);
         seek(Math.min(time, whole));
-        if (time >= whole) return stop();
+        if (time >= whole) return rest();
         frame = requestAnimationFrame(tick);
         return undefined;
       };
@@ -763,9 +772,7 @@ const sumoReplay = (() => {
     button.addEventListener("click", play);
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
-    camera.addEventListener("change", draw);
-    together.addEventListener("change", draw);
-    window.addEventListener("resize", draw);
+    for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
     return { show, stop, draw };
   }
 

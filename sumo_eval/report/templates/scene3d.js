@@ -428,10 +428,11 @@ const sumoScene = (() => {
     }
 
     /** vehicles: [{ kind, x, y, heading, length, width, colour "#rrggbb", brakes, alpha, me }]; contact: [{ x, y, heading,
-     *  length, width, kind, vx, vy }] or null. camera: { mode, about }. */
-    function draw({ vehicles, contact = null, camera }) {
+     *  length, width, kind, vx, vy }] or null. camera: { mode, about }. sharp: with all pixels, for a picture that stays. */
+    function draw({ vehicles, contact = null, camera, sharp = false }) {
       if (lost || !standing || canvas.clientWidth === 0) return false;
-      const [width, height] = [Math.max(1, Math.round(canvas.clientWidth * ratio)), Math.max(1, Math.round(canvas.clientHeight * ratio))];
+      const fine = sharp ? Math.min(window.devicePixelRatio || 1, MOST_RATIO) : ratio;
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.max(1, Math.round(size * fine)));
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
       gl.viewport(0, 0, width, height);
       gl.clearColor(...SKY, 1);

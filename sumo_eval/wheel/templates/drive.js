@@ -89,7 +89,7 @@ const sumoDrive = (() => {
         const answers = { button: name };
         for (const { key, value, set } of asked) {
           const given = value();
-          if (given === null && name !== "skip") {
+          if (given === null && name !== "skip" && name !== "stop") {
             wish.textContent = "Please answer every question.";
             set.scrollIntoView({ block: "center" });
             return;
