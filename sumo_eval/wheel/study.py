@@ -153,8 +153,8 @@ async def steps_of(window: Window, plan: Plan, person: Participant) -> str:
         if f"drive:{case.key}" in person.done:
             continue
         if place and place % plan.settings.break_after == 0:
-            await asked_of(window, sheet("Time for a break", f"{place} of {len(plan.cases)} drives are done. Go on when "
-                                         "you like.", buttons=[["go", "Go on"]]))  # fmt: skip
+            done = f"{place} of {len(plan.cases)} drives are done. Go on when you like."
+            await asked_of(window, sheet("Time for a break", done, buttons=[["go", "Go on"]]))
         await own_drive(window, plan, person, case, f"Drive {place + 1} of {len(plan.cases)}")
     shown = plan.ratings(person.code)
     for place, (case, ads) in enumerate(shown):
