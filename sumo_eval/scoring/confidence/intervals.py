@@ -317,7 +317,7 @@ def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> di
     """By score. A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
 
     An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C is a mean over
-    collisions: an evaluation that sees none has 1, one that sees any has their Ug/U0, however many points go well; after
+    collisions: an evaluation without one has 1, one with any has their Ug/U0, however many points go well. After
     a collision that was seen, unseen ones do not lower it for sure.
     """
     terms = one.terms
