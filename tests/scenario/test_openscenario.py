@@ -20,7 +20,7 @@ from sumo_eval.scenario.openscenario.describe import described
 from sumo_eval.scenario.openscenario.logical import concrete_points, read_file
 from sumo_eval.scenario.openscenario.scene import synchronized
 from sumo_eval.scenario.openscenario.written import point_of, scenario_content, write_scenario
-from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.scenario.undisturbed import tracks
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
@@ -360,16 +360,29 @@ def test_a_trajectory_crosses_a_road_that_bends_straight_on_the_map(tmp_path: Pa
     assert logical.road.bent
     seen = tracks([scene], [(4.0, 1.8)], 0.05, 4.0).others[0, 0]
     found = np.stack(map_places(logical.road.line, *seen[:, :3].T)[:2], axis=1)
-    ends = np.stack(map_places(logical.road.line, *_in_frame(logical.road.line))[:2], axis=1)
+    ends = np.stack(map_places(logical.road.line, *_ends_in_frame())[:2], axis=1)
     along = (ends[1] - ends[0]) / math.dist(*ends)
     times = 0.05 * np.arange(len(seen))
     np.testing.assert_allclose(found, ends[0] + along * (1.5 + 5.0 * times)[:, None], atol=1e-6)
 
 
-def _in_frame(line: tuple[Piece, ...]) -> tuple[list[float], list[float]]:
+def _ends_in_frame() -> tuple[list[float], list[float]]:
     """s and d of s = 70 m in lane 1 and s = 60 m in lane -1: the frame lies 1.75 m to the right of the road's line."""
     outside = 1.0 + 1.75 * 0.002
     return [70.0 * outside, 60.0 * outside], [3.5, 0.0]
+
+
+def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+    steep = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")].replace("</planView>", "</planView>" + slope, 1)
+    name = steep.split('id="')[1].split('"')[0]
+    beside = steep.replace(f'id="{name}"', 'id="hill"', 1)
+    (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", beside + "</OpenDRIVE>"), encoding="utf-8")
+    assert find(str(written_again(path))).concrete(only=0.0).actors
+    (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
+    with pytest.raises(InputError, match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant"):
+        find("scenario.xosc?road=1", tmp_path)
 
 
 def written_again(path: Path) -> Path:
