@@ -12,6 +12,7 @@ import builders
 import numpy as np
 import pytest
 from browser import CHROMIUM, Page
+from lxml import etree
 
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
@@ -86,7 +87,7 @@ def test_a_replay_is_small_and_asks_for_nothing(evaluation: Evaluation, tmp_path
     page = path.read_text(encoding="utf-8")
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
-    assert "http" not in page.replace("http-equiv", "")
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")  # a name, no address
 
 
 PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (canvas) => {
@@ -210,3 +211,33 @@ def test_the_page_puts_a_bend_where_the_road_has_it() -> None:
     )
     found = np.array(json.loads(done.stdout))
     assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5  # nine digits of the line travel
+
+
+@needs_chromium
+def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    fact = collision(evaluation)
+    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    with Page(tmp_path / "profile") as page:
+        page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
+        assert page.run("document.querySelectorAll('.replay-held .save button').length") == 4 * 3
+        ground = """(() => {
+            const sheet = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
+            sheet.drawImage(document.querySelector('.replay-top'), 0, 0);
+            return [...sheet.getImageData(2, 2, 1, 1).data].slice(0, 3);
+        })()"""
+        light = page.run(ground)
+        page.run("[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()")
+        assert sum(page.run(ground)) < sum(light) / 2
+        page.run("""window.saved = [];
+            URL.createObjectURL = (blob) => { blob.text().then((text) => window.saved.push(text)); return '#'; };
+            HTMLAnchorElement.prototype.click = function () {};
+            document.querySelectorAll('.replay-held .save button')
+              .forEach((b, k) => { if (k === 0 || k === 2) b.click(); }); null""")
+        page.wait("window.saved.length === 2")
+        table, drawing = sorted(page.run("window.saved"), key=lambda text: text.startswith("<svg"))
+        assert drawing.count("<path") >= 4  # three lines of the scale and a curve
+        etree.fromstring(drawing.encode())  # it is well formed
+        assert table.startswith('ads,"time, s","speed, m/s"')
+        assert page.problems == []
