@@ -383,7 +383,7 @@ class _Player:
         return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
 
     def _found_in_frame(self, entity: Entity) -> Pose:
-        """The same in the frame of the road that bends."""
+        """The place of an entity in the frame of a road that bends, found from where it is on the map."""
         at = self._on_map(entity)
         return Pose(*(float(it) for it in frame_places(self.frame.line, at.x, at.y, at.heading)))
 
