@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.method.score_terms import collision_avoidance, excess, ordering_score, paper_score
@@ -272,7 +272,7 @@ def _replicates(
     better = _with_drivers(plain, drawn.index, drawn.likeness, method)
     worse = dict(better)
     for name, lost in unseen_losses(one, counts, method).items():
-        moved = lost.of(drawn.unseen)
+        moved = np.minimum(drawn.unseen * lost.share, 1.0) * lost.whole
         worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
     return _Replicates(better, _summed(worse, method), plain)
 
@@ -297,28 +297,19 @@ def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[st
 @dataclass(frozen=True, slots=True, eq=False)
 class UnseenLoss:
     """What unseen collisions would cost a score: whole, (m,), if every free point held one; share: of the points that
-    one collision is. alone: one costs as much as all of them, as the score is a mean over collisions.
+    one collision is.
     """
 
     share: float
     whole: FloatArray
-    alone: bool = False
-
-    def of(self, unseen: ArrayLike) -> FloatArray:
-        """What it costs on average, (m,), where so many of the free points are expected to hold one, (m,).
-
-        Where one costs all: times the probability that any of n = 1/share points holds one, 1 - (1 - unseen/n)^n.
-        """
-        part = np.minimum(np.multiply(unseen, self.share), 1.0)
-        return (1.0 - (1.0 - part) ** (1.0 / self.share) if self.alone else part) * self.whole
 
 
 def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> dict[str, UnseenLoss]:
     """By score. A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
 
-    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C is a mean over
-    collisions: an evaluation without one has 1, one with any has their Ug/U0, however many points go well. After
-    a collision that was seen, unseen ones do not lower it for sure.
+    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C: it would be
+    the only one, so each free point counts 1 and one with an unseen collision Ug/U0; after a collision that was seen, C
+    is a mean over collisions, which unseen ones do not lower for sure.
     """
     terms = one.terms
     stake = excess(terms.unreacting, terms.ideal)
@@ -336,7 +327,7 @@ def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> di
     found["regret"] = UnseenLoss(share, _ratio(counts @ (weight * stake * free), counts @ weight))
     if not terms.collided.any():
         hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
-        found["c"] = UnseenLoss(share, _ratio(counts @ (weight * hit), counts @ (weight * free)), alone=True)
+        found["c"] = UnseenLoss(share, _ratio(counts @ (weight * hit), counts @ (weight * free)))
     return found
 
 
@@ -372,7 +363,7 @@ def _intervals(
         if ends is None:
             continue
         if name in unseen:  # none was seen: what they would cost is known, and nothing of it is drawn
-            moved = float(unseen[name].of(UNSEEN)[0])
+            moved = min(UNSEEN * unseen[name].share, 1.0) * float(unseen[name].whole[0])
             ends = (value, value + moved) if name in BAD_SIDE_UP else (value - moved, value)
         limits[name] = min(ends[0], value), max(ends[1], value)
     zero = np.zeros(len(drawn.index))

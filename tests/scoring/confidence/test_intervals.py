@@ -211,14 +211,13 @@ def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
 
 def test_with_no_collision_seen_the_rule_of_three_gives_the_end_on_the_bad_side():
     # 30 hazardous points (U0 - Ug = 10 - 4 = 6), 30 others (10 - 8 = 2); 3/30 = 0.1 of the hazardous ones may hold one.
-    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s. C is a mean over collisions: of
-    # evaluations of this size 1 - 0.9^30 = 0.9576 see one, and have 4/10: 1 - 0.9576 * (1 - 4/10) = 0.4254.
+    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s. C: 1 - 0.1 * (1 - 4/10) = 0.94.
     hazardous = np.arange(60) < 30
     found = intervals(judged(hazardous=hazardous, ideal=np.where(hazardous, 4.0, 8.0)))
     assert found.limits["avoided_share"] == (pytest.approx(0.925), 1.0)
     assert found.limits["avoided_share_exposure"] == (pytest.approx(0.925), 1.0)
     assert found.limits["regret"] == (0.0, pytest.approx(0.3))
-    assert found.limits["c"] == (pytest.approx(0.4254, abs=1e-4), 1.0)
+    assert found.limits["c"] == (pytest.approx(0.94), 1.0)
     assert found.limits["s"][0] < 50.0 + 50.0 * 0.5
     assert found.limits["s_plus"][0] < 50.0 + 50.0 * 0.5
 
@@ -229,20 +228,6 @@ def test_where_nothing_is_hazardous_all_points_count_and_where_nothing_is_at_sta
     calm = intervals(judged(hazardous=none, unreacting=np.zeros(60)))
     assert calm.limits["avoided_share"] == (1.0, 1.0)
     assert calm.limits["c"] == (1.0, 1.0)
-
-
-@pytest.mark.parametrize("expected", [0.3, 1.0, 2.5])
-def test_the_interval_of_c_holds_the_mean_of_evaluations_of_which_some_see_no_collision(expected):
-    # Each of 30 points holds a collision with the probability p = expected/30, as hard as doing nothing: C is 0 for the
-    # evaluations that see one and 1 for the (1 - p)^30 that see none.
-    random = np.random.default_rng(11)
-    p, held = expected / 30.0, 0
-    for seed in range(60):
-        hit = random.uniform(size=30) < p
-        one = judged(30, severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.0, np.nan))
-        low, high = intervals(one, seed=seed, replicates=400).limits["c"]
-        held += low <= (1.0 - p) ** 30 <= high
-    assert held >= 54
 
 
 def test_fewer_points_than_three_prove_nothing():
