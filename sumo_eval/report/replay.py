@@ -9,8 +9,8 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed_json
+from sumo_eval.report.page import asset, template, write_page
 from sumo_eval.report.page_data import (
     CHANNEL_STEPS,
     contact,

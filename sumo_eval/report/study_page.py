@@ -8,8 +8,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed
+from sumo_eval.report.page import asset, template, write_page
 
 MOST_ROWS = 400  # of the table; the files beside the page have all of them
 
