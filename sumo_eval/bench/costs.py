@@ -6,6 +6,7 @@ in turns, several rounds, and the least of each counts. What carries over to oth
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
 import platform
@@ -19,10 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.bench.whole import whole_costs
 from sumo_eval.cosim import Command, simulate, simulate_many
 from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.doors.observation import Observation, Observations
 from sumo_eval.cosim.sumo.bare_libsumo import bare_seconds
 from sumo_eval.cosim.sumo.session import command_line, running, simulator_version
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
@@ -66,6 +69,35 @@ class TenLines:
             if closing > 0 and lead[1] < 4.0 * closing:
                 return Command(acceleration=-4.0)
         return Command(acceleration=0.0)
+
+
+class Policy:
+    """A user's policy, as the README has it: one object a case, asked with an observation."""
+
+    def act(self, seen: Observation) -> float:
+        """Brake at less than 4 s to contact."""
+        lead = seen.lead
+        self.brakes = lead is not None and 0.0 < lead.gap < -4.0 * lead.relative_speed
+        return -4.0 if self.brakes else 0.0
+
+    def settled(self) -> bool:
+        """It goes on as it is while nobody is near."""
+        return not self.brakes
+
+
+class BatchPolicy:
+    """A user's policy over arrays: asked once a step with the observations of all rows."""
+
+    batch = True
+
+    def act(self, seen: Observations) -> FloatArray:
+        """Brake at less than 4 s to contact."""
+        self.brakes: NDArray[np.bool_] = (seen.lead.gap > 0.0) & (seen.lead.gap < -4.0 * seen.lead.relative_speed)
+        return np.where(self.brakes, -4.0, 0.0)
+
+    def settled(self) -> NDArray[np.bool_]:
+        """Those go on as they are whom nobody is near."""
+        return np.logical_not(self.brakes)
 
 
 def set_speed(traci: Any, ego: str, time: float) -> None:
@@ -112,8 +144,12 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
         ],
         "the same, watched as in a batch": lambda: [_watched(one, TenLines) for one in concretes],
         "careful_driver, one at a time": lambda: [simulate(one, "careful_driver", SETTINGS) for one in concretes],
-        "careful_driver, packed": lambda: list(simulate_many(concretes, "careful_driver", SETTINGS)),
-        "no_reaction, packed": lambda: list(simulate_many(concretes, "no_reaction", SETTINGS)),
+        **{
+            f"{ads}, packed": functools.partial(_packed, concretes, ads)
+            for ads in ("careful_driver", "no_reaction", "idm", "fsm", "rss", "reg157")
+        },
+        "user's policy, packed": functools.partial(_packed, concretes, Policy),
+        "user's policy over arrays, packed": functools.partial(_packed, concretes, BatchPolicy),
     }
     recordings = {name: way() for name, way in ways.items()}  # warms up, and says how many steps there are
     steps = {name: [round(one.simulated_time / SETTINGS.step) for one in found] for name, found in recordings.items()}
@@ -164,6 +200,10 @@ def cosimulation(cases: int, rounds: int) -> list[Row]:
     )  # fmt: skip
     rows.append(_storing(concretes, recordings["careful_driver, packed"]))
     return rows
+
+
+def _packed(concretes: Sequence[ConcreteScenario], ads: Any) -> list[Recording]:
+    return list(simulate_many(concretes, ads, SETTINGS))
 
 
 def _watched(concrete: ConcreteScenario, ads: Any) -> Recording:

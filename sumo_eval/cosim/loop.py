@@ -555,6 +555,9 @@ class Batch(Policies):
             raise
         except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
             self._fail_all(world, error, "in reset")
+        self._settled: Callable[[], Any] | None = (
+            getattr(self._policy.target, "settled", None) if world.settings.end_when_decided else None
+        )
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""
@@ -564,6 +567,8 @@ class Batch(Policies):
         asked = clock.perf_counter()
         try:
             answer = self._answer(seen, len(live))
+            if self._settled is not None:
+                world.egos["settled"][live] = self._have_settled(self._settled(), len(live))
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # noqa: BLE001 - kept: sentence, place and traceback
@@ -592,6 +597,15 @@ class Batch(Policies):
                 f"The actions of the ADS must have the shape ({rows},) or ({rows}, 2), got {answer.shape}"
             )
         return answer
+
+    def _have_settled(self, said_so: Any, rows: int) -> NDArray[np.bool_]:
+        """Which of the rows that were asked just now have settled, (n,)."""
+        settled = np.asarray(said_so, dtype=bool)
+        if settled.shape != (rows,):
+            raise ControllerError(
+                f"What `settled()` of the ADS gives must have the shape ({rows},), got {settled.shape}"
+            )
+        return settled
 
     def _fail_all(self, world: World, error: BaseException, when: str) -> None:
         """What goes wrong in a call belongs to all rows that it was for."""

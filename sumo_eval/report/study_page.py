@@ -34,6 +34,6 @@ def write_study(
         rows=[list(row) for row in rows[1 : MOST_ROWS + 1]], more=max(0, len(rows) - 1 - MOST_ROWS),
         height=int(figure.layout.height or 520), least_width=least_width, css=asset("report.css"),
         page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
-        figure=packed(figure.to_json()), plotly=packed(get_plotlyjs()),
+        figures=packed(f"[{figure.to_json()}]"), plotly=packed(get_plotlyjs()),
     )  # fmt: skip
     return write_page(path, page, "The page")

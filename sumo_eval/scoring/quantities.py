@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,16 +15,14 @@ from sumo_eval.method.collision_avoidance import (
     collision_loss,
     impact_severity,
 )
-from sumo_eval.method.conflict import Conflict, conflict_at, conflicting
-from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, lane_keeping, measures
-from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
+from sumo_eval.method.conflict import Conflict, conflict_at
+from sumo_eval.method.measures import CriticalityMeasures
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK
-from sumo_eval.record.human_reference import CaseIndex, method_sources
-from sumo_eval.record.kept_results import KeptResults, Part, key_of
-from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.record.human_reference import CaseIndex
+from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import (
     EVALUATED,
     BeyondRange,
@@ -47,8 +44,9 @@ from sumo_eval.results import (
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
+from sumo_eval.scoring.drive_measures import DriveMeasures
 from sumo_eval.settings import CollisionSettings, MethodSettings
-from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
@@ -146,83 +144,6 @@ def point_terms(
         )
         for fact in found
     }
-
-
-@dataclass(frozen=True, slots=True)
-class DriveMeasures:
-    """What an evaluated case's trajectories tell besides D_i."""
-
-    criticality: CriticalityMeasures
-    plausibility: float
-    lane: LaneKeeping
-    conflict_pet: float
-
-
-def drive_measures(
-    facts: Sequence[Fact], store: Store, people: Quantiles, logical: LogicalScenario, kept: KeptResults, space: str
-) -> dict[str, DriveMeasures]:
-    """The criticality measures, the plausibility among some people, the lane keeping of every evaluated case, and the
-    PET with whoever's way conflicts with the ego's, s, nan without one.
-
-    kept: where what was measured of a drive is looked up, and put. space: stands for the files of the scenario.
-    """
-    lane_width = logical.road.lane_width
-    measured, new = {}, list[Part]()
-    for fact in facts:
-        if fact.status not in EVALUATED:
-            continue
-        key = key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources())
-        data = kept.get("drive", key)
-        if data is None:
-            actors = store.trajectories(fact.case)
-            if EGO not in actors:
-                raise store.no_trajectory(fact.case)
-            ego = actors.pop(EGO)
-            found = (
-                measures(ego, actors, fact.collision),
-                extremes_of(ego, actors, fact.collision),
-                lane_keeping(ego, lane_width),
-                _conflict_pet(logical, fact, ego, actors),
-            )
-            new.append(("drive", key, 0, _measured_bytes(*found)))
-        else:
-            found = _measured(data)
-        criticality, extremes, lane, pet = found
-        measured[fact.case] = DriveMeasures(criticality, plausibility(extremes, people), lane, pet)
-    kept.put(new)
-    return measured
-
-
-_CRITICALITY, _LANE = len(fields(CriticalityMeasures)), len(fields(LaneKeeping))
-_NUMBERS = struct.Struct(f"<{_CRITICALITY + len(EXTREMES) + _LANE + 1}d")
-
-
-def _measured_bytes(
-    criticality: CriticalityMeasures, extremes: Mapping[str, float], lane: LaneKeeping, pet: float
-) -> bytes:
-    """What was measured of a drive as numbers, in the order of the fields."""
-    return _NUMBERS.pack(
-        *(getattr(criticality, field.name) for field in fields(criticality)),
-        *(extremes[name] for name in EXTREMES),
-        *(getattr(lane, field.name) for field in fields(lane)),
-        pet,
-    )
-
-
-def _measured(data: bytes) -> tuple[CriticalityMeasures, dict[str, float], LaneKeeping, float]:
-    """What `_measured_bytes` wrote."""
-    *numbers, pet = _NUMBERS.unpack(data)
-    extremes = dict(zip(EXTREMES, numbers[_CRITICALITY:-_LANE], strict=True))
-    return CriticalityMeasures(*numbers[:_CRITICALITY]), extremes, LaneKeeping(*numbers[-_LANE:]), pet
-
-
-def _conflict_pet(logical: LogicalScenario, fact: Fact, ego: Trajectory, actors: Mapping[str, Trajectory]) -> float:
-    concrete = logical.placed(fact.values)
-    other = conflicting(logical, concrete)
-    if other is None or (name := concrete.actors[other].name) not in actors:
-        return math.nan
-    hit = fact.collision if fact.collision is not None and fact.collision.other == name else None
-    return conflict_pet(ego, actors[name], hit)
 
 
 def _loss(fact: Fact) -> float | None:

@@ -24,6 +24,7 @@ from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.drive_measures import drive_measures
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
 from sumo_eval.scoring.likeness import (
@@ -40,7 +41,6 @@ from sumo_eval.scoring.quantities import (
     Remarks,
     combine,
     describe_zones,
-    drive_measures,
     drivers_left_out,
     point_terms,
     simulated_alone,
@@ -159,7 +159,7 @@ class Scoring:
         outside = set(self.exposures.get(logical.name, {}).get("outside_support", ()))
         for name, facts in drives.items():
             measured = drive_measures(
-                facts, store, plausible, logical, self.kept, space
+                facts, store, plausible, logical, self.kept, space, self.spread
             )  # beside the paper: TTC, DRAC, PET, plausibility ...
             inside = known.hazardous[[fact.point for fact in facts]]
             table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method.collision)

@@ -97,6 +97,31 @@ def test_a_case_of_a_run_ends_when_its_ads_says_that_it_is_settled(ads):
     assert recording.end_reason == ("decided" if ads == "careful_driver" else "time_limit")
 
 
+class SettledOverArrays:
+    """Keeps its speed and says which of its rows have settled: those slower than a speed."""
+
+    batch = True
+
+    def __init__(self, below: float = 99.0, rows: int = 0) -> None:
+        self.below, self.rows = below, rows
+
+    def act(self, seen):
+        self.seen = seen
+        return np.zeros(len(seen.ego.speed))
+
+    def settled(self):
+        return (self.seen.ego.speed < self.below)[self.rows :]
+
+
+def test_a_policy_over_arrays_says_of_each_of_its_rows_whether_it_is_settled():
+    cases = [case(lead(50.0, speed=25.0), speed=speed) for speed in (20.0, 24.0)]
+    ends = [one.end_reason for one in simulate_many(cases, SettledOverArrays(22.0), DECIDED)]
+    assert ends[0] == "decided"
+    assert ends[1] != "decided"
+    wrong = [one.error for one in simulate_many(cases, SettledOverArrays(rows=1), DECIDED)]
+    assert all("What `settled()` of the ADS gives must have the shape (2,), got (1,)" in error for error in wrong)
+
+
 def test_recordings_come_in_the_order_of_the_cases_whatever_the_pack(monkeypatch):
     monkeypatch.setattr(simulating, "TOGETHER", 3)
     monkeypatch.setattr(simulating, "SORTED_AT_ONCE", 5)

@@ -22,6 +22,7 @@ from sumo_eval.report.page_data import drawn_line
 from sumo_eval.report.replay import recorded, write_replay
 from sumo_eval.results import Evaluation
 from sumo_eval.scenario import Road, catalogue
+from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places
 from sumo_eval.trajectory import Collision, Trajectory
 
@@ -210,3 +211,31 @@ def test_the_page_puts_a_bend_where_the_road_has_it() -> None:
     )
     found = np.array(json.loads(done.stdout))
     assert np.abs(found - np.stack(map_places(line, s, d), axis=1)).max() < 1e-5  # nine digits of the line travel
+
+
+@needs_node
+def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
+    """A truck of a van's size is a truck; at 20 m a pixel a child is 4 by 8 of them."""
+    bodies = [{"kind": kind, "length": body.length, "width": body.width} for kind, body in BODIES.items()]
+    bodies += [{"kind": "truck", "length": 6.5, "width": 2.16}, {"kind": "van", "length": 6.5, "width": 2.16}]
+    script = f"""
+        const replay = require({json.dumps(REPLAY_JS)});
+        const given = JSON.parse(require("fs").readFileSync(0, "utf8"));
+        console.log(JSON.stringify([given.map((body) => replay.bodyParts(body)), replay.bodyParts(given[6], 20)]));
+    """
+    done = subprocess.run(
+        [str(NODE), "-e", script], input=json.dumps(bodies), capture_output=True, text=True, check=True
+    )
+    drawn, child_from_afar = json.loads(done.stdout)
+    for body, parts in zip(bodies, drawn, strict=True):
+        places = np.concatenate([part["ring"] for part in parts if part["role"] == "body"])
+        rider = 0.56 if body["kind"] == "bicycle" else 0.0  # who rides is as wide as that at least
+        size = np.ptp(places, axis=0)
+        assert size == pytest.approx([body["length"], max(body["width"], rider)], abs=0.03), body
+    roles = {body["kind"]: [part["role"] for part in parts] for body, parts in zip(bodies, drawn, strict=True)}
+    assert roles["child"] == roles["pedestrian"] == ["body", "head"]
+    assert roles["bicycle"] == roles["motorcycle"] == ["body"] * 3
+    assert roles["car"] == roles["truck"] == ["body", "glass"]
+    cab = [parts[1]["ring"][0][0] for body, parts in zip(bodies, drawn, strict=True) if body["length"] == 6.5]
+    assert cab == pytest.approx([3.25 - 1.4, 3.25 - 2.2, 3.25 - 1.4])  # van, truck, van
+    assert np.ptp(child_from_afar[0]["ring"], axis=0).tolist() == [80.0, 160.0]

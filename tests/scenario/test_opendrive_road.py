@@ -85,23 +85,89 @@ def test_straight_roads_are_straight_and_a_crossing_asks_which_road() -> None:
 
 
 def test_law_a_road_that_is_written_is_read_again(tmp_path: Path) -> None:
-    """What is written has a lane offset, which readers of the format know and this one refuses; without it the lanes
-    lie to the right of the line: with two lanes of 3.5 m the right one's centre at -5.25 m.
-    """
-    text = opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE))
+    """It is written with a lane offset, so that the line of the file is the right lane's centre: which is read."""
     path = tmp_path / "bend.xodr"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"<laneOffset> .* must be 0 throughout"):
-        read_opendrive(path)
-    kept = "\n".join(line for line in text.splitlines() if "laneOffset" not in line)
-    path.write_text(kept, encoding="utf-8")
+    path.write_text(opendrive_xml(Road("bend", 500.0, 2, 3.5, 100.0, line=LINE)), encoding="utf-8")
     read = read_opendrive(path)
     assert (read.lanes, read.lane_width) == (2, 3.5)
     s = np.linspace(0.0, read.length, 500)
     x, y, heading = map_places(read.line, s, 0.0)
-    _, across, turned = frame_places(LINE, x, y - 5.25, heading)
-    assert np.abs(across + 5.25).max() < 1e-5
+    _, across, turned = frame_places(LINE, x, y, heading)
+    assert np.abs(across).max() < 1e-5
     assert np.abs(turned).max() < 2e-5
+
+
+OFFSET = '<laneOffset s="{s}" a="{a}" b="0" c="0" d="0"/>'
+
+
+def test_a_constant_lane_offset_shifts_the_lanes_and_one_that_changes_is_refused(tmp_path: Path) -> None:
+    """The right driving lane's centre lies 2 + 3.5 + 1.75 = 7.25 m right of the line, less 1.25 m by the offset."""
+    bend = '<geometry s="100" x="14.07372" y="102.7495" hdg="1.5" length="80"><arc curvature="0.01"/></geometry>'
+    path = written(tmp_path, more=bend)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("<lanes>", "<lanes>" + OFFSET.format(s=0, a=1.25)), encoding="utf-8")
+    assert 1.0 / read_opendrive(path).line[-1].begin == pytest.approx(100.0 + 7.25 - 1.25, rel=1e-12)
+    steps = OFFSET.format(s=0, a=1.25) + OFFSET.format(s=50, a=0)
+    path.write_text(text.replace("<lanes>", "<lanes>" + steps), encoding="utf-8")
+    with pytest.raises(InputError, match=r"<laneOffset> of .* must be constant along the road"):
+        read_opendrive(path)
+
+
+CUBIC = """<OpenDRIVE><road id="0" length="{length}"><planView><geometry s="0" x="5" y="-3" hdg="0.7"
+length="{length}"><paramPoly3 {kind} aU="{aU}" bU="{bU}" cU="0" dU="{dU}" aV="0" bV="{bV}" cV="{cV}" dV="{dV}"/>
+</geometry></planView><lanes><laneSection s="0"><right>
+<lane id="-1" type="driving"><width sOffset="0" a="3.5"/></lane></right></laneSection></lanes></road></OpenDRIVE>"""
+COEFFICIENTS = {"aU": 0.0, "bU": 1.0, "dU": -9e-8, "bV": 0.0, "cV": 1e-3, "dV": -1e-5}
+
+
+def own_length(c: dict[str, float], last: float) -> float:
+    """Of the cubic, m: the polygon through a million of its points errs by less than 1e-9."""
+    p = np.linspace(0.0, last, 1_000_001)
+    u, v = c["aU"] + c["bU"] * p + c["dU"] * p**3, c["bV"] * p + c["cV"] * p**2 + c["dV"] * p**3
+    return float(np.hypot(np.diff(u), np.diff(v)).sum())
+
+
+def cubic(tmp_path: Path, last: float, kind: str, **changes: float) -> Path:
+    numbers = {**COEFFICIENTS, **changes}
+    numbers.setdefault("length", own_length(COEFFICIENTS, last))
+    path = tmp_path / "cubic.xodr"
+    path.write_text(CUBIC.format(**{"kind": kind, **numbers}), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("normalised", [False, True])
+def test_law_a_parametric_cubic_is_followed(tmp_path: Path, normalised: bool) -> None:
+    """u = p - 9e-8 p3, v = 1e-3 p2 - 1e-5 p3 for p to 60 m, or the same in p / 60. The lane's centre is 1.75 m to its
+    right, so the cubic lies 1.75 m to the left of what is read, within 0.1 mm, and twice that as offsets are in parts.
+    """
+    last = 60.0
+    scaled = {"bU": last, "dU": -9e-8 * last**3, "cV": 1e-3 * last**2, "dV": -1e-5 * last**3} if normalised else {}
+    path = cubic(tmp_path, last, "" if normalised else 'pRange="arcLength"', **scaled)
+    read = read_opendrive(path)
+    p = np.linspace(0.0, last, 2001)[1:-1]
+    u, v = p - 9e-8 * p**3, 1e-3 * p**2 - 1e-5 * p**3
+    heading = np.arctan2(2e-3 * p - 3e-5 * p**2, 1.0 - 2.7e-7 * p**2)
+    _, across, turned = frame_places(read.line, u, v + 1.75, heading)
+    assert np.abs(across - 1.75).max() < 2e-4
+    assert np.abs(turned).max() < 2e-4
+    assert read.line[0].begin == pytest.approx(2e-3 / (1.0 + 1.75 * 2e-3), abs=2e-6)  # v'' / u'2 at its begin
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind", "sentence"),
+    [
+        ({"length": 90.0}, "", "The length of a <paramPoly3> .* must be its curve's"),
+        ({"aU": 0.5}, 'pRange="arcLength"', "begins at its <geometry>, within 0.01 m and rad"),
+        ({"bV": 0.2}, 'pRange="arcLength"', "begins at its <geometry>, within 0.01 m and rad"),
+        ({"bU": 0.0, "cV": 0.0, "dV": 0.0, "dU": 1.0}, 'pRange="arcLength"', "stands still"),
+        ({}, 'pRange="arclength"', r"Unknown `pRange` .* Did you mean `arcLength`\?"),
+    ],
+)  # fmt: skip
+def test_a_cubic_that_is_not_what_its_geometry_says_is_refused(
+    tmp_path: Path, changes: dict[str, float], kind: str, sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        read_opendrive(cubic(tmp_path, 60.0, kind, **changes))
 
 
 def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
@@ -124,11 +190,11 @@ def test_a_scenario_file_drives_on_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("parts", "sentence"),
     [
-        ({"more": NEXT.format(x="14.07", shape="paramPoly3")}, "a line, an arc"),
+        ({"more": NEXT.format(x="14.07", shape="poly3")}, "a line, an arc"),
         ({"more": NEXT.format(x="20", shape="line")}, "within 0.01 m and rad"),
         ({"b": 0.1}, "The width of lane -2 .* must be constant"),
         ({"a": 3.0}, "of one width"),
-        ({"profile": SLOPE}, "<elevation>"),
+        ({"profile": SLOPE}, "<elevation> .* must be constant"),
         ({"more": NEXT.format(x="oops", shape="line")}, "`x` of <geometry>"),
     ],
 )  # fmt: skip

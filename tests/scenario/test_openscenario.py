@@ -256,6 +256,19 @@ def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> N
     assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
 
 
+def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'
+    steep = ROAD[ROAD.index("<road") : ROAD.index("</OpenDRIVE>")].replace("</planView>", "</planView>" + slope, 1)
+    name = steep.split('id="')[1].split('"')[0]
+    beside = steep.replace(f'id="{name}"', 'id="hill"', 1)
+    (tmp_path / "road.xodr").write_text(ROAD.replace("</OpenDRIVE>", beside + "</OpenDRIVE>"), encoding="utf-8")
+    assert find(str(written_again(path))).concrete(only=0.0).actors
+    (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
+    with pytest.raises(InputError, match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant"):
+        find("scenario.xosc?road=1", tmp_path)
+
+
 def written_again(path: Path) -> Path:
     """The file under another name: what was read of a path is kept while it does not change."""
     again = path.with_name("again.xosc")

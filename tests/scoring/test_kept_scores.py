@@ -26,7 +26,7 @@ from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation, ThinReference
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, quantities, steps
+from sumo_eval.scoring import critical, drive_measures, steps
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
@@ -55,7 +55,7 @@ def never(*_: object, **__: object) -> None:
 
 def compute_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(human_reference, "indexes_by_group", never)
-    monkeypatch.setattr(quantities, "measures", never)
+    monkeypatch.setattr(drive_measures, "measures", never)
 
 
 def same(one: Evaluation, other: Evaluation) -> bool:

@@ -20,7 +20,13 @@ ROWS = (
     Row("file", "ParameterDeclarations", "played", "with ConstraintGroup: of several groups one must hold"),
     Row("file", "VariableDeclarations", "ignored", "variables are read by stops alone"),
     Row("file", "CatalogLocations", "played", "every .xosc of a folder; entries with their parameters"),
-    Row("file", "RoadNetwork", "played", "OpenDRIVE: lines, arcs, spirals, one lane section, constant widths"),
+    Row(
+        "file",
+        "RoadNetwork",
+        "played",
+        "OpenDRIVE: lines, arcs, spirals, parametric cubics, one lane section, constant widths and offset, level; "
+        "other roads of the file may be of any kind",
+    ),
     Row("file", "ParameterValueDistribution", "played", "ranges, sets, sets of several; uniform, normal with a range"),
     Row("file", "MonitorDeclarations", "ignored", "checks of a scenario file say what must hold"),
     Row("entity", "Vehicle", "played", "its bounding box; its category is its class in SUMO"),

@@ -8,9 +8,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from sumo_eval.errors import did_you_mean
+from sumo_eval.errors import InputError, did_you_mean
 from sumo_eval.scenario.openscenario.reading import Element, attribute, decimal, fault, read_xml
-from sumo_eval.scenario.road.opendrive import reference_line
+from sumo_eval.scenario.road.opendrive import lane_offset, reference_line
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 
 WIDEST = 6.0  # m: a wider lane is an area without marks
@@ -75,17 +75,19 @@ class MapRoad:
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """The roads of a file by id."""
+    """The roads of a file by id. unread: why a road cannot be read, which nobody minds who is not on it."""
 
     path: Path
     roads: dict[str, MapRoad]
+    unread: dict[str, InputError]
 
     def road(self, name: str, element: Element) -> MapRoad:
-        """A road by its id; refused where it is not there. element: what asks for it."""
+        """A road by its id; refused where it is not there, or cannot be read. element: what asks for it."""
+        if name in self.unread:
+            raise self.unread[name]
         if name not in self.roads:
-            raise fault(
-                element, f"road `{name}` is not in {self.path.name}.{did_you_mean(name, self.roads)}".rstrip(".")
-            )
+            known = [*self.roads, *self.unread]
+            raise fault(element, f"road `{name}` is not in {self.path.name}.{did_you_mean(name, known)}".rstrip("."))
         return self.roads[name]
 
     def lane(self, road: MapRoad, number: str, element: Element) -> Lane:
@@ -108,13 +110,17 @@ def _read(path: Path, changed: int) -> Network:
     root = read_xml(path, "OpenDRIVE file")
     if root.tag != "OpenDRIVE":
         raise fault(root, "the root of an OpenDRIVE file must be <OpenDRIVE>")
-    roads = {}
+    roads: dict[str, MapRoad] = {}
+    unread: dict[str, InputError] = {}
     for element in root.iter("road"):
         name = attribute(element, "id")
-        roads[name] = _road(element, name)
-    if not roads:
+        try:
+            roads[name] = _road(element, name)
+        except InputError as error:
+            unread[name] = error
+    if not roads and not unread:
         raise fault(root, "it has no <road>")
-    return Network(path, roads)
+    return Network(path, roads, unread)
 
 
 def _road(element: Element, name: str) -> MapRoad:
@@ -126,10 +132,7 @@ def _road(element: Element, name: str) -> MapRoad:
     sections = element.findall("lanes/laneSection")
     if len(sections) != 1:
         raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
-    for path in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
-        for found in element.iterfind(path):
-            if any(float(found.get(key, "0")) != 0.0 for key in "abcd"):
-                raise fault(found, "only 0 throughout is read here")
+    shift = lane_offset(element, owner)
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = 0.0
@@ -138,6 +141,6 @@ def _road(element: Element, name: str) -> MapRoad:
             if len(widths) != 1 or any(float(widths[0].get(key, "0")) != 0.0 for key in "bcd"):
                 raise fault(lane, "its width must be one constant")
             width, number = decimal(widths[0], "a"), int(attribute(lane, "id"))
-            lanes[number] = Lane(number, str(lane.get("type")), sign * (offset + 0.5 * width), width)
+            lanes[number] = Lane(number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width)
             offset += width
     return MapRoad(name, begin, line, lanes)

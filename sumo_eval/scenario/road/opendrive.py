@@ -1,9 +1,9 @@
 """A road of an OpenDRIVE file (.xodr): its driving lanes to the right of the reference line, read as they are.
 
-Read: lines, arcs and spirals, lanes of constant width, lane sections in which the outermost lane opens or ends along a
-straight edge, and several roads one behind the other, as through a junction. Whatever else shapes a road (polynomials,
-lane offsets, slopes, other widths that change) is refused by name, and nothing is left out in silence but what has no
-shape: marks, objects, signals, speeds.
+Read: lines, arcs, spirals and parametric cubics, a constant lane offset, lanes of constant width, lane sections in
+which the outermost lane opens or ends along a straight edge, and several roads one behind the other, as through a
+junction. What else shapes a road (slopes, lane offsets and other widths that change) is refused by name, and nothing
+is left out in silence but what has no shape: marks, objects, signals, speeds.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.road.lanes import LaneSpan
+from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 
 _JOINT = 0.01  # m and rad that a geometry may begin beside the end of the one before it
@@ -180,13 +181,35 @@ def reference_line(road: etree._Element, owner: str) -> tuple[tuple[Piece, ...],
             ends = (_number(shape, "curvature", owner),) * 2
         elif kind == "spiral":
             ends = _number(shape, "curvStart", owner), _number(shape, "curvEnd", owner)
+        elif kind == "paramPoly3":
+            pieces += pieces_along(_cubic(shape, length, owner), length, owner)
+            continue
         else:
-            raise must_be("A <geometry>", owner, "a line, an arc or a spiral", kind)
+            raise must_be("A <geometry>", owner, "a line, an arc, a spiral or a paramPoly3", kind)
         pieces.append(Piece(length, *ends))
     if not pieces:
         raise InputError(f"{owner} has no <geometry>.".capitalize())
     assert begin is not None
     return tuple(pieces), (begin[0], begin[1], begin[2])
+
+
+def _cubic(shape: etree._Element, length: float, owner: str) -> Cubic:
+    """The curve of a <paramPoly3>, which must begin where and as its geometry says."""
+    along, left = (
+        (_number(shape, f"a{axis}", owner), _number(shape, f"b{axis}", owner), _number(shape, f"c{axis}", owner),
+         _number(shape, f"d{axis}", owner)) for axis in "UV"
+    )  # fmt: skip
+    kinds = {"arcLength": length, "normalized": 1.0}
+    kind = shape.get("pRange", "normalized")
+    if kind not in kinds:
+        raise unknown(f"`pRange` of <paramPoly3> of {owner}:", kind, kinds)
+    off, turned = math.hypot(along[0], left[0]), abs(math.atan2(left[1], along[1]))
+    if off > _JOINT or turned > _JOINT:
+        raise must_be(
+            "A <paramPoly3>", owner, f"one that begins at its <geometry>, within {_JOINT:g} m and rad",
+            f"{off:.3f} m and {turned:.3f} rad beside it",
+        )  # fmt: skip
+    return Cubic(along, left, kinds[kind])
 
 
 def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[float, ...], owner: str) -> None:
@@ -203,21 +226,33 @@ def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[flo
         )  # fmt: skip
 
 
+def lane_offset(road: etree._Element, owner: str) -> float:
+    """How far the lanes of a level road are shifted to the left of its reference line, m.
+
+    Raises InputError where that changes along the road, or where the road is not level: a slope or a superelevation,
+    not the height at which it lies.
+    """
+    found = {}
+    for name in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
+        entries = list(road.iterfind(name))
+        values = {_number(entry, "a", owner) for entry in entries} or {0.0}
+        bends = [entry for entry in entries if any(float(entry.get(key, "0")) != 0.0 for key in "bcd")]
+        level = name != "lateralProfile/superelevation" or values == {0.0}
+        if bends or len(values) > 1 or not level:
+            shown = etree.tostring((bends or entries)[0]).decode().strip()
+            wanted = "constant along the road" if level else "0: roads are driven on the plane"
+            raise must_be(f"<{entries[0].tag}>", owner, wanted, shown)
+        found[name] = values.pop()
+    return found["lanes/laneOffset"]
+
+
 def _driving_lanes(
     road: etree._Element, owner: str, length: float, *, against: bool
 ) -> tuple[float, int, float, tuple[LaneSpan, ...]]:
     """Centre of the right-hand driving lane left of the reference line, m; how many there are, their width, m, and the
     outermost one's span where it is not there throughout. against: of the left-hand lanes, driven the other way.
     """
-    for name in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
-        for found in road.iterfind(name):
-            if any(float(found.get(key, "0")) != 0.0 for key in "abcd"):
-                raise must_be(
-                    f"<{found.tag}>",
-                    owner,
-                    "0 throughout, which is all that is read",
-                    etree.tostring(found).decode().strip(),
-                )
+    shift = lane_offset(road, owner)
     sections = road.findall("lanes/laneSection")
     if not sections:
         raise must_be("The lane sections", owner, "at least one", 0)
@@ -270,7 +305,7 @@ def _driving_lanes(
     spans = _span_of(knots, width, ramps, length, owner, against=against)
     if spans and len(most) == 1:
         raise must_be("The driving lanes", owner, "at least one that is there throughout", most)
-    return -(centres[outer] + 0.5 * width), len(most), width, spans
+    return (-shift if against else shift) - (centres[outer] + 0.5 * width), len(most), width, spans
 
 
 def _rank(lane: etree._Element) -> int:

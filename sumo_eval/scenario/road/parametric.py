@@ -1,0 +1,90 @@
+"""A parametric cubic of OpenDRIVE, `paramPoly3`, as pieces whose curvature is linear in their length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.road.reference_line import Piece, map_places
+from sumo_eval.trajectory import FloatArray
+
+NEAR = 1e-4  # m that the pieces may lie beside the cubic
+_FIRST = 10.0  # m that pieces are long at most, before it is known how near they lie
+_MOST = 12  # times that they are halved
+_BESIDE = 0.01  # m that the cubic may be longer or shorter than its file says; it is stretched to what it says
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+
+
+@dataclass(frozen=True, slots=True)
+class Cubic:
+    """u = aU + bU p + cU p2 + dU p3 along, v likewise to the left, m, where p goes from 0 to `last`."""
+
+    along: tuple[float, float, float, float]
+    left: tuple[float, float, float, float]
+    last: float
+
+    def at(self, p: FloatArray, order: int = 0) -> tuple[FloatArray, FloatArray]:
+        """u and v, or their derivatives of that order by p."""
+        u, v = (np.polynomial.Polynomial(one).deriv(order) if order else np.polynomial.Polynomial(one)
+                for one in (self.along, self.left))  # fmt: skip
+        return np.asarray(u(p), dtype=np.float64), np.asarray(v(p), dtype=np.float64)
+
+    def heading(self, p: FloatArray) -> FloatArray:
+        """Of the curve, rad, without jumps."""
+        u, v = self.at(p, 1)
+        turned: FloatArray = np.unwrap(np.arctan2(v, u))
+        return turned
+
+    def curvature(self, p: FloatArray) -> FloatArray:
+        """(u' v'' - v' u'') / (u'2 + v'2)^1.5, 1/m."""
+        (u1, v1), (u2, v2) = self.at(p, 1), self.at(p, 2)
+        found: FloatArray = (u1 * v2 - v1 * u2) / np.power(u1 * u1 + v1 * v1, 1.5)
+        return found
+
+    def lengths(self, ends: FloatArray) -> FloatArray:
+        """Of the curve between neighbouring p, m: Gauss-Legendre quadrature of |(u', v')|."""
+        half = 0.5 * np.diff(ends)
+        middle = 0.5 * (ends[:-1] + ends[1:])
+        u, v = self.at(middle[:, None] + half[:, None] * _NODES, 1)
+        found: FloatArray = np.hypot(u, v) @ _WEIGHTS * half
+        return found
+
+
+def pieces_along(cubic: Cubic, length: float, owner: str) -> list[Piece]:
+    """Pieces that lie within 0.1 mm of a cubic, each turning exactly as far as the part of it that it stands for.
+
+    length: what the file says, m: within 1 cm the cubic's own, to which the pieces are stretched, so that places along
+    the road keep their s. Raises InputError where the cubic stands still, or is of another length.
+    """
+    u, v = cubic.at(np.linspace(0.0, cubic.last, 200), 1)
+    if not np.hypot(u, v).min() > 0.0:
+        raise InputError(f"A <paramPoly3> of {owner} stands still: its derivative is 0 where it should go on.")
+    count = max(math.ceil(length / _FIRST), 1)
+    for _ in range(_MOST):
+        ends = np.linspace(0.0, cubic.last, count + 1)
+        lengths = cubic.lengths(ends)
+        own = float(lengths.sum())
+        if not abs(own - length) <= _BESIDE:
+            raise must_be("The length of a <paramPoly3>", owner, f"its curve's, {own:.3f} m", f"{length:g} m")
+        turned, curvature = np.diff(cubic.heading(ends)), cubic.curvature(ends)
+        missing = turned / lengths - 0.5 * (curvature[:-1] + curvature[1:])
+        stretch = length / own
+        found = [
+            Piece(float(one) * stretch, float(begin) / stretch, float(end) / stretch)
+            for one, begin, end in zip(lengths, curvature[:-1] + missing, curvature[1:] + missing, strict=True)
+        ]
+        s = np.concatenate([[0.0], np.cumsum(lengths)]) * stretch
+        x, y, _ = map_places(tuple(found), s, 0.0)
+        first = float(cubic.heading(np.zeros(1))[0])
+        here_u, here_v = cubic.at(ends)
+        c, n = math.cos(first), math.sin(first)
+        ahead, across = here_u - here_u[0], here_v - here_v[0]
+        if max(np.abs(x - (ahead * c + across * n)).max(), np.abs(y - (across * c - ahead * n)).max()) <= (
+            NEAR + abs(own - length)
+        ):
+            return found
+        count *= 2
+    raise InputError(f"A <paramPoly3> of {owner} bends too sharply for pieces of {length / count:.3f} m.")
