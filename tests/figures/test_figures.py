@@ -9,12 +9,15 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from browser import CHROMIUM, Page
 
 import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.evaluation import zone_partitions
 from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
 from sumo_eval.figures.style import MM, WIDTHS, save
 from sumo_eval.nightly.night import import_runs
+from sumo_eval.report.html import write_report
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
 
@@ -139,3 +142,14 @@ def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
         (x, y) = next(line.get_data() for panel in figure.axes for line in panel.lines if len(line.get_xdata()) > 2)
         assert abs(y[-1] - y[0]) > 3.0
         assert len(x) == len(y)
+    if CHROMIUM is None:
+        return
+    report = write_report(bent, zone_partitions(bent))
+    with Page(tmp_path / "profile") as page:  # so does the report
+        page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
+        page.run("document.getElementById('case').closest('details').open = true")
+        page.wait("document.documentElement.dataset.fields === 'drawn'")
+        assert page.run("document.getElementById('plot-field-ads').layout.images.length") == 1
+        assert page.run("document.getElementById('paths-scale').textContent").startswith("on the map")
+        assert page.run("document.querySelector('#plot-paths').layout.yaxis.scaleanchor") == "x"
+        assert page.problems == []

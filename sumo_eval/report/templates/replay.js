@@ -3,11 +3,16 @@
 "use strict";
 
 const sumoReplay = (() => {
+  const MS = 1e-3; // s, to which recorded times are rounded
   const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
-  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828", ink: "#1b1f24", muted: "#57606a" };
+  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828" };
+  const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views };
+  const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"] };
+  let paper = LIGHT; // what is drawn on: that of the page, and white where it is printed
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
   const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
   const MOST_TTC = 10; // s; longer ones are off the chart
+  const SETTLES = 250; // ms without a change after which a picture is drawn with all pixels
   const SPEEDS = [0.25, 0.5, 1, 2, 4];
 
   /** A channel at a time, linear between samples, constant beyond the ends. */
@@ -40,7 +45,7 @@ const sumoReplay = (() => {
         const x = at(actor, "x", time), y = at(actor, "y", time);
         const beside = Math.abs(y - ego.y[k]) >= (ego.width + actor.width) / 2;
         let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, x - ego.x[k] - (ego.length + actor.length) / 2);
-        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - 1e-9) distance = 0;
+        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
           closing = own - at(actor, "speed", time) * Math.cos(at(actor, "heading", time));
@@ -62,62 +67,57 @@ const sumoReplay = (() => {
     ]);
   }
 
-  /** What a body is, by its size: those of scenario/bodies.py are far enough apart. */
+  const TWO_WHEELS = ["bicycle", "motorcycle"];
+
+  /** What a body is drawn as: what its scenario says, or what its size looks like. */
   function kindOf(t) {
+    if (t.kind) return t.kind === "pedestrian" || t.kind === "child" ? "person" : t.kind;
     if (t.length < 0.9) return "person";
     if (t.width <= 0.75) return "bicycle";
     if (t.width <= 1.1) return "motorcycle";
     return t.length > 9 ? "truck" : t.length > 5.6 ? "van" : "car";
   }
 
+  /** The parts of a body from above in its own axes, m: { ring: [[ahead, left], ...], role }. role: "body" is filled,
+   *  "head" has an edge of its own, "glass" is a line across. pixel: m; what would be smaller than a few of it is drawn larger. */
+  function bodyParts(t, pixel = 0) {
+    const kind = kindOf(t), half = t.length / 2, wide = t.width / 2;
+    const block = (from, to, side) => ({ ring: [[from, side], [to, side], [to, -side], [from, -side]], role: "body" });
+    const disc = (ahead, radius, role) => ({
+      ring: Array.from({ length: 16 }, (_, k) => [ahead + radius * Math.cos(k * Math.PI / 8), radius * Math.sin(k * Math.PI / 8)]), role,
+    });
+    if (kind === "person") { // shoulders and a head
+      const depth = Math.max(half, 2 * pixel);
+      return [block(-depth, depth, Math.max(wide, 4 * pixel)), disc(0, Math.max(0.12, 2 * pixel), "head")];
+    }
+    if (TWO_WHEELS.includes(kind)) { // two wheels on a line, a handlebar, and who rides
+      return [
+        block(-half, half, Math.max(kind === "bicycle" ? 0.05 : 0.16, pixel)), block(half - 0.35 - pixel, half - 0.25, wide),
+        disc(-0.1 * t.length, Math.max(0.28, 2.5 * pixel), "body"),
+      ];
+    }
+    const parts = [block(-half, half, wide)];
+    if (2 * wide < 4 * pixel) return parts;
+    const glass = kind === "car" ? 0.2 * half : half - (kind === "truck" ? 2.2 : 1.4);
+    return [...parts, { ring: [[glass, 0.8 * wide], [glass, -0.8 * wide]], role: "glass" }];
+  }
+
   /** A body from above, drawn as what it is. t: in the coordinates that `project` takes to the sheet. hollow: outline alone. */
   function drawBody(context, t, time, project, fill, hollow) {
-    const kind = kindOf(t), [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
+    const [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
-    const local = (a, b) => project([x + a * c - b * s, y + a * s + b * c]);
-    const [here, ahead] = [local(0, 0), local(1, 0)];
-    const scale = Math.hypot(ahead[0] - here[0], ahead[1] - here[1]);
-    const half = t.length / 2, wide = t.width / 2;
-    const part = (from, to, side) => outline(context, [[from, side], [to, side], [to, -side], [from, -side]].map(([a, b]) => local(a, b)));
-    const disc = (a, b, radius, least) => {
-      const [px, py] = local(a, b);
-      context.beginPath();
-      context.arc(px, py, Math.max(radius * scale, least), 0, 2 * Math.PI);
-    };
-    const paint = () => {
-      if (!hollow) context.fill();
-      context.stroke();
-    };
+    const local = ([a, b]) => project([x + a * c - b * s, y + a * s + b * c]);
+    const [here, ahead] = [local([0, 0]), local([1, 0])];
+    const pixel = 1 / Math.hypot(ahead[0] - here[0], ahead[1] - here[1]);
     context.lineWidth = 1.2;
-    context.strokeStyle = fill;
     context.fillStyle = fill;
-    if (kind === "person") { // shoulders and a head, as large as can be seen
-      part(-Math.max(half, 2 / scale), Math.max(half, 2 / scale), Math.max(wide, 4 / scale));
-      paint();
-      disc(0, 0, 0.12, 2);
-      context.strokeStyle = hollow ? fill : "#fff";
+    for (const { ring, role } of bodyParts(t, pixel)) {
+      if (role === "glass" && hollow) continue;
+      outline(context, ring.map(local));
+      if (!hollow && role !== "glass") context.fill();
+      context.strokeStyle = role === "glass" ? "rgba(255,255,255,0.75)" : role === "head" && !hollow ? "#fff" : fill;
       context.stroke();
-      return;
     }
-    if (kind === "bicycle" || kind === "motorcycle") { // two wheels on a line, and who rides
-      const thin = kind === "bicycle" ? 0.05 : 0.16;
-      part(-half, half, Math.max(thin, 1 / scale));
-      paint();
-      part(half - 0.35 - 1 / scale, half - 0.25, wide);
-      paint();
-      disc(-0.1 * t.length, 0, 0.28, 2.5);
-      paint();
-      return;
-    }
-    outline(context, corners(t, time).map(project));
-    paint();
-    if (hollow || scale * t.width < 4) return;
-    context.strokeStyle = "rgba(255,255,255,0.75)";
-    const glass = kind === "car" ? 0.2 * half : half - (kind === "truck" ? 2.2 : 1.4);
-    context.beginPath();
-    [[glass, 0.8 * wide], [glass, -0.8 * wide]].map(([a, b]) => local(a, b)).forEach(([px, py], k) => (k ? context.lineTo(px, py) : context.moveTo(px, py)));
-    context.stroke();
-    context.strokeStyle = fill;
   }
 
   // --- roads that bend: trajectories are along and across the road, pictures on the map ---------------------------------
@@ -169,23 +169,29 @@ const sumoReplay = (() => {
     return maps.get(t);
   }
 
-  /** The road from above where it bends: the ego's stretch of it lies level, the rest turns away. */
-  function drawTopOnMap(canvas, scene, view, colour, time) {
+  /** The road from above where it bends: the ego's stretch of it lies level, the rest turns away; with a span [from, to], m,
+   *  the middle of that. */
+  function drawTopOnMap(canvas, scene, view, colour, time, span) {
     const sheet = pen(canvas);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
-    const scale = Math.min(height / (road.left - road.right + 24), 9);
-    const s = at(view.ego, "x", time), [x0, y0, level] = onMap(road, s, (road.left + road.right) / 2);
+    const scale = Math.min(height / (road.left - road.right + 24), 9, span ? width / (span[1] - span[0]) : 9);
+    const s = span ? (span[0] + span[1]) / 2 : at(view.ego, "x", time), share = span ? 0.5 : 0.3;
+    const [x0, y0, level] = onMap(road, s, (road.left + road.right) / 2);
     const [c, n] = [Math.cos(level), Math.sin(level)];
     const px = ([x, y]) => [
-      0.3 * width + scale * ((x - x0) * c + (y - y0) * n), height / 2 - scale * ((y - y0) * c - (x - x0) * n),
+      share * width + scale * ((x - x0) * c + (y - y0) * n), height / 2 - scale * ((y - y0) * c - (x - x0) * n),
     ];
-    const begin = s - 0.3 * width / scale - 30, end = s + 0.7 * width / scale + 30;
+    const begin = s - share * width / scale - 30, end = s + (1 - share) * width / scale + 30;
     const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => px(onMap(road, begin + 2 * k, y)));
-    context.fillStyle = "#f5f7f9";
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
+    context.fillStyle = paper.road;
+    for (const ring of crossingRings(road)) {
+      outline(context, ring.map(([x, y]) => px(onMap(road, x, y))));
+      context.fill();
+    }
     outline(context, [...along(road.left), ...along(road.right).reverse()]);
-    context.fillStyle = "#d9dde1";
     context.fill();
     const stroke = (y, style, dash) => {
       context.beginPath();
@@ -197,8 +203,8 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    stroke(road.left, COLOURS.muted, []);
-    stroke(road.right, COLOURS.muted, []);
+    stroke(road.left, paper.muted, []);
+    stroke(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     const polyline = (points, style) => {
       context.beginPath();
@@ -216,14 +222,15 @@ const sumoReplay = (() => {
       const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
       const border = edge.map(([x, y]) => px(onMap(road, x, y)));
       outline(context, [...border, ...edge.map(([x]) => px(onMap(road, x, outer))).reverse()]);
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      polyline(border, COLOURS.muted);
+      polyline(border, paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
-    for (let x = Math.ceil(begin / 20) * 20; x < end; x += 20) {
+    const step = stepOf(scale);
+    for (let x = Math.ceil(begin / step) * step; x < end; x += step) {
       const [one, two] = px(onMap(road, x, road.right - 2.6));
       context.fillText(`${x} m`, one, two + 4);
     }
@@ -231,6 +238,11 @@ const sumoReplay = (() => {
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, true);
     for (const [name, actor] of view.actors) car(actor, touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false);
     car(view.ego, touching(view, time) ? COLOURS.contact : colour, false);
+  }
+
+  /** The roads that cross, each as a ring along and across this one; along a bend they keep their width at its line. */
+  function crossingRings(road) {
+    return road.crossings.map(([x, wide, reach]) => [[x - wide / 2, -reach], [x + wide / 2, -reach], [x + wide / 2, reach], [x - wide / 2, reach]]);
   }
 
   /** What of a line of points [x, y] lies between two places along the road, a point at every 4 m at most. */
@@ -248,8 +260,8 @@ const sumoReplay = (() => {
     return found;
   }
 
-  function pen(canvas) {
-    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  function pen(canvas, ratio = window.devicePixelRatio || 1) {
+    const width = canvas.clientWidth, height = canvas.clientHeight;
     if (width === 0) return null;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio);
@@ -275,25 +287,56 @@ const sumoReplay = (() => {
     context.closePath();
   }
 
-  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-3; // recorded times are whole ms
+  const touching = (view, time) => view.contact !== null && time >= view.contact.time - MS;
 
   // --- from above ----------------------------------------------------------------------------------------------------
 
-  function drawTop(canvas, scene, view, colour, time) {
+  /** Between the figures of a scale, m: they stand at least 40 px apart. */
+  const stepOf = (scale) => [10, 20, 50, 100, 200].find((step) => step * scale >= 40) ?? 500;
+
+  /** How a case stands at a time, with everybody on the sheet. */
+  function still(canvas, scene, view, colour, time) {
+    named(scene.bodies, view);
+    const all = [view.ego, ...view.actors.map(([, actor]) => actor)].map((t) => [at(t, "x", time), t.length / 2]);
+    drawTop(canvas, scene, view, colour, time, [Math.min(...all.map(([x, half]) => x - half)) - 8, Math.max(...all.map(([x, half]) => x + half)) + 8]);
+  }
+
+  /** What the others are is said by their scenario, not by their size. */
+  function named(bodies, view) {
+    for (const [name, actor] of view.actors) actor.kind = (bodies || {})[name] || "car";
+  }
+
+  const BESIDE = 6; // m beside the road that are shown where somebody is there
+
+  /** From where to where across the road there is somebody to see, m. */
+  function roomOf(road, { actors }) {
+    let [low, high] = [road.right, road.left];
+    for (const [, { y, width, length }] of actors) {
+      const reach = Math.max(width, Math.min(length, 2)) / 2 + 0.3;
+      low = Math.min(low, y.reduce((a, b) => Math.min(a, b)) - reach);
+      high = Math.max(high, y.reduce((a, b) => Math.max(a, b)) + reach);
+    }
+    return [Math.max(low, road.right - BESIDE), Math.min(high, road.left + BESIDE)];
+  }
+
+  /** span: from where to where along the road, m; without one the sheet goes along with the ego. */
+  function drawTop(canvas, scene, view, colour, time, span = null) {
     if (bends(scene.road)) {
-      drawTopOnMap(canvas, scene, view, colour, time);
+      drawTopOnMap(canvas, scene, view, colour, time, span);
       return;
     }
     const sheet = pen(canvas);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const strip = 24; // px below the road for the scale
-    const scale = Math.min((height - strip - 8) / (road.left - road.right), 11);
-    const left = at(view.ego, "x", time) - 0.3 * width / scale;
-    const px = (x) => (x - left) * scale, py = (y) => 6 + (road.left - y) * scale;
-    context.fillStyle = "#f5f7f9";
+    const [low, high] = roomOf(road, view);
+    const scale = Math.min((height - strip - 8) / (high - low), 11, span ? width / (span[1] - span[0]) : 11);
+    const left = span ? (span[0] + span[1] - width / scale) / 2 : at(view.ego, "x", time) - 0.3 * width / scale;
+    const above = span ? (height - strip - (high - low) * scale) / 2 : 6;
+    const px = (x) => (x - left) * scale, py = (y) => above + (high - y) * scale;
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
-    context.fillStyle = "#d9dde1";
+    context.fillStyle = paper.road;
     for (const [x, wide, reach] of road.crossings) context.fillRect(px(x - wide / 2), py(reach), wide * scale, 2 * reach * scale);
     context.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
     const line = (y, style, dash) => {
@@ -307,31 +350,31 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    line(road.left, COLOURS.muted, []);
-    line(road.right, COLOURS.muted, []);
+    line(road.left, paper.muted, []);
+    line(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) line(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     for (const [x0, x1, y] of road.solid) stroke(context, [[px(x0), py(y)], [px(x1), py(y)]], "#fff");
     for (const gone of road.gone) {
       const points = gone.map(([x, y]) => [px(x), py(y)]), outwards = Math.sign(points[0][1] - points[1][1]);
       outline(context, points.map(([x, y], k) => [x, k === 0 || k === 3 ? y + 2 * outwards : y]));
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      stroke(context, points.slice(1), COLOURS.muted);
+      stroke(context, points.slice(1), paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
-    const step = width / scale > 70 ? 20 : 10;
+    const step = stepOf(scale);
     for (let x = Math.ceil(left / step) * step; px(x) < width; x += step) {
-      context.fillRect(px(x), py(road.right) + 3, 1, 4);
-      context.fillText(`${x} m`, px(x), py(road.right) + 18);
+      context.fillRect(px(x), py(low) + 3, 1, 4);
+      context.fillText(`${x} m`, px(x), py(low) + 18);
     }
     const car = (t, fill, label) => {
       drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null);
-      if (label && t.length * scale >= 40) {
+      context.font = `600 10px ${FONT}`;
+      if (label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12) {
         context.fillStyle = "#fff";
-        context.font = `600 10px ${FONT}`;
-        context.fillText(label, px(at(t, "x", time)), py(at(t, "y", time)) + 3.5, t.length * scale - 4);
+        context.fillText(label, px(at(t, "x", time)), py(at(t, "y", time)) + 3.5);
       }
     };
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
@@ -390,8 +433,8 @@ const sumoReplay = (() => {
     return `rgb(${parts.join(",")})`;
   }
 
-  function drawChase(canvas, scene, view, colour, time) {
-    const sheet = pen(canvas);
+  function drawChase(canvas, scene, view, colour, time, ratio) {
+    const sheet = pen(canvas, ratio);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const me = mapped(road, view.ego), heading = at(me, "heading", time);
@@ -459,7 +502,7 @@ const sumoReplay = (() => {
       const half = t.length / 2, kind = kindOf(t);
       face(corners(t, time).map(([x, y]) => [x, y, 0.02]), "rgba(27,31,36,0.35)");
       const tall = { truck: 3.6, van: 2.4 }[kind];
-      const child = t.length < 0.21; // as scenario/bodies.py has it
+      const child = t.kind ? t.kind === "child" : t.length < 0.21; // as scenario/bodies.py has it
       const top = child ? 1.15 : 1.75;
       const parts = kind === "person" ? [
         [box(t, time, [-0.14, 0.14], [0, 0.82 * top], 1, 0.9), fill],
@@ -510,7 +553,7 @@ const sumoReplay = (() => {
   }
 
   /** Draw the view of a scene on a canvas of `sumoScene`; through it, as ghosts, another view where one is given. */
-  function drawSpace(space, scene, view, colour, time, mode, ghost = null) {
+  function drawSpace(space, scene, view, colour, time, mode, ghost, sharp) {
     space.onRoad(scene.road, onMap, scene.extent);
     const there = (t, held) => held <= duration(t) + 1e-9;
     const held = Math.min(time, duration(view.ego)), hit = touching(view, held);
@@ -531,7 +574,7 @@ const sumoReplay = (() => {
       return { ...body, vx: speed * Math.cos(body.heading), vy: speed * Math.sin(body.heading) };
     };
     const contact = hit ? [moving(view.ego, me), ...struck.map((body) => moving(view.actors.find(([name]) => name === view.contact.other)[1], body))] : null;
-    return space.draw({ vehicles, contact, camera: { mode, about: me } });
+    return space.draw({ vehicles, contact, camera: { mode, about: me }, sharp });
   }
 
   // --- charts over time ----------------------------------------------------------------------------------------------
@@ -543,8 +586,37 @@ const sumoReplay = (() => {
     { title: "steering wheel, °", of: (view) => view.ego.steering_wheel_angle.map((angle) => angle * 180 / Math.PI) },
   ];
 
-  function drawChart(canvas, chart, scene, time, whole) {
-    const sheet = pen(canvas);
+  /** A sheet like that of a canvas, whose strokes become SVG: what a chart needs of one, and no more. */
+  function svgSheet(width, height) {
+    const parts = [], numbers = (...values) => values.map((value) => value.toFixed(1)).join(" ");
+    let path = "", dash = [], box = null;
+    const context = {
+      beginPath: () => { path = ""; },
+      moveTo: (x, y) => { path += `M${numbers(x, y)}`; },
+      lineTo: (x, y) => { path += `L${numbers(x, y)}`; },
+      setLineDash: (lengths) => { dash = lengths; },
+      stroke: () => parts.push(`<path d="${path}" fill="none" stroke="${context.strokeStyle}" stroke-width="${context.lineWidth}" stroke-dasharray="${dash.join(" ")}"/>`),
+      fillRect: (x, y, wide, tall) => parts.push(`<rect x="${x}" y="${y}" width="${wide}" height="${tall}" fill="${context.fillStyle}"/>`),
+      fillText: (text, x, y) => {
+        const anchor = { left: "start", center: "middle", right: "end" }[context.textAlign];
+        parts.push(`<text x="${x}" y="${y}" fill="${context.fillStyle}" font-size="11" font-family="${FONT}" text-anchor="${anchor}">${text}</text>`);
+      },
+      rect: (x, y, wide, tall) => { box = `<rect x="${x}" y="${y}" width="${wide}" height="${tall}"/>`; },
+      clip: () => parts.push(`<clipPath id="inside">${box}</clipPath><g clip-path="url(#inside)">`),
+      save: () => {},
+      restore: () => parts.push("</g>"),
+    };
+    const text = () => `<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${width} ${height}">${parts.join("")}</svg>`;
+    return { context, width, height, text };
+  }
+
+  /** What a chart shows, as rows: the ADS, the time, the value. */
+  const chartRows = (chart, scene) => [["ads", "time, s", chart.title], ...scene.views.flatMap((view) => {
+    const values = chart.of(view);
+    return Array.from(values, (value, k) => [view.name, (view.ego.time[k] - view.ego.time[0]).toFixed(3), Number.isFinite(value) ? value : ""]);
+  })];
+
+  function drawChart(sheet, chart, scene, time, whole) {
     if (!sheet) return;
     const { context, width, height } = sheet, [left, right, top, bottom] = [40, width - 8, 20, height - 18];
     const series = scene.views.map((view) => chart.of(view));
@@ -552,11 +624,11 @@ const sumoReplay = (() => {
     const low = chart.low ?? Math.min(-0.5, ...known), high = chart.high ?? Math.max(low + 1, ...known);
     const px = (t) => left + (right - left) * t / whole, py = (value) => bottom - (bottom - top) * (value - low) / (high - low);
     context.font = `11px ${FONT}`;
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.textAlign = "left";
     context.fillText(chart.title, left, 12);
-    context.fillStyle = COLOURS.muted;
-    context.strokeStyle = "#e6eaee";
+    context.fillStyle = paper.muted;
+    context.strokeStyle = paper.hair;
     context.lineWidth = 1;
     const digits = high - low < 5 ? 1 : 0;
     for (const value of [low, (low + high) / 2, high]) {
@@ -585,7 +657,7 @@ const sumoReplay = (() => {
       }
       context.lineWidth = 2;
       context.setLineDash(which ? [6, 3] : []);
-      context.strokeStyle = COLOURS.views[which];
+      context.strokeStyle = paper.lines[which];
       context.stroke();
       context.setLineDash([]);
       if (!contact) return;
@@ -597,7 +669,7 @@ const sumoReplay = (() => {
       context.textAlign = "center";
       context.fillText("not known in this case", (left + right) / 2, (top + bottom) / 2);
     }
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.fillRect(px(Math.min(time, whole)) - 0.5, top - 4, 1, bottom - top + 4);
   }
 
@@ -629,7 +701,7 @@ const sumoReplay = (() => {
   function nearestSample(ego, time) {
     const wanted = time + ego.time[0];
     let k = 0;
-    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + 1e-9) k++;
+    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + MS) k++;
     return k;
   }
 
@@ -661,11 +733,20 @@ const sumoReplay = (() => {
       const canvas = element("canvas", "replay-chart");
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", `${chart.title} over time`);
-      charts.append(canvas);
+      const held = element("div", "replay-held");
+      if (typeof sumoPage !== "undefined") {
+        held.append(sumoPage.saver(`${chart.title} over time`, () => {
+          const sheet = svgSheet(canvas.clientWidth, canvas.clientHeight);
+          drawChart(sheet, chart, scene, now, whole);
+          return sheet.text();
+        }, () => chartRows(chart, scene)));
+      }
+      held.append(canvas);
+      charts.append(held);
       return canvas;
     });
     root.replaceChildren(views, controls, charts);
-    let scene = null, panes = [], frame = null, now = 0, whole = 1;
+    let scene = null, panes = [], frame = null, now = 0, whole = 1, settled = null;
     const chases = []; // a canvas for each view, once and for all: a browser gives a page few contexts
 
     /** The canvas of the view in place k, and what draws in it in three dimensions; null: the plain drawing does. */
@@ -677,8 +758,8 @@ const sumoReplay = (() => {
         chase.setAttribute("role", "img");
         chases[k] = { chase, space };
         if (space) {
-          space.steerable(() => camera.value === "free", draw);
-          chase.addEventListener("scene-restored", draw);
+          space.steerable(() => camera.value === "free", () => draw());
+          chase.addEventListener("scene-restored", () => draw());
         }
       }
       return chases[k];
@@ -700,6 +781,7 @@ const sumoReplay = (() => {
         pane.append(title, chase, top, words);
         return { pane, chase, space, top, words, view, colour: COLOURS.views[which] };
       });
+      for (const view of scene.views) named(scene.bodies, view);
       scene.extent = extentOf(scene);
       camera.hidden = !panes[0].space;
       ghosted.hidden = !panes[0].space || panes.length < 2;
@@ -716,19 +798,24 @@ const sumoReplay = (() => {
       draw();
     }
 
-    function draw() {
+    let printing = false;
+    /** sharp: the three-dimensional pictures with all pixels, as they are drawn once nothing has moved for a while. */
+    function draw(sharp = false) {
+      clearTimeout(settled);
       if (!scene) return;
+      if (!sharp && frame === null && panes.some(({ space }) => space)) settled = setTimeout(() => draw(frame === null), SETTLES);
+      paper = document.documentElement.dataset.theme === "dark" && !printing ? DARK : LIGHT;
       const time = now;
       const one = !ghosted.hidden && together.checked;
       panes.forEach(({ chase, space, top, words, view, colour }, which) => {
         const held = Math.min(time, duration(view.ego));
         chase.hidden = one && which > 0;
         if (!space) drawChase(chase, scene, view, colour, held);
-        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null);
+        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null, sharp);
         drawTop(top, scene, view, colour, held);
         words.textContent = reading(view, time);
       });
-      CHARTS.forEach((chart, k) => drawChart(canvases[k], chart, scene, time, whole));
+      CHARTS.forEach((chart, k) => drawChart(pen(canvases[k]), chart, scene, time, whole));
       clock.textContent = `${time.toFixed(1)} s`;
     }
 
@@ -738,8 +825,13 @@ const sumoReplay = (() => {
       button.textContent = "Play";
     }
 
+    function rest() {
+      stop();
+      draw();
+    }
+
     function play() {
-      if (frame !== null) return stop();
+      if (frame !== null) return rest();
       let time = now >= whole - 1e-6 ? 0 : now, before = null;
       button.textContent = "Pause";
       const tick = (clock) => {
@@ -751,7 +843,7 @@ const sumoReplay = (() => {
         }
         for (const { space } of panes) if (space) space.pace(clock / 1000);
         seek(Math.min(time, whole));
-        if (time >= whole) return stop();
+        if (time >= whole) return rest();
         frame = requestAnimationFrame(tick);
         return undefined;
       };
@@ -762,13 +854,15 @@ const sumoReplay = (() => {
     button.addEventListener("click", play);
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
-    camera.addEventListener("change", draw);
-    together.addEventListener("change", draw);
-    window.addEventListener("resize", draw);
+    for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
+    for (const name of ["beforeprint", "afterprint"]) window.addEventListener(name, () => { printing = name === "beforeprint"; draw(); });
+    if (typeof sumoPage !== "undefined") sumoPage.onTheme(() => draw());
     return { show, stop, draw };
   }
 
-  return { player, ahead, at, onMap, CAMERAS };
+  return {
+    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, named, mapped, bends, within, crossingRings, roomOf, bodyParts,
+  };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoReplay;

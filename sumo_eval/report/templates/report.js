@@ -302,6 +302,7 @@
       const passes = (item) => (!filter.zone || item.zone === filter.zone) && (!filter.outcome || item.outcome === filter.outcome || item.kind === filter.outcome && item.outcome === "collision")
         && (!filter.words || item.key.toLowerCase().includes(filter.words))
         && Object.entries(filter.ranges).every(([k, [low, high]]) => item.values[k] >= low - 1e-9 && item.values[k] <= high + 1e-9);
+      sceneDrawing(card, scenarioIndex);
       const list = caseList(card, scenario, scenarioIndex, passes);
       const maps = mapCard(card, scenarioIndex, {
         name: "zones", rangeOf: padded, passes, zones: true, changed: () => list.show(),
@@ -720,11 +721,38 @@
     const all = await trajectoriesOf(scenarioIndex);
     if (mine !== turn) return;
     shown = { scenario, item, ads: all[item.vehicles.ego], actors: actorsOf(item, all), drivers: driverIndexes.map((k) => all[k]) };
+    sumoReplay.named(scenario.bodies, shown);
     byId("legend-ads").textContent = item.ads;
+    byId("legend-actors").textContent = kindsOf(shown.actors);
     byId("legend-drivers").hidden = shown.drivers.length === 0;
     byId("legend-drivers").lastElementChild.textContent = `${shown.drivers.length} human drivers`;
     drawCharts(shown);
     startReplay(shown, all);
+  }
+
+  /** `2 cars, 1 child`: who else is there. */
+  function kindsOf(actors) {
+    const count = new Map();
+    for (const [, { kind }] of actors) count.set(kind, (count.get(kind) ?? 0) + 1);
+    return [...count].map(([kind, n]) => `${n} ${n === 1 ? kind : kind === "child" ? "children" : `${kind}s`}`).join(", ") || "nobody else";
+  }
+
+  /** How a case of a space begins, beside its map: the one that is chosen, or the first whose trajectories are here. */
+  function sceneDrawing(card, scenarioIndex) {
+    const figure = card.querySelector("[data-scene]"), scenario = data.scenarios[scenarioIndex];
+    const drawable = (item) => "ego" in item.vehicles;
+    async function draw() {
+      const chosen = selected.scenario === scenarioIndex ? scenario.cases[selected.index] : null;
+      const item = chosen && drawable(chosen) ? chosen : scenario.cases.find(drawable);
+      figure.hidden = !item;
+      if (!item) return;
+      const all = await trajectoriesOf(scenarioIndex), view = { ego: all[item.vehicles.ego], actors: actorsOf(item, all), contact: null };
+      sumoReplay.still(figure.querySelector("canvas"), { road: scenario.road, bodies: scenario.bodies, ghosts: [] }, view, C("--c"), 0);
+      figure.querySelector("figcaption").textContent = `How ${item.key} begins: the ego and ${kindsOf(view.actors)}, from above, to scale`;
+    }
+    whenSeen(card, draw);
+    moveRings.push(() => { if (drawn.includes(draw)) draw(); });
+    window.addEventListener("resize", () => { if (drawn.includes(draw)) draw(); });
   }
 
   function drawCharts(view) {
@@ -765,14 +793,32 @@
     return shapes;
   }
 
-  /** Corners of a body, x and y of a closed polygon. */
-  function body(trajectory, x, y, heading) {
-    const [c, s, l, w] = [Math.cos(heading), Math.sin(heading), trajectory.length / 2, trajectory.width / 2];
-    const corners = [[l, w], [l, -w], [-l, -w], [-l, w], [l, w]];
-    return { x: corners.map(([a, b]) => x + a * c - b * s), y: corners.map(([a, b]) => y + a * s + b * c) };
-  }
+  const LEAST_PIXELS = 8; // of a body in a chart: a child is 0.2 m long on a road of 200 m
 
-  const endBody = (t) => body(t, t.x.at(-1), t.y.at(-1), t.heading.at(-1));
+  /** Bodies where their cases ended, drawn as what they are: traces of filled parts and of lines on them. pixel: [m, m] along
+   *  both axes of the chart, which may be stretched. */
+  function bodyTraces(trajectories, colour, pixel) {
+    const filled = { x: [], y: [] }, marks = { x: [], y: [] };
+    for (const t of trajectories) {
+      const [c, s] = [Math.cos(t.heading.at(-1)), Math.sin(t.heading.at(-1))];
+      const parts = sumoReplay.bodyParts(t).map(({ ring, role }) => ({ role, ring: [...ring, ring[0]].map(([a, b]) => [a * c - b * s, a * s + b * c]) }));
+      const wider = [0, 1].map((axis) => {
+        const all = parts.flatMap(({ ring }) => ring.map((point) => point[axis]));
+        return Math.max(1, LEAST_PIXELS * pixel[axis] / (Math.max(...all) - Math.min(...all)));
+      });
+      for (const { ring, role } of parts) {
+        const into = role === "body" ? [filled] : role === "head" ? [filled, marks] : [marks];
+        for (const { x, y } of into) {
+          x.push(...ring.map(([a]) => t.x.at(-1) + wider[0] * a), null);
+          y.push(...ring.map(([, b]) => t.y.at(-1) + wider[1] * b), null);
+        }
+      }
+    }
+    return [
+      { ...filled, type: "scatter", mode: "lines", fill: "toself", fillcolor: colour, line: { color: colour, width: 1 }, hoverinfo: "skip" },
+      { ...marks, type: "scatter", mode: "lines", line: { color: "#fff", width: 1 }, hoverinfo: "skip" },
+    ];
+  }
 
   function manyLines(trajectories, xChannel, yChannel, style) {
     const x = [], y = [];
@@ -791,29 +837,97 @@
     return [
       manyLines(view.drivers, xChannel, yChannel, { color: C("--driver"), width: 1 }),
       one(view.item.ads, view.ads, { color: C("--c"), width: 3 }),
-      ...view.actors.map(([name, trajectory]) => one(name, trajectory, { color: C("--actor"), width: 2, dash: "dash" })),
+      ...view.actors.map(([name, trajectory]) => one(name === trajectory.kind ? name : `${name}, ${trajectory.kind}`, trajectory, { color: C("--actor"), width: 2, dash: "dash" })),
     ];
   }
 
-  function drawPaths(view) {
-    const { scenario, ads, item } = view;
-    const [begin, end] = extent(view);
-    const solid = (trajectory, colour) => ({
-      ...endBody(trajectory), type: "scatter", mode: "lines", fill: "toself", fillcolor: colour, line: { color: colour, width: 1 }, hoverinfo: "skip",
+  /** The road on the map between two places along it: its surface and its lines. */
+  function roadTraces({ road }, [begin, end], onMap) {
+    const along = (points) => {
+      const places = sumoReplay.within(points, begin, end).map(([x, y]) => onMap(x, y));
+      return { x: places.map(([x]) => x), y: places.map(([, y]) => y), type: "scatter", mode: "lines", hoverinfo: "skip" };
+    };
+    const across = (y) => along([[begin, y], [end, y]]), [left, right] = [across(road.left), across(road.right)];
+    const surface = { ...left, x: [...left.x, ...right.x.toReversed()], y: [...left.y, ...right.y.toReversed()], fill: "toself", fillcolor: C("--road"), line: { width: 0 } };
+    const mouths = sumoReplay.crossingRings(road).filter(([[x0], [x1]]) => x1 > begin && x0 < end).map((ring) => {
+      const places = [...ring, ring[0]].map(([x, y]) => onMap(x, Math.min(Math.max(y, road.right - 8), road.left + 8)));
+      return { ...surface, x: places.map(([x]) => x), y: places.map(([, y]) => y) };
     });
-    const traces = [...lines(view, "x", "y", "x %{x:.1f} m, y %{y:.2f} m"), ...view.actors.map(([, t]) => solid(t, C("--actor"))), solid(ads, C("--c"))];
+    const traces = [...mouths, surface, ...[left, right].map((edge) => ({ ...edge, line: { color: "#57606a", width: 2 } }))];
+    for (let lane = 1; lane < road.lanes; lane++) traces.push({ ...across(road.right + lane * road.laneWidth), line: { color: C("--axis"), width: 1, dash: "dash" } });
+    for (const [x0, x1, y] of road.solid) traces.push({ ...along([[x0, y], [x1, y]]), line: { color: "#57606a", width: 1.5 } });
+    for (const gone of road.gone) {
+      const inner = along(gone.slice(1)), outer = along([[gone[1][0], gone[0][1]], [gone[3][0], gone[0][1]]]);
+      if (!inner.x.length) continue;
+      traces.push({ ...inner, x: [...inner.x, ...outer.x.toReversed()], y: [...inner.y, ...outer.y.toReversed()], fill: "toself", fillcolor: C("--paper"), line: { color: C("--paper"), width: 2 } });
+      traces.push({ ...inner, line: { color: "#57606a", width: 2 } });
+    }
+    return traces;
+  }
+
+  const TALLEST = 560; // px, of a chart on the map
+  const BROAD = 44; // px, of a road in it: the map is to scale along the road, across it as many times wider as that takes
+
+  /** A chart on the map between two places of a road that bends: how many times wider the road is drawn, places and
+   *  trajectories so, m a pixel, and both axes in one scale; the chart is as tall as the bend needs it. */
+  function mapChart(plot, road, [begin, end]) {
+    const middle = (road.left + road.right) / 2, wide = Math.max(200, plot.clientWidth - 66);
+    const sharpest = Math.max(...road.line.map(([, , , , curvature]) => Math.abs(curvature)), 1e-9);
+    const chart_ = { times: 1 };
+    chart_.onMap = (x, y, heading) => sumoReplay.onMap(road, x, middle + chart_.times * (y - middle), heading);
+    chart_.mapped = (t) => {
+      const places = Array.from(t.x, (x, k) => chart_.onMap(x, t.y[k], t.heading[k]));
+      return { ...t, x: places.map(([x]) => x), y: places.map(([, y]) => y), heading: places.map(([, , heading]) => heading) };
+    };
+    const ranges = () => {
+      const places = [road.left, road.right].flatMap((y) => sumoReplay.within([[begin, y], [end, y]], begin, end)).map(([x, y]) => chart_.onMap(x, y));
+      return [0, 1].map((axis) => [Math.min(...places.map((at) => at[axis])) - 4, Math.max(...places.map((at) => at[axis])) + 4]);
+    };
+    const scaled = ([xs, ys]) => Math.max((xs[1] - xs[0]) / wide, (ys[1] - ys[0]) / (TALLEST - 54));
+    chart_.times = Math.max(1, Math.min(BROAD * scaled(ranges()) / (road.left - road.right), 0.8 / sharpest / (road.left - road.right)));
+    const [xs, ys] = ranges();
+    chart_.pixel = scaled([xs, ys]);
+    plot.style.height = `${Math.round(Math.min(TALLEST, Math.max(230, (ys[1] - ys[0]) / chart_.pixel + 54)))}px`;
+    chart_.axes = [{ ...title("x on the map, m"), range: xs, showgrid: false }, { ...title("y, m"), range: ys, showgrid: false, scaleanchor: "x" }];
+    return chart_;
+  }
+
+  const timesWider = (times) => (times > 1.05 ? `, the road drawn ${times.toFixed(1)} times as wide` : "");
+
+  function drawPaths(view) {
+    const { scenario, ads, item, actors } = view, { road } = scenario;
+    const span = extent(view), plot = byId("plot-paths");
+    let traces, look, pixel, mark = ads, bodies = actors.map(([, t]) => t), words = "y is stretched";
+    if (sumoReplay.bends(road)) {
+      const chart_ = mapChart(plot, road, span);
+      mark = chart_.mapped(ads);
+      bodies = actors.map(([, t]) => chart_.mapped(t));
+      traces = [
+        ...roadTraces(scenario, span, chart_.onMap),
+        ...lines({ ...view, ads: mark, drivers: view.drivers.map(chart_.mapped), actors: actors.map(([name], k) => [name, bodies[k]]) }, "x", "y", "x %{x:.0f} m, y %{y:.0f} m on the map"),
+      ];
+      look = layout(...chart_.axes);
+      pixel = [chart_.pixel, chart_.pixel];
+      words = `on the map${timesWider(chart_.times)}`;
+    } else {
+      plot.style.height = "";
+      const [low, high] = sumoReplay.roomOf(road, view).map((y, k) => y + (k ? 0.6 : -0.6));
+      traces = lines(view, "x", "y", "x %{x:.1f} m, y %{y:.2f} m");
+      look = layout(
+        { ...title("x along the road, m"), range: span, showgrid: false }, { ...title("y, m"), range: [low, high], showgrid: false },
+        { shapes: roadShapes(scenario, span) },
+      );
+      pixel = [(span[1] - span[0]) / Math.max(200, plot.clientWidth - 64), (high - low) / 198];
+    }
+    byId("paths-scale").textContent = words;
+    traces.push(...bodyTraces(bodies, C("--actor"), pixel), ...bodyTraces([mark], C("--c"), pixel));
     if (item.outcome === "collision") {
       traces.push({
-        type: "scatter", mode: "markers", x: [ads.x.at(-1)], y: [ads.y.at(-1)], hovertemplate: "contact<extra></extra>",
+        type: "scatter", mode: "markers", x: [mark.x.at(-1)], y: [mark.y.at(-1)], hovertemplate: "contact<extra></extra>",
         marker: { symbol: "x-thin", size: 13, line: { color: C("--hit"), width: 3.5 } },
       });
     }
-    const { road } = scenario;
-    Plotly.react("plot-paths", traces, layout(
-      { ...title("x along the road, m"), range: [begin, end], showgrid: false },
-      { ...title("y, m"), range: [road.right - 0.6, road.left + 0.6], showgrid: false },
-      { shapes: roadShapes(scenario, [begin, end]) },
-    ), CONFIG);
+    Plotly.react(plot, traces, look, CONFIG);
   }
 
   function drawSpeed(view) {
@@ -839,6 +953,35 @@
 
   const nextFrame = () => new Promise((resolve) => setTimeout(resolve, 0));
 
+  const VIRIDIS = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"].map((colour, k) => [k / 9, colour]);
+
+  function viridis(share) {
+    const place = Math.min(Math.max(share, 0), 1) * 9, low = Math.min(8, Math.floor(place)), part = place - low;
+    const mixed = [1, 3, 5].map((digit) => [low, low + 1].map((k) => parseInt(VIRIDIS[k][1].slice(digit, digit + 2), 16))).map(([a, b]) => Math.round(a + (b - a) * part));
+    return `rgb(${mixed.join(",")})`;
+  }
+
+  /** A field over the road as a picture on the map: cells along and across the road, laid along the bend. */
+  function fieldPicture({ onMap, axes: [east, north] }, xs, ys, field, zmin, zmax) {
+    const [[x0, x1], [y0, y1]] = [east.range, north.range], canvas = document.createElement("canvas");
+    const scale = Math.min(1600 / (x1 - x0), 1600 / (y1 - y0));
+    Object.assign(canvas, { width: Math.ceil((x1 - x0) * scale), height: Math.ceil((y1 - y0) * scale) });
+    const context = canvas.getContext("2d"), [dx, dy] = [(xs[1] - xs[0]) / 2, (ys[1] - ys[0]) / 2];
+    field.forEach((strength, i) => {
+      const x = xs[i % xs.length], y = ys[Math.floor(i / xs.length)];
+      context.beginPath();
+      [[-dx, -dy], [dx, -dy], [dx, dy], [-dx, dy]].forEach(([a, b], k) => {
+        const [px, py] = onMap(x + a, y + b);
+        context[k ? "lineTo" : "moveTo"]((px - x0) * scale, (y1 - py) * scale);
+      });
+      context.closePath();
+      context.fillStyle = context.strokeStyle = viridis((strength - zmin) / (zmax - zmin || 1)); // the edge closes the seams
+      context.fill();
+      context.stroke();
+    });
+    return { source: canvas.toDataURL(), xref: "x", yref: "y", x: x0, y: y1, sizex: x1 - x0, sizey: y1 - y0, sizing: "stretch", layer: "below" };
+  }
+
   async function drawFields(view) {
     const { xs, ys, points } = grid(view);
     const own = sumoEval.trajectoryField(points, view.ads, data.field);
@@ -853,17 +996,36 @@
     const zmin = Math.min(...both.map((field) => field.reduce((a, b) => Math.min(a, b))));
     const zmax = Math.max(...both.map((field) => field.reduce((a, b) => Math.max(a, b))));
     byId("figure-field-drivers").hidden = view.drivers.length === 0;
+    const { road } = view.scenario, bent = sumoReplay.bends(road);
+    const bar = { title: { text: "S" }, thickness: 12, outlinewidth: 0, len: 1 };
     both.forEach((field, k) => {
+      const plot = byId(["plot-field-ads", "plot-field-drivers"][k]);
+      const chart_ = bent ? mapChart(plot, road, [xs[0], xs.at(-1)]) : null, drives = k === 0 ? [view.ads] : view.drivers;
+      const path = manyLines(bent ? drives.map(chart_.mapped) : drives, "x", "y", k === 0 ? { color: "#fff", width: 1.8 } : { color: "rgba(255,255,255,0.7)", width: 1 });
+      if (bent) {
+        const numbers = { // seen by the pointer and by who saves them
+          type: "scatter", mode: "markers", name: "S", hovertemplate: "x %{x:.0f} m, y %{y:.0f} m on the map<br>S = %{marker.color:.2f}<extra></extra>", x: [], y: [],
+          marker: { color: [], size: 4, opacity: 0, cmin: zmin, cmax: zmax, colorscale: VIRIDIS, showscale: true, colorbar: bar },
+        };
+        for (let i = 0; i < field.length; i += 1) {
+          const [column, row] = [i % xs.length, Math.floor(i / xs.length)];
+          if (column % 3 !== 1 || row % 4 !== 1) continue;
+          const [x, y] = chart_.onMap(xs[column], ys[row]);
+          numbers.x.push(x);
+          numbers.y.push(y);
+          numbers.marker.color.push(field[i]);
+        }
+        Plotly.react(plot, [path, numbers], layout(...chart_.axes, { margin: { l: 52, r: 8, t: 8, b: 44 }, images: [fieldPicture(chart_, xs, ys, field, zmin, zmax)] }), CONFIG);
+        return;
+      }
+      plot.style.height = "";
       const z = ys.map((_, row) => Array.from(field.subarray(row * xs.length, (row + 1) * xs.length)));
       const heat = {
-        type: "heatmap", x: xs, y: ys, z, zmin, zmax, colorscale: "Viridis", zsmooth: "best", hovertemplate: "x %{x:.0f} m, y %{y:.2f} m<br>S = %{z:.2f}<extra></extra>",
-        colorbar: { title: { text: "S" }, thickness: 12, outlinewidth: 0, len: 1 },
+        type: "heatmap", x: xs, y: ys, z, zmin, zmax, colorscale: VIRIDIS, zsmooth: "best", hovertemplate: "x %{x:.0f} m, y %{y:.2f} m<br>S = %{z:.2f}<extra></extra>", colorbar: bar,
       };
-      const path = k === 0 ? manyLines([view.ads], "x", "y", { color: "#fff", width: 1.8 })
-        : manyLines(view.drivers, "x", "y", { color: "rgba(255,255,255,0.7)", width: 1 });
-      Plotly.react(["plot-field-ads", "plot-field-drivers"][k], [heat, path], layout(
+      Plotly.react(plot, [heat, path], layout(
         { ...title("x along the road, m"), range: [xs[0], xs.at(-1)], showgrid: false },
-        { ...title("y, m"), range: [view.scenario.road.right, view.scenario.road.left], showgrid: false }, { margin: { l: 52, r: 8, t: 8, b: 44 } },
+        { ...title("y, m"), range: [road.right, road.left], showgrid: false }, { margin: { l: 52, r: 8, t: 8, b: 44 }, images: [] },
       ), CONFIG);
     });
     document.documentElement.dataset.fields = "drawn";
