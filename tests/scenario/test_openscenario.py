@@ -372,6 +372,27 @@ def _ends_in_frame() -> tuple[list[float], list[float]]:
     return [70.0 * outside, 60.0 * outside], [3.5, 0.0]
 
 
+def test_a_speed_that_is_reached_within_no_time_is_the_one_at_the_start(tmp_path: Path) -> None:
+    was = find(str(written(tmp_path))).concrete(only=0.0)
+    linear = STEP.replace('"step"', '"linear"')
+    assert find(str(written_again(written(tmp_path, step=linear)))).concrete(only=0.0).actors == was.actors
+    with pytest.raises(InputError, match="must be a step, or be reached within 0 s"):
+        find(str(written_again(written(tmp_path, step=linear.replace('"0"', '"2"')))))
+
+
+def test_who_is_judged_can_be_named(tmp_path: Path) -> None:
+    path = written(tmp_path, events=CUT_IN)
+    was = find(str(path)).concrete(only=0.0)
+    hero = tmp_path / "hero.xosc"
+    hero.write_text(path.read_text(encoding="utf-8").replace('"Ego"', '"my hero"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"<Entities>: one entity must be named `Ego`, .* another of my hero, Other"):
+        find(str(hero))
+    logical = find(f"{hero}?ego=my hero")
+    assert logical.name == "hero_my_hero"
+    found = logical.concrete(only=0.0)
+    assert (found.ego, found.actors) == (was.ego, was.actors)
+
+
 def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_path: Path) -> None:
     path = written(tmp_path)
     slope = '<elevationProfile><elevation s="0" a="0" b="0.1" c="0" d="0"/></elevationProfile>'

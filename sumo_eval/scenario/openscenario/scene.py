@@ -106,9 +106,12 @@ def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]
     return declared(read_openscenario(path).find("ParameterDeclarations"), given)
 
 
-def scene(path: Path, given: Mapping[str, Value]) -> Scene:
-    """A scenario file with given values of its parameters. Raises InputError with file, line and element."""
-    return _Player(path, given).scene()
+def scene(path: Path, given: Mapping[str, Value], ego: str = EGO) -> Scene:
+    """A scenario file with given values of its parameters. ego: the entity that is judged.
+
+    Raises InputError with file, line and element.
+    """
+    return _Player(path, given, ego).scene()
 
 
 def synchronized(
@@ -172,7 +175,8 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
 class _Player:
     """Walks through a file once."""
 
-    def __init__(self, path: Path, given: Mapping[str, Value]) -> None:
+    def __init__(self, path: Path, given: Mapping[str, Value], ego: str) -> None:
+        self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
             raise fault(self.root, "it must hold a <Storyboard>")
@@ -185,11 +189,12 @@ class _Player:
         entities = [entity_of(part, self.catalogs, self.scope)
                     for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
-        if EGO not in self.entities:
-            raise fault(child(self.root, "Entities"), f"one entity must be named `{EGO}`: it is the one that is judged")
+        if ego not in self.entities:
+            why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
+            raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
         self.places = Places(self.network, self.catalogs, self.entities)
         self.ignored: dict[str, None] = {}
-        self.doing = {name: Doing() for name in self.entities if name != EGO}
+        self.doing = {name: Doing() for name in self.entities if name != self.ego}
         self.ends = math.inf
         self.end_of_way: Pose | None = None
         self.turning: Trajectory | None = None
@@ -202,12 +207,12 @@ class _Player:
             entity.placed(entity.element)
         self.frame = self._frame()
         for entity in self.entities.values():
-            entity.on_map = self.turning is not None and entity.name != EGO
+            entity.on_map = self.turning is not None and entity.name != self.ego
             entity.frame = self._framed(entity)
         for distance, entity in self.distances:
             self._keep_distance(distance, entity)
         self._delete_at_once(story)
-        numbers = [name for name in self.entities if name != EGO and not self.entities[name].deleted]
+        numbers = [name for name in self.entities if name != self.ego and not self.entities[name].deleted]
         self.number_of = {name: number for number, name in enumerate(numbers)}
         self.conditions = Conditions(self.entities, self.number_of)
         for name in self.doing:
@@ -216,7 +221,7 @@ class _Player:
             for act in part.iterfind("Act"):
                 self._act(act)
         self._stop(story.find("StopTrigger"))
-        ego = self.entities[EGO]
+        ego = self.entities[self.ego]
         assert ego.frame is not None
         if abs(ego.frame.heading) > 1e-6:
             raise fault(ego.element, "the ego must start along its lane")
@@ -261,8 +266,10 @@ class _Player:
             inner = only(element)
             if inner.tag == "SpeedAction":
                 dynamics = child(inner, "SpeedActionDynamics")
-                if one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal")) != "step":
-                    raise fault(dynamics, "before the start a speed must be a step")
+                shape = one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
+                at_once = dynamics.get("dynamicsDimension") == "time" and number(dynamics, "value", scope) == 0.0
+                if shape != "step" and not at_once:
+                    raise fault(dynamics, "before the start a speed must be a step, or be reached within 0 s")
                 entity.speed = self._target_speed(inner, scope)
             elif inner.tag == "LongitudinalDistanceAction":
                 self.distances.append((inner, entity))
@@ -278,7 +285,7 @@ class _Player:
     def _route_at_start(self, element: Element, entity: Entity) -> None:
         if element.tag == "AssignRouteAction":
             _, end = self.places.route(element, self.scope)
-            if entity.name == EGO:
+            if entity.name == self.ego:
                 self.end_of_way = end.pose
         elif element.tag == "FollowTrajectoryAction":
             trajectory = self._trajectory(element)
@@ -287,9 +294,9 @@ class _Player:
             begin = number(element, "initialDistanceOffset", self.scope, 0.0)
             first = trajectory.begin
             pose = trajectory.at(begin, element)
-            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != EGO)
+            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != self.ego)
             entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
-            if entity.name == EGO:
+            if entity.name == self.ego:
                 if trajectory.bends and begin != 0.0:
                     raise fault(element, "`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
                 self.turning = trajectory if trajectory.bends else None
@@ -313,7 +320,9 @@ class _Player:
             if flag(target, "continuous", scope, default=False):
                 raise fault(target, "a speed that is kept relative to another's all the time is not played")
             other = self.places.entity(text(target, "entityRef", scope), target)
-            base = other.speed if other.name == EGO or other.name not in self.doing else self.doing[other.name].speed
+            base = (
+                other.speed if other.name == self.ego or other.name not in self.doing else self.doing[other.name].speed
+            )
             kind = one_of(target, "speedTargetValueType", ("delta", "factor"))
             speed = base + value if kind == "delta" else base * value
         else:
@@ -325,7 +334,7 @@ class _Player:
     # -- the road ------------------------------------------------------------------------------------------------------
 
     def _frame(self) -> Frame:
-        ego = self.entities[EGO]
+        ego = self.entities[self.ego]
         spot = ego.placed(ego.element)
         road, lane = spot.road, spot.lane
         if road is None or lane is None:
@@ -365,7 +374,7 @@ class _Player:
         origin = road.pose(0.0, spot.t)
         there = spot.pose.seen_from(origin)
         if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
-            raise fault(self.entities[EGO].element, "an ego that turns must begin along a straight road")
+            raise fault(self.entities[self.ego].element, "an ego that turns must begin along a straight road")
         first = self.turning.pieces[0]
         run_up = (Piece(there.x),) if there.x > _ON else ()
         if run_up and first.begin == first.end == 0.0:
@@ -517,7 +526,7 @@ class _Player:
             raise not_played(action)
         if inner.tag in IGNORED_PRIVATE:
             return True
-        if EGO in names:
+        if self.ego in names:
             raise fault(inner, "the ego is driven by the ADS: what it does during the drive cannot be told")
         return False
 
@@ -707,7 +716,7 @@ class _Player:
         master = self.places.entity(text(element, "masterEntityRef", scope), element)
         if not begin.known:
             raise fault(element, "a SynchronizeAction that begins by a condition on the drive is not played")
-        if master.name != EGO or master.speed <= 0.0:
+        if master.name != self.ego or master.speed <= 0.0:
             raise fault(element, "it is played for a master that is the ego and moves at the start")
         goal = self.places.spot(child(element, "TargetPositionMaster"), scope).pose
         way = goal.seen_from(master.placed(element).pose).x
