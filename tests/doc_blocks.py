@@ -113,7 +113,7 @@ class Desk:
         (self.folder / "evaluation.toml").write_text(EVALUATION)
         (self.folder / "gate.toml").write_text(code_of("docs/tutorials/a_night.md", "new_collisions"))
         (self.folder / "lorry.toml").write_text(code_of("docs/tutorials/own_scenario.md", "[[parameter]]"))
-        source = {"README.md": ("README.md", "class MyAds"), "docs/index.md": ("docs/index.md", "class MyAds")}
+        source = {page: (page, "class MyAds") for page in ("README.md", "PACKAGE.md", "docs/index.md")}
         (self.folder / "my_ads.py").write_text(
             code_of(*source.get(page, ("docs/bring_your_ads.md", "def acc"))), encoding="utf-8"
         )

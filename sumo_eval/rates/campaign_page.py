@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
 from sumo_eval.errors import InputError
 from sumo_eval.rates.campaign import AdsRate, Campaign, Part, people
 from sumo_eval.rates.importance import DEFENSIVE
-from sumo_eval.rates.page import interval, page, table, text
+from sumo_eval.rates.page import Fold, Piece, Table, Text, amount, interval, table, write_parts
 
 PAGE, PLAIN = "campaign.html", "campaign.json"
 OUTSIDE: Final = (
@@ -26,10 +25,10 @@ def write_campaign(campaign: Campaign, folder: Path) -> tuple[Path, ...]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / PLAIN).write_text(json.dumps(plain(campaign), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        title = f"{campaign.settings.name}: collisions per million km"
-        (folder / PAGE).write_text(page(title, parts(campaign)), encoding="utf-8")
     except OSError as error:
         raise InputError(f"The campaign cannot be written into {folder}: {error}.") from error
+    title = f"{campaign.settings.name}: collisions per million km"
+    write_parts(folder / PAGE, kicker="Crash rates", title=title, sentences=[], parts=parts(campaign))
     return folder / PAGE, folder / PLAIN
 
 
@@ -89,8 +88,8 @@ def _plain_part(part: Part) -> dict[str, Any]:
 def rate_words(rate: tuple[float, float, float]) -> str:
     """A rate with its limits; without a collision the upper limit alone."""
     if rate[0] == 0.0:
-        return f"none seen, at most {rate[2]:.3g}"
-    return f"{rate[0]:.3g} ({interval(rate[1], rate[2])})"
+        return f"none seen, at most {amount(rate[2])}"
+    return f"{amount(rate[0])} ({interval(rate[1], rate[2])})"
 
 
 def sentences(campaign: Campaign) -> list[str]:
@@ -100,42 +99,48 @@ def sentences(campaign: Campaign) -> list[str]:
         for rate in campaign.rates
     ]
     for where, km, limit in people(campaign.spaces):
-        said.append(f"people ({where}): no collision in {km:.1f} vehicle-km, at most {limit:.3g} per million km.")
+        said.append(f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per million km.")
     return said
 
 
-def parts(campaign: Campaign) -> list[str]:
+def parts(campaign: Campaign) -> list[Piece]:
     """The page, piece by piece."""
-    out = [
+    spaces = table(
+        ("scenario", "met per vehicle-km", "95 %", "events", "vehicle-km", "where", "distribution"),
+        [(space.logical.name, f"{space.per_km:.3g}", interval(*space.interval),
+          "" if space.events is None else space.events,
+          "" if space.vehicle_km is None else f"{space.vehicle_km:.1f}", space.where,
+          space.logical.exposure_about) for space in campaign.spaces],
+    )  # fmt: skip
+    out: list[Piece] = [
         table(("who", "collisions per million km (95 %)", "expected loss L per million km (95 %)"),
               [*((rate.ads, rate_words(rate.collisions), rate_words(rate.loss)) for rate in campaign.rates),
-               *((f"people ({where})", f"none in {km:.1f} km, at most {limit:.3g}", "")
+               *((f"people ({where})", f"none in {km:.1f} km, at most {amount(limit)}", "")
                  for where, km, limit in people(campaign.spaces))]),
-        text(OUTSIDE, "note"),
-        "<h2>What the rates rest on</h2>",
-        table(("scenario", "met per vehicle-km", "95 %", "events", "vehicle-km", "where", "distribution"),
-              [(space.logical.name, f"{space.per_km:.3g}", interval(*space.interval),
-                "" if space.events is None else space.events,
-                "" if space.vehicle_km is None else f"{space.vehicle_km:.1f}", space.where,
-                space.logical.exposure_about) for space in campaign.spaces]),
-        text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that of how often "
-             "the scenario is met and of the events' distribution, both by counting the events anew. The form of the "
-             "distribution itself is taken to be right."),
+        Text(OUTSIDE, "note"),
+        Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
+             (spaces, Text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
+                           "of how often the scenario is met and of the events' distribution, both by counting the "
+                           "events anew. The form of the distribution itself is taken to be right."))),
     ]  # fmt: skip
-    for rate in campaign.rates:
-        out += [f"<h2>{escape(rate.ads)}</h2>", _split(rate)]
-        lost = sum(sum(part.not_evaluated.values()) for part in rate.parts)
-        if lost:
-            out.append(text(f"{lost} drives could not be evaluated and count as without a collision.", "note"))
-        if rate.collisions[0] == 0.0:
-            out.append(
-                text(f"No drive that counted collided. The upper limit holds whatever the collisions may look like; it "
-                     f"rests on the {DEFENSIVE:.0%} of the drives that are drawn as points are met.")
-            )  # fmt: skip
-    return out
+    return [*out, *map(_of_one, campaign.rates)]
 
 
-def _split(rate: AdsRate) -> str:
+def _of_one(rate: AdsRate) -> Fold:
+    """An ADS's rate by scenario, and what it rests on."""
+    inside: list[Text | Table] = [_split(rate)]
+    lost = sum(sum(part.not_evaluated.values()) for part in rate.parts)
+    if lost:
+        inside.append(Text(f"{lost} drives could not be evaluated and count as without a collision.", "note"))
+    if rate.collisions[0] == 0.0:
+        inside.append(
+            Text(f"No drive that counted collided. The upper limit holds whatever the collisions may look like; it "
+                 f"rests on the {DEFENSIVE:.0%} of the drives that are drawn as points are met.")
+        )  # fmt: skip
+    return Fold(rate.ads, "the rate by scenario, and the drives it rests on", tuple(inside))
+
+
+def _split(rate: AdsRate) -> Table:
     total = rate.collisions[0]
     rows = []
     for part in rate.parts:

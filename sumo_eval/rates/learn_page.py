@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
 from sumo_eval.rates.learned import Learnt, Lesson
-from sumo_eval.rates.page import figure, interval, page, table, text
+from sumo_eval.rates.page import Chart, Fold, Piece, Table, Text, interval, table, write_parts
 from sumo_eval.rates.scenes import SCENES
 from sumo_eval.settings.random_streams import random_stream
 
@@ -25,10 +25,13 @@ def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
     """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return their paths."""
     try:
         (folder / PLAIN).write_text(json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (folder / PAGE).write_text(page("Scenarios learnt from recordings", parts(lesson)), encoding="utf-8")
         (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
     except OSError as error:
         raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
+    write_parts(
+        folder / PAGE, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
+        sentences=[sentences(lesson)[0], f"Lanes are {lesson.found.lane_width:.2f} m apart."], parts=parts(lesson),
+    )  # fmt: skip
     return folder / PAGE, folder / PLAIN, folder / CAMPAIGN
 
 
@@ -125,9 +128,8 @@ def sentences(lesson: Lesson) -> list[str]:
     return said
 
 
-def parts(lesson: Lesson) -> list[str]:
+def parts(lesson: Lesson) -> list[Piece]:
     """The page, piece by piece."""
-    found = lesson.found
     rows = []
     for name, learnt in lesson.learnt.items():
         met = learnt.encounters
@@ -138,40 +140,36 @@ def parts(lesson: Lesson) -> list[str]:
              "" if best is None else f"{best.log_likelihood:.2f}",
              "" if best is None else f"{max(best.kolmogorov.values()):.3f}", replay)
         )  # fmt: skip
-    out = [
-        text(sentences(lesson)[0]),
-        text(f"Source: {lesson.source}. Lanes {found.lane_width:.2f} m apart."),
-        *(text(note) for note in lesson.notes),
+    out: list[Piece] = [
+        *(Text(note, "note") for note in lesson.notes),
         table(
             ("class", "events", "per vehicle-km", "95 % interval", "fitted", "held-out log-likelihood, nats an event",
              "Kolmogorov distance, held out", "replay error, m (median)"), rows,
         ),
-        text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
+        Text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
              "to come independently. Who was on the road for only a part of an event is counted, but has no "
              "parameters; the fitted ones are taken to stand for them."),
-        text("What is outside: other roads, weather and times of day than those recorded; encounters of no class here; "
+        Text("What is outside: other roads, weather and times of day than those recorded; encounters of no class here; "
              "crossing traffic and people on foot; the sizes of bodies, which are those of a car in the files; and "
-             "whatever is rarer than these kilometres show: tails are the model's, not the data's."),
+             "whatever is rarer than these kilometres show: tails are the model's, not the data's.", "note"),
     ]  # fmt: skip
-    first = True
     for name, learnt in lesson.learnt.items():
-        out += [f'<h2 id="{name}">{name}</h2>', text(SCENES[name].about), *_class_parts(learnt)]
-        if learnt.joint is not None:
-            out.append(figure(_marginals(learnt), first=first))
-            first = False
+        charts = [] if learnt.joint is None else [Chart(f"{name}: recorded and modelled", _marginals(learnt))]
+        out.append(Fold(name, SCENES[name].about, (*charts, *_class_parts(learnt))))
     return out
 
 
-def _class_parts(learnt: Learnt) -> list[str]:
+def _class_parts(learnt: Learnt) -> list[Text | Table]:
+    """What is known of a class, without its chart."""
     met = learnt.encounters
-    out = [
-        text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
+    out: list[Text | Table] = [
+        Text(f"{met.events} events ({met.ghosts} ghosts dropped); {len(met.who)} with all parameters, "
              f"{learnt.outside} of them against a constraint of the scenario.")
     ]  # fmt: skip
     if met.left_out:
         out.append(table(("without parameters because", "events"), met.left_out.items()))
     if learnt.logical is None:
-        return [*out, text(f"{learnt.needed} events with all parameters are needed: no scenario file.", "note")]
+        return [*out, Text(f"{learnt.needed} events with all parameters are needed: no scenario file.", "note")]
     best = learnt.models[0]
     rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
     parameters = [
@@ -185,8 +183,8 @@ def _class_parts(learnt: Learnt) -> list[str]:
                "Kolmogorov distance, held out"), parameters)
     )  # fmt: skip
     if learnt.thinned:
-        out.append(text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
-    out += [text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
+        out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
+    out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
     if learnt.correlations:
         out.append(
             table(("rank correlation of", "and", "value", "95 % interval"),
@@ -223,10 +221,11 @@ def _marginals(learnt: Learnt) -> Any:
         for values, kind in ((events, "data"), (points, "model")):
             height, _ = np.histogram(values[:, j], edges, density=True)
             trace = (
-                go.Bar(x=middle, y=height, name=kind, marker={"color": "#9fc5dd"}, showlegend=j == 0)
+                go.Bar(x=middle, y=height, name=kind, marker={"color": "#0072b2"}, opacity=0.55, showlegend=j == 0)
                 if kind == "data"
                 else go.Scatter(x=middle, y=height, name=kind, line={"color": "#b23c00"}, showlegend=j == 0)
             )
             drawn.add_trace(trace, **place)
-    drawn.update_layout(template="plotly_white", height=240 * down + 60, bargap=0.0, margin={"t": 40, "b": 30})
+    drawn.update_layout(height=240 * down + 60, bargap=0.0, margin={"t": 40, "b": 60, "l": 50, "r": 10})
+    drawn.update_layout(legend={"orientation": "h", "x": 0.0, "y": -0.08, "yanchor": "top"})
     return drawn

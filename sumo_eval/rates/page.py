@@ -1,47 +1,92 @@
-"""What pages of this room share: a plain page of sections, tables and figures."""
+"""What pages of this room share: pieces in the style of the report, some of them folded, and their charts."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
-from html import escape
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
 
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; max-width: 1080px; margin: 2em auto; padding: 0 1em }
-table { border-collapse: collapse; margin: .6em 0 1.2em }
-td, th { padding: .15em .8em .15em 0; text-align: right; border-bottom: 1px solid #e3e6ea; vertical-align: top }
-th { font-weight: 600 } td:first-child, th:first-child { text-align: left }
-h2 { margin-top: 2em; border-top: 2px solid #1b1f24; padding-top: .6em }
-.note { background: #fdf3e3; padding: .4em .8em }
-"""
+from plotly.offline import get_plotlyjs
 
+from sumo_eval.report.packing import packed
+from sumo_eval.report.page import asset, template, write_page
 
-def page(title: str, parts: Iterable[str]) -> str:
-    """A whole page. parts: pieces of HTML, whatever came from outside escaped."""
-    body = "\n".join(parts)
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{STYLE}</style></head><body><h1>{escape(title)}</h1>\n{body}\n</body></html>\n"
-    )
+NUMBER: Final = re.compile(r"-?\d")  # how a cell begins that is set like a number
 
 
-def text(sentence: str, kind: str = "") -> str:
-    """A paragraph."""
-    return f'<p class="{kind}">{escape(sentence)}</p>' if kind else f"<p>{escape(sentence)}</p>"
+@dataclass(frozen=True)
+class Text:
+    """A paragraph. kind: `note` where a reader must not miss it."""
+
+    sentence: str
+    kind: str = ""
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+@dataclass(frozen=True)
+class Table:
     """A table, cells as text."""
-    head = "".join(f"<th>{escape(item)}</th>" for item in header)
-    body = "".join("<tr>" + "".join(f"<td>{escape(str(item))}</td>" for item in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @property
+    def numbers(self) -> tuple[bool, ...]:
+        """Which columns hold numbers alone."""
+        columns = [[row[j] for row in self.rows if row[j]] for j in range(len(self.header))]
+        return tuple(bool(cells) and all(NUMBER.match(cell) for cell in cells) for cells in columns)
 
 
-def figure(drawn: Any, *, first: bool) -> str:
-    """A plotly figure. first: the page's first one, which brings the library."""
-    return str(drawn.to_html(full_html=False, include_plotlyjs=first))
+@dataclass(frozen=True)
+class Chart:
+    """A plotly figure under a title."""
+
+    title: str
+    figure: Any
+    least_width: int = 640  # px; on a narrower screen it scrolls in its frame
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A section that opens by a click. about: what it holds, in a few words."""
+
+    title: str
+    about: str
+    parts: tuple[Text | Table | Chart, ...]
+
+
+Piece = Text | Table | Chart | Fold
+
+
+def write_parts(path: Path, *, kicker: str, title: str, sentences: Sequence[str], parts: Sequence[Piece]) -> Path:
+    """Write a page of pieces and return its path. sentences: what it says under its title."""
+    inside = [one for part in parts for one in (part.parts if isinstance(part, Fold) else (part,))]
+    charts = [one for one in inside if isinstance(one, Chart)]
+    numbers = {id(chart): number for number, chart in enumerate(charts)}
+    for chart in charts:
+        chart.figure.update_layout(title=None, width=None, template="none")
+    page = template("parts.html.j2").render(
+        kicker=kicker, title=title, sentences=sentences, parts=parts,
+        kind=lambda part: type(part).__name__, number=lambda chart: numbers[id(chart)], charts=charts,
+        css=asset("report.css"), page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
+        figures=packed(f"[{','.join(chart.figure.to_json() for chart in charts)}]"),
+        plotly=packed(get_plotlyjs()) if charts else "",
+    )  # fmt: skip
+    return write_page(path, page, "The page")
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> Table:
+    """A table of whatever can be written as text."""
+    return Table(tuple(header), tuple(tuple(str(item) for item in row) for row in rows))
+
+
+def amount(value: float, digits: int = 3) -> str:
+    """A number in so many digits, a large one written out: 168,000."""
+    shown = f"{value:.{digits}g}"
+    return f"{float(shown):,.0f}" if abs(value) >= 1000.0 else shown
 
 
 def interval(low: float, high: float, digits: int = 3) -> str:
     """Two limits in words."""
-    return f"{low:.{digits}g} to {high:.{digits}g}"
+    return f"{amount(low, digits)} to {amount(high, digits)}"

@@ -58,8 +58,8 @@ class Outcome:
     def sentences(self) -> list[str]:
         """In words."""
         said_ = [
-            f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, {len(self.left)} are "
-            f"left out; {self.ratings} ratings."
+            f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, {len(self.left)} "
+            f"{'is' if len(self.left) == 1 else 'are'} left out; {self.ratings} ratings."
         ]
         said_ += [f"  left out: {it.participant}, {it.case}: {it.why}." for it in self.left]
         return said_

@@ -9,8 +9,15 @@ from typing import Any, Final
 import jinja2
 
 from sumo_eval.record.store import EGO
-from sumo_eval.report.html import asset
-from sumo_eval.report.page_data import CHANNEL_STEPS, contact, drawn_bodies, drawn_line, encode_trajectories
+from sumo_eval.report.page import asset
+from sumo_eval.report.page_data import (
+    CHANNEL_STEPS,
+    contact,
+    drawn_bodies,
+    drawn_line,
+    drawn_shape,
+    encode_trajectories,
+)
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Collision, Trajectory
@@ -42,7 +49,7 @@ def drawn_road(road: Road) -> dict[str, Any]:
     """A road as the page draws it."""
     return {
         "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
-        "line": drawn_line(road),
+        "line": drawn_line(road), **drawn_shape(road),
     }  # fmt: skip
 
 

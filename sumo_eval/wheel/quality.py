@@ -66,7 +66,7 @@ class Quality:
             said.append(f"{100.0 * self.dropped:.0f} % of the pictures came late.")
         if self.pauses:
             often = "once" if self.pauses == 1 else f"{self.pauses} times"
-            said.append(f"The drive was held {often}, for {self.paused:.0f} s.")
+            said.append(f"The drive was held {often}, for {self.paused:.1f} s.")
         return said
 
     def against(self, rule: QualitySettings) -> tuple[str, ...]:

@@ -112,8 +112,32 @@ async def study(window: Window, plan: Plan, tell: Callable[[str], None]) -> None
     await window.show({**sheet("The session is over", "You can close this window."), "show": "over"})
 
 
+class StopsError(Exception):
+    """A participant wishes to stop."""
+
+
+async def asked_of(window: Window, view: dict[str, Any]) -> dict[str, Any]:
+    """What a participant answers to a sheet, who may stop there. Raises StopsError where they do."""
+    view["buttons"] = [*view["buttons"], ["stop", "I want to stop"]]
+    given = await window.ask(view)
+    if given.pop("button", None) == "stop":
+        raise StopsError
+    return given
+
+
 async def session(window: Window, plan: Plan, person: Participant) -> str:
-    """All steps of a participant that are not done yet; how it ended: `done`, `no consent`, `practice not passed`."""
+    """All steps of a participant that are not done yet; how it ended: `done`, `no consent`, `practice not passed`,
+    `stopped`. Whoever stopped may come back: the code goes on with the first step that is not done.
+    """
+    try:
+        return await steps_of(window, plan, person)
+    except StopsError:
+        person.finish("stopped")
+        return "stopped"
+
+
+async def steps_of(window: Window, plan: Plan, person: Participant) -> str:
+    """All steps of a participant that are not done yet, and how they ended."""
     if "consent" not in person.done:
         given = await window.ask(
             sheet("Before you begin", plan.settings.consent, "You may stop at any time without giving a reason.",
@@ -129,8 +153,8 @@ async def session(window: Window, plan: Plan, person: Participant) -> str:
         if f"drive:{case.key}" in person.done:
             continue
         if place and place % plan.settings.break_after == 0:
-            await window.ask(sheet("Time for a break", f"{place} of {len(plan.cases)} drives are done. Go on when you "
-                                   "like.", buttons=[["go", "Go on"]]))  # fmt: skip
+            done = f"{place} of {len(plan.cases)} drives are done. Go on when you like."
+            await asked_of(window, sheet("Time for a break", done, buttons=[["go", "Go on"]]))
         await own_drive(window, plan, person, case, f"Drive {place + 1} of {len(plan.cases)}")
     shown = plan.ratings(person.code)
     for place, (case, ads) in enumerate(shown):
@@ -164,10 +188,11 @@ async def practised(window: Window, plan: Plan, person: Participant) -> bool:
         person.finish(f"practice:{len(trials) + 1}", passed=good, share=round(share, 4), tape=path.name,
                       quality=quality.plain())  # fmt: skip
         trials.append(person.done[f"practice:{len(trials) + 1}"])
-        await window.ask(
+        await asked_of(
+            window,
             sheet("Well done" if good else "Once more",
                   f"You kept lane and speed for {share:.0%} of the time; {rule.share:.0%} are needed.",
-                  buttons=[["go", "Go on"]])
+                  buttons=[["go", "Go on"]]),
         )  # fmt: skip
     return bool(passed >= rule.passes)
 
@@ -192,6 +217,7 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
     """A drive of a case, and the questions after it. One that the person ended may be driven again, once asked."""
     settings = settings_at(plan.settings.rate)
     wanted = f"Your speed: about {3.6 * case.concrete.ego.speed:.0f} km/h, as the traffic allows."
+    stops = False
     while True:
         path = new_tape(person.folder, case.key)
         view = drive_view(case.concrete, settings, title, (TASK, wanted))
@@ -202,30 +228,35 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
             break
         again = await window.ask(
             sheet("The drive was ended", "You can drive it again, or leave it out.",
-                  buttons=[["again", "Drive again"], ["leave", "Leave it out"]])
+                  buttons=[["again", "Drive again"], ["leave", "Leave it out"], ["stop", "I want to stop"]])
         )  # fmt: skip
         if again.get("button") != "again":
+            stops = again.get("button") == "stop"
             break
     asked = [it for it in plan.settings.question if it.after == "drive"]
     answers: dict[str, Any] = {}
     if asked and recording.end_reason != "quit":
         end = ENDS.get(recording.end_reason, "The drive is over.")
-        answers = await window.ask(
-            sheet(title, end, questions=[scale(it) for it in asked], buttons=[["go", "Go on"]])
-        )  # fmt: skip
-        answers.pop("button", None)
+        try:
+            answers = await asked_of(
+                window, sheet(title, end, questions=[scale(it) for it in asked], buttons=[["go", "Go on"]])
+            )
+        except StopsError:
+            stops = True
     person.finish(f"drive:{case.key}", tape=path.name, end=recording.end_reason, answers=answers,
                   quality=quality.plain())  # fmt: skip
+    if stops:
+        raise StopsError
 
 
 async def rate(window: Window, plan: Plan, person: Participant, case: StudyCase, ads: str, title: str) -> None:
     """A replay of an ADS's recorded drive, whose name nobody is told, and the questions about it."""
     asked = [SCORE, *(it for it in plan.settings.question if it.after == "replay")]
-    answers = await window.ask(
+    answers = await asked_of(
+        window,
         sheet(title, "Watch the blue car, as often as you like, from where you like.",
-              replay=replay_of(plan, case, ads), questions=[scale(it) for it in asked], buttons=[["go", "Go on"]])
+              replay=replay_of(plan, case, ads), questions=[scale(it) for it in asked], buttons=[["go", "Go on"]]),
     )  # fmt: skip
-    answers.pop("button", None)
     person.finish(f"rate:{case.key}:{ads}", case=case.key, ads=ads, scenario=case.concrete.scenario, answers=answers)
 
 

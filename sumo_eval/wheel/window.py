@@ -278,7 +278,8 @@ def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> 
         "input_to_picture_p50_ms": _part(latency, 0.5), "input_to_picture_p95_ms": _part(latency, 0.95),
         "inputs_timed": len(latency), "frames": frames, "dropped": dropped,
         "behind_p95_steps": _part(sorted(map(float, behind)), 0.95),
-        "resolution": told[-1]["resolution"] if told else None, "renderer": told[-1]["renderer"] if told else None,
+        "resolution": told[-1]["resolution"] if told else None,
+        "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in told)) or None,
     }  # fmt: skip
 
 

@@ -135,7 +135,13 @@ def test_extreme_samples_come_back_from_the_page_as_they_were() -> None:
 def opened(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with Page(tmp_path_factory.mktemp("profile")) as page:
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
-        assert page.run("document.documentElement.scrollHeight") <= 3 * 900, "three screens before anything is unfolded"
+        for width, height in ((390, 844), (1400, 900)):
+            page.call(
+                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+            )
+            screens = page.run("document.documentElement.scrollHeight") / height
+            assert screens <= 3.0, f"{screens:.2f} screens of {width} px before anything is unfolded"
+        page.call("Emulation.clearDeviceMetricsOverride")
         page.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
         page.wait("document.documentElement.dataset.fields === 'drawn'")
         yield page

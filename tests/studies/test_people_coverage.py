@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -13,8 +10,9 @@ from drivers.test_reference import write_people
 from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.matching import match_of
 from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.scenario.shipped_files import scenario_files
 
-MOTORWAY = sorted((Path(__file__).parents[2] / "docs" / "examples" / "motorway").glob("*.toml"))
+MOTORWAY = sorted(file for name, file in scenario_files().items() if name.startswith("motorway_"))
 EVALUATION = """
 name = "people"
 [[scenario]]
@@ -39,8 +37,7 @@ def test_the_motorway_variants_can_be_placed_and_name_their_event(file):
 
 def test_people_at_motorway_speeds_are_in_the_variant_and_not_in_the_papers_space(tmp_path):
     write_people(tmp_path / "people.csv", np.linspace(34.0, 41.0, 8).tolist(), lead_step=4.0)  # leaders at 15, 19, 23
-    shutil.copy(MOTORWAY[0], tmp_path / "motorway.toml")
-    for use, people in (("front_vehicle_low_speed", False), ("motorway.toml", True)):
+    for use, people in (("front_vehicle_low_speed", False), ("motorway_approach", True)):
         (tmp_path / "evaluation.toml").write_text(EVALUATION.replace("USE", use))
         result = CliRunner().invoke(main, ["humans", "coverage", str(tmp_path / "evaluation.toml")])
         assert result.exit_code == 0, result.output

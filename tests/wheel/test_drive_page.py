@@ -24,7 +24,7 @@ from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.trajectory import Recording
 from sumo_eval.wheel.hands import Given, Hands
-from sumo_eval.wheel.page import drive_view, page, sheet
+from sumo_eval.wheel.page import drive_view, page, replay, sheet
 from sumo_eval.wheel.tape import digest, read_tape
 from sumo_eval.wheel.trip import concrete_of, one_drive
 from sumo_eval.wheel.window import Window
@@ -73,8 +73,8 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
             window.append(made)
             ready.set()
             recording, _ = await one_drive(made, SHORT, SETTINGS, path, drive_view(SHORT, SETTINGS, "Drive", ("Go.",)))
-            await made.show(sheet("Over"))
-            await asyncio.sleep(0.5)
+            seen = replay(SHORT, "you", {"ego": recording.ego, **recording.actors}, recording.collision)
+            await made.ask(sheet("Over", replay=seen, buttons=[["end", "That is all"]]))
             return recording
 
     with ThreadPoolExecutor(1) as pool:
@@ -84,6 +84,9 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
             try:
                 browser.open(window[0].address, "typeof sumoDrive !== 'undefined' && sumoDrive.state")
                 at_the_browser(browser)
+                browser.wait("document.querySelector('.replay-reading')?.textContent.includes('m/s')")
+                assert browser.problems == []
+                browser.run("document.querySelector('.sheet button.main').click()")
                 return drive.result(60.0)
             finally:
                 window[0].stop()
@@ -98,7 +101,6 @@ def test_a_driver_at_the_pages_gamepad_is_that_driver_at_the_door_to_the_bit(tmp
         browser.run(f"(() => {{ {PAD} }})()")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
-        assert browser.problems == []
 
     path = tmp_path / "drive.jsonl"
     found, door = driven(path, pad, paced=False), simulate(SHORT, AtTheDoor(), SETTINGS)
@@ -152,7 +154,6 @@ def test_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp
         chosen(browser, "wheel")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("document.documentElement.dataset.shown === 'sheet'")
-        assert browser.problems == []
 
     path = tmp_path / "drive.jsonl"
     assert driven(path, keys, paced=True).end_reason == "time_limit"
@@ -168,3 +169,48 @@ def test_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp
     assert len(tape.rows) == 60
     assert tape.came_of_it is not None
     assert tape.came_of_it["time"]["frames"] > 0
+
+
+@needs_chromium
+def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(tmp_path: Path) -> None:
+    """On a phone's screen: a finger pulled by half its way to the right steers by half; half up, the pedal is pressed
+    by 0.5 / 0.85. The browser here has no graphics processor, so the road is drawn plainly, the page says so, and the
+    tape too; who wishes for 3-D gets it. A graphics processor that is named so and is as slow comes to the same.
+    """
+
+    def fingers(browser: Page) -> None:
+        browser.call("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=2, mobile=True)
+        browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
+        browser.call("Page.reload")
+        browser.wait("typeof sumoDrive !== 'undefined' && sumoDrive.state")
+        assert browser.run("document.querySelector('.veil select').value") == "touch"
+        for wish, means in (("3-D", "software WebGL"), ("automatic", "plain drawing")):
+            browser.run(f"""(() => {{ const it = document.querySelector('.veil .drawing');
+                it.value = {wish!r}; it.dispatchEvent(new Event('change')); }})()""")
+            assert browser.run("sumoDrive.means") == means
+        assert "with its processor" in browser.run("document.querySelector('.veil .because').textContent")
+        browser.run("""(() => { sumoScene.means = () => "graphics"; const it = document.querySelector('.veil .drawing');
+            it.dispatchEvent(new Event('change')); })()""")
+        assert browser.run("sumoDrive.means") == "WebGL"
+        browser.wait("sumoDrive.means === 'plain drawing'")  # it is slow all the same: fewer pixels first, then this
+        assert "even with few pixels" in browser.run("document.querySelector('.veil .because').textContent")
+        browser.run("document.querySelector('.veil button.main').click()")
+        browser.wait("sumoDrive.state[1] > 0.2")
+        pedal = browser.run("(({ x, y, width, height }) => [x + width / 2, y + height / 2])"
+                            "(document.querySelector('.pedal.throttle').getBoundingClientRect())")  # fmt: skip
+        for kind, x in (("touchStart", 100), ("touchMove", 135)):
+            points = [{"x": x, "y": 700, "id": 1}, {"x": pedal[0], "y": pedal[1], "id": 2}]
+            browser.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        assert len(browser.picture()) > 5_000
+        time.sleep(0.3)
+        browser.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        browser.wait("document.documentElement.dataset.shown === 'sheet'")
+
+    path = tmp_path / "drive.jsonl"
+    driven(path, fingers, paced=True, size=(500, 900))
+    rows = read_tape(path).rows
+    assert {row[3] for row in rows[10:]} == {"stick"}
+    assert min(row[5] for row in rows) == -0.5
+    assert max(row[6] for row in rows) == pytest.approx(0.5 / 0.85, abs=0.01)
+    assert rows[-1][5:8] == (0, 0, 0)
+    assert read_tape(path).came_of_it["time"]["renderer"] == "plain drawing"  # type: ignore[index]

@@ -62,9 +62,11 @@ class CrashError(Exception):
     """The browser goes away in the middle."""
 
 
-async def participant(window: Window, code: str, *, leaves_at: int | None = None, quits: str = "") -> list[str]:
+async def participant(
+    window: Window, code: str, *, leaves_at: int | None = None, quits: str = "", stops_at: str = ""
+) -> list[str]:
     """Answer every sheet and drive gently until the thanks. leaves_at: the step of the first real drive at which the
-    window is closed for good. quits: title of a drive that is ended.
+    window is closed for good. quits: title of a drive that is ended. stops_at: title of a sheet where they stop.
     """
     titles: list[str] = []
     number, view = 0, {}
@@ -96,7 +98,9 @@ async def participant(window: Window, code: str, *, leaves_at: int | None = None
                         await peer.send('{"answers": {"button": "end"}}')
                         break
                     stops = bool(quits) and "ended" in view["title"]
-                    given = {"button": view["buttons"][-1 if stops else 0][0]}
+                    names = [name for name, _ in view["buttons"]]
+                    given = {"button": "leave" if stops else "stop" if view["title"] == stops_at else names[0]}
+                    assert given["button"] in names
                     for it in view.get("questions", ()):
                         mark = 3 if view.get("replay", {}).get("views", [{}])[0].get("contact") else 8
                         given[it["key"]] = {"scale": mark, "yes": True, "code": code}[it["kind"]]
@@ -146,6 +150,8 @@ def test_participants_drive_and_rate_and_a_run_takes_them_as_its_people(plan: Pl
     begun = participants(plan)[1]
     assert not [step for step in begun.done if step.startswith("drive:")]
     assert "Before you begin" not in take_part(plan, "P02")  # what was done is done
+    assert "Thank you" in take_part(plan, "P03", stops_at="Well done")  # of the practice; who comes back goes on there
+    assert list(participants(plan)[2].done)[-2:] == ["practice:1", "stopped"]
     take_part(plan, "P03", quits="Drive 2")
     orders = [[step for step in person.done if step.startswith("drive:")] for person in participants(plan)]
     assert orders[0] == list(reversed(orders[1])) == orders[2]

@@ -17,6 +17,7 @@ from sumo_eval.drivers.recorded.importers import (
     map_table,
     ngsim,
     openacc,
+    osi,
     sumo_fcd,
 )
 from sumo_eval.drivers.recorded.importers.found import Found
@@ -35,6 +36,7 @@ READERS: Final[dict[str, Callable[[Path], list[Found]]]] = {
     "sumo_fcd": sumo_fcd.read,
     "openacc": openacc.read,
     "dlr_highway": dlr_highway.read,
+    "osi": osi.read,
     "map": map_table.read,
 }
 """Formats that other people write, by the name they have on the command line."""

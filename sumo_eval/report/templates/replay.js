@@ -3,11 +3,16 @@
 "use strict";
 
 const sumoReplay = (() => {
+  const MS = 1e-3; // s, to which recorded times are rounded
   const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
-  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828", ink: "#1b1f24", muted: "#57606a" };
+  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828" };
+  const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views };
+  const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"] };
+  let paper = LIGHT; // what is drawn on: that of the page, and white where it is printed
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
   const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
   const MOST_TTC = 10; // s; longer ones are off the chart
+  const SETTLES = 250; // ms without a change after which a picture is drawn with all pixels
   const SPEEDS = [0.25, 0.5, 1, 2, 4];
 
   /** A channel at a time, linear between samples, constant beyond the ends. */
@@ -40,7 +45,7 @@ const sumoReplay = (() => {
         const x = at(actor, "x", time), y = at(actor, "y", time);
         const beside = Math.abs(y - ego.y[k]) >= (ego.width + actor.width) / 2;
         let distance = x <= ego.x[k] || beside ? Infinity : Math.max(0, x - ego.x[k] - (ego.length + actor.length) / 2);
-        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - 1e-9) distance = 0;
+        if (contact && contact.other === name && contact.side === "front" && time >= contact.time - MS) distance = 0;
         if (distance < nearest) {
           nearest = distance;
           closing = own - at(actor, "speed", time) * Math.cos(at(actor, "heading", time));
@@ -179,9 +184,9 @@ const sumoReplay = (() => {
     ];
     const begin = s - share * width / scale - 30, end = s + (1 - share) * width / scale + 30;
     const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => px(onMap(road, begin + 2 * k, y)));
-    context.fillStyle = "#f5f7f9";
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
-    context.fillStyle = "#d9dde1";
+    context.fillStyle = paper.road;
     for (const ring of crossingRings(road)) {
       outline(context, ring.map(([x, y]) => px(onMap(road, x, y))));
       context.fill();
@@ -198,8 +203,8 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    stroke(road.left, COLOURS.muted, []);
-    stroke(road.right, COLOURS.muted, []);
+    stroke(road.left, paper.muted, []);
+    stroke(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     const polyline = (points, style) => {
       context.beginPath();
@@ -217,11 +222,11 @@ const sumoReplay = (() => {
       const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
       const border = edge.map(([x, y]) => px(onMap(road, x, y)));
       outline(context, [...border, ...edge.map(([x]) => px(onMap(road, x, outer))).reverse()]);
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      polyline(border, COLOURS.muted);
+      polyline(border, paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
     const step = stepOf(scale);
@@ -255,8 +260,8 @@ const sumoReplay = (() => {
     return found;
   }
 
-  function pen(canvas) {
-    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+  function pen(canvas, ratio = window.devicePixelRatio || 1) {
+    const width = canvas.clientWidth, height = canvas.clientHeight;
     if (width === 0) return null;
     if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
       canvas.width = Math.round(width * ratio);
@@ -282,7 +287,7 @@ const sumoReplay = (() => {
     context.closePath();
   }
 
-  const touching = (view, time) => view.contact !== null && time >= view.contact.time - 1e-3; // recorded times are whole ms
+  const touching = (view, time) => view.contact !== null && time >= view.contact.time - MS;
 
   // --- from above ----------------------------------------------------------------------------------------------------
 
@@ -329,9 +334,9 @@ const sumoReplay = (() => {
     const left = span ? (span[0] + span[1] - width / scale) / 2 : at(view.ego, "x", time) - 0.3 * width / scale;
     const above = span ? (height - strip - (high - low) * scale) / 2 : 6;
     const px = (x) => (x - left) * scale, py = (y) => above + (high - y) * scale;
-    context.fillStyle = "#f5f7f9";
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
-    context.fillStyle = "#d9dde1";
+    context.fillStyle = paper.road;
     for (const [x, wide, reach] of road.crossings) context.fillRect(px(x - wide / 2), py(reach), wide * scale, 2 * reach * scale);
     context.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
     const line = (y, style, dash) => {
@@ -345,18 +350,18 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    line(road.left, COLOURS.muted, []);
-    line(road.right, COLOURS.muted, []);
+    line(road.left, paper.muted, []);
+    line(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) line(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     for (const [x0, x1, y] of road.solid) stroke(context, [[px(x0), py(y)], [px(x1), py(y)]], "#fff");
     for (const gone of road.gone) {
       const points = gone.map(([x, y]) => [px(x), py(y)]), outwards = Math.sign(points[0][1] - points[1][1]);
       outline(context, points.map(([x, y], k) => [x, k === 0 || k === 3 ? y + 2 * outwards : y]));
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      stroke(context, points.slice(1), COLOURS.muted);
+      stroke(context, points.slice(1), paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
     const step = stepOf(scale);
@@ -428,8 +433,8 @@ const sumoReplay = (() => {
     return `rgb(${parts.join(",")})`;
   }
 
-  function drawChase(canvas, scene, view, colour, time) {
-    const sheet = pen(canvas);
+  function drawChase(canvas, scene, view, colour, time, ratio) {
+    const sheet = pen(canvas, ratio);
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const me = mapped(road, view.ego), heading = at(me, "heading", time);
@@ -548,7 +553,7 @@ const sumoReplay = (() => {
   }
 
   /** Draw the view of a scene on a canvas of `sumoScene`; through it, as ghosts, another view where one is given. */
-  function drawSpace(space, scene, view, colour, time, mode, ghost = null) {
+  function drawSpace(space, scene, view, colour, time, mode, ghost, sharp) {
     space.onRoad(scene.road, onMap, scene.extent);
     const there = (t, held) => held <= duration(t) + 1e-9;
     const held = Math.min(time, duration(view.ego)), hit = touching(view, held);
@@ -569,7 +574,7 @@ const sumoReplay = (() => {
       return { ...body, vx: speed * Math.cos(body.heading), vy: speed * Math.sin(body.heading) };
     };
     const contact = hit ? [moving(view.ego, me), ...struck.map((body) => moving(view.actors.find(([name]) => name === view.contact.other)[1], body))] : null;
-    return space.draw({ vehicles, contact, camera: { mode, about: me } });
+    return space.draw({ vehicles, contact, camera: { mode, about: me }, sharp });
   }
 
   // --- charts over time ----------------------------------------------------------------------------------------------
@@ -581,8 +586,37 @@ const sumoReplay = (() => {
     { title: "steering wheel, °", of: (view) => view.ego.steering_wheel_angle.map((angle) => angle * 180 / Math.PI) },
   ];
 
-  function drawChart(canvas, chart, scene, time, whole) {
-    const sheet = pen(canvas);
+  /** A sheet like that of a canvas, whose strokes become SVG: what a chart needs of one, and no more. */
+  function svgSheet(width, height) {
+    const parts = [], numbers = (...values) => values.map((value) => value.toFixed(1)).join(" ");
+    let path = "", dash = [], box = null;
+    const context = {
+      beginPath: () => { path = ""; },
+      moveTo: (x, y) => { path += `M${numbers(x, y)}`; },
+      lineTo: (x, y) => { path += `L${numbers(x, y)}`; },
+      setLineDash: (lengths) => { dash = lengths; },
+      stroke: () => parts.push(`<path d="${path}" fill="none" stroke="${context.strokeStyle}" stroke-width="${context.lineWidth}" stroke-dasharray="${dash.join(" ")}"/>`),
+      fillRect: (x, y, wide, tall) => parts.push(`<rect x="${x}" y="${y}" width="${wide}" height="${tall}" fill="${context.fillStyle}"/>`),
+      fillText: (text, x, y) => {
+        const anchor = { left: "start", center: "middle", right: "end" }[context.textAlign];
+        parts.push(`<text x="${x}" y="${y}" fill="${context.fillStyle}" font-size="11" font-family="${FONT}" text-anchor="${anchor}">${text}</text>`);
+      },
+      rect: (x, y, wide, tall) => { box = `<rect x="${x}" y="${y}" width="${wide}" height="${tall}"/>`; },
+      clip: () => parts.push(`<clipPath id="inside">${box}</clipPath><g clip-path="url(#inside)">`),
+      save: () => {},
+      restore: () => parts.push("</g>"),
+    };
+    const text = () => `<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${width} ${height}">${parts.join("")}</svg>`;
+    return { context, width, height, text };
+  }
+
+  /** What a chart shows, as rows: the ADS, the time, the value. */
+  const chartRows = (chart, scene) => [["ads", "time, s", chart.title], ...scene.views.flatMap((view) => {
+    const values = chart.of(view);
+    return Array.from(values, (value, k) => [view.name, (view.ego.time[k] - view.ego.time[0]).toFixed(3), Number.isFinite(value) ? value : ""]);
+  })];
+
+  function drawChart(sheet, chart, scene, time, whole) {
     if (!sheet) return;
     const { context, width, height } = sheet, [left, right, top, bottom] = [40, width - 8, 20, height - 18];
     const series = scene.views.map((view) => chart.of(view));
@@ -590,11 +624,11 @@ const sumoReplay = (() => {
     const low = chart.low ?? Math.min(-0.5, ...known), high = chart.high ?? Math.max(low + 1, ...known);
     const px = (t) => left + (right - left) * t / whole, py = (value) => bottom - (bottom - top) * (value - low) / (high - low);
     context.font = `11px ${FONT}`;
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.textAlign = "left";
     context.fillText(chart.title, left, 12);
-    context.fillStyle = COLOURS.muted;
-    context.strokeStyle = "#e6eaee";
+    context.fillStyle = paper.muted;
+    context.strokeStyle = paper.hair;
     context.lineWidth = 1;
     const digits = high - low < 5 ? 1 : 0;
     for (const value of [low, (low + high) / 2, high]) {
@@ -623,7 +657,7 @@ const sumoReplay = (() => {
       }
       context.lineWidth = 2;
       context.setLineDash(which ? [6, 3] : []);
-      context.strokeStyle = COLOURS.views[which];
+      context.strokeStyle = paper.lines[which];
       context.stroke();
       context.setLineDash([]);
       if (!contact) return;
@@ -635,7 +669,7 @@ const sumoReplay = (() => {
       context.textAlign = "center";
       context.fillText("not known in this case", (left + right) / 2, (top + bottom) / 2);
     }
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.fillRect(px(Math.min(time, whole)) - 0.5, top - 4, 1, bottom - top + 4);
   }
 
@@ -667,7 +701,7 @@ const sumoReplay = (() => {
   function nearestSample(ego, time) {
     const wanted = time + ego.time[0];
     let k = 0;
-    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + 1e-9) k++;
+    while (k + 1 < ego.time.length && ego.time[k + 1] <= wanted + MS) k++;
     return k;
   }
 
@@ -699,11 +733,20 @@ const sumoReplay = (() => {
       const canvas = element("canvas", "replay-chart");
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", `${chart.title} over time`);
-      charts.append(canvas);
+      const held = element("div", "replay-held");
+      if (typeof sumoPage !== "undefined") {
+        held.append(sumoPage.saver(`${chart.title} over time`, () => {
+          const sheet = svgSheet(canvas.clientWidth, canvas.clientHeight);
+          drawChart(sheet, chart, scene, now, whole);
+          return sheet.text();
+        }, () => chartRows(chart, scene)));
+      }
+      held.append(canvas);
+      charts.append(held);
       return canvas;
     });
     root.replaceChildren(views, controls, charts);
-    let scene = null, panes = [], frame = null, now = 0, whole = 1;
+    let scene = null, panes = [], frame = null, now = 0, whole = 1, settled = null;
     const chases = []; // a canvas for each view, once and for all: a browser gives a page few contexts
 
     /** The canvas of the view in place k, and what draws in it in three dimensions; null: the plain drawing does. */
@@ -715,8 +758,8 @@ const sumoReplay = (() => {
         chase.setAttribute("role", "img");
         chases[k] = { chase, space };
         if (space) {
-          space.steerable(() => camera.value === "free", draw);
-          chase.addEventListener("scene-restored", draw);
+          space.steerable(() => camera.value === "free", () => draw());
+          chase.addEventListener("scene-restored", () => draw());
         }
       }
       return chases[k];
@@ -755,19 +798,24 @@ const sumoReplay = (() => {
       draw();
     }
 
-    function draw() {
+    let printing = false;
+    /** sharp: the three-dimensional pictures with all pixels, as they are drawn once nothing has moved for a while. */
+    function draw(sharp = false) {
+      clearTimeout(settled);
       if (!scene) return;
+      if (!sharp && frame === null && panes.some(({ space }) => space)) settled = setTimeout(() => draw(frame === null), SETTLES);
+      paper = document.documentElement.dataset.theme === "dark" && !printing ? DARK : LIGHT;
       const time = now;
       const one = !ghosted.hidden && together.checked;
       panes.forEach(({ chase, space, top, words, view, colour }, which) => {
         const held = Math.min(time, duration(view.ego));
         chase.hidden = one && which > 0;
         if (!space) drawChase(chase, scene, view, colour, held);
-        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null);
+        else if (!chase.hidden) drawSpace(space, scene, view, colour, time, camera.value, one ? { ...panes[1].view, colour: panes[1].colour } : null, sharp);
         drawTop(top, scene, view, colour, held);
         words.textContent = reading(view, time);
       });
-      CHARTS.forEach((chart, k) => drawChart(canvases[k], chart, scene, time, whole));
+      CHARTS.forEach((chart, k) => drawChart(pen(canvases[k]), chart, scene, time, whole));
       clock.textContent = `${time.toFixed(1)} s`;
     }
 
@@ -777,8 +825,13 @@ const sumoReplay = (() => {
       button.textContent = "Play";
     }
 
+    function rest() {
+      stop();
+      draw();
+    }
+
     function play() {
-      if (frame !== null) return stop();
+      if (frame !== null) return rest();
       let time = now >= whole - 1e-6 ? 0 : now, before = null;
       button.textContent = "Pause";
       const tick = (clock) => {
@@ -790,7 +843,7 @@ const sumoReplay = (() => {
         }
         for (const { space } of panes) if (space) space.pace(clock / 1000);
         seek(Math.min(time, whole));
-        if (time >= whole) return stop();
+        if (time >= whole) return rest();
         frame = requestAnimationFrame(tick);
         return undefined;
       };
@@ -801,13 +854,15 @@ const sumoReplay = (() => {
     button.addEventListener("click", play);
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
-    camera.addEventListener("change", draw);
-    together.addEventListener("change", draw);
-    window.addEventListener("resize", draw);
+    for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
+    for (const name of ["beforeprint", "afterprint"]) window.addEventListener(name, () => { printing = name === "beforeprint"; draw(); });
+    if (typeof sumoPage !== "undefined") sumoPage.onTheme(() => draw());
     return { show, stop, draw };
   }
 
-  return { player, still, named, ahead, at, onMap, mapped, bends, within, crossingRings, roomOf, bodyParts, CAMERAS };
+  return {
+    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, named, mapped, bends, within, crossingRings, roomOf, bodyParts,
+  };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoReplay;

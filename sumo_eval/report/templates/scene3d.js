@@ -11,6 +11,7 @@ const sumoScene = (() => {
   const DASH = 3, GAP = 6, POSTS = 50; // m
   const FAR = 1500, NEAR = 0.25; // m
   const SLOW = 1 / 38, FAST = 1 / 57; // s a frame from which the resolution falls, below which it rises
+  const ENOUGH = 15; // pictures between two changes of it
   const LEAST_RATIO = 0.35, MOST_RATIO = 2;
 
   const VERTEX = `#version 300 es
@@ -334,14 +335,28 @@ const sumoScene = (() => {
 
   const rgb = (colour) => [1, 3, 5].map((start) => parseInt(colour.slice(start, start + 2), 16) / 255);
 
+  let found = null;
+
+  /** By what this browser draws in three dimensions: "" not at all, "processor" without a graphics processor, "graphics". */
+  function means() {
+    if (found !== null) return found;
+    const asked = (more) => document.createElement("canvas").getContext("webgl2", more);
+    const gl = asked({}), quick = gl && asked({ failIfMajorPerformanceCaveat: true });
+    found = !gl ? "" : !quick || software(gl) ? "processor" : "graphics";
+    for (const each of [gl, quick]) { // a browser gives a page few contexts
+      const end = each && each.getExtension("WEBGL_lose_context");
+      if (end) end.loseContext();
+    }
+    return found;
+  }
+
   /** A view on a canvas, null where there is no WebGL2. keep: the picture can be read and printed at any time. */
   function create(canvas, { keep = false } = {}) {
     const attributes = { antialias: true, alpha: false, preserveDrawingBuffer: keep, powerPreference: "high-performance" };
     const gl = canvas.getContext("webgl2", attributes);
     if (!gl) return null;
-    const slow = software(gl);
     let program = null, names = {}, meshes = {}, standing = null, lost = false, fence = null, begun = 0, done = 0;
-    let ratio = Math.min(window.devicePixelRatio || 1, MOST_RATIO) * (slow ? 0.6 : 1), interval = 1 / 60, last = null, since = 0;
+    let ratio = Math.min(window.devicePixelRatio || 1, MOST_RATIO) * (software(gl) ? 0.6 : 1), interval = 1 / 60, last = null, since = 0;
     const free = { turn: 0.5, rise: 0.35, away: 14 };
 
     function build() {
@@ -413,10 +428,11 @@ const sumoScene = (() => {
     }
 
     /** vehicles: [{ kind, x, y, heading, length, width, colour "#rrggbb", brakes, alpha, me }]; contact: [{ x, y, heading,
-     *  length, width, kind, vx, vy }] or null. camera: { mode, about }. */
-    function draw({ vehicles, contact = null, camera }) {
+     *  length, width, kind, vx, vy }] or null. camera: { mode, about }. sharp: with all pixels, for a picture that stays. */
+    function draw({ vehicles, contact = null, camera, sharp = false }) {
       if (lost || !standing || canvas.clientWidth === 0) return false;
-      const [width, height] = [Math.max(1, Math.round(canvas.clientWidth * ratio)), Math.max(1, Math.round(canvas.clientHeight * ratio))];
+      const fine = sharp ? Math.min(window.devicePixelRatio || 1, MOST_RATIO) : ratio;
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.max(1, Math.round(size * fine)));
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
       gl.viewport(0, 0, width, height);
       gl.clearColor(...SKY, 1);
@@ -476,15 +492,20 @@ const sumoScene = (() => {
     /** Whether the picture of that number is there, whatever has been begun since. */
     const there = (number) => !busy() || done >= number;
 
-    /** Once a picture that moves has been drawn, at `now`, s: fewer pixels where they come too slowly, more where not. */
-    function pace(now) {
+    /** Once a picture that moves has been drawn, at `now`, s: fewer pixels where they come too slowly, more where not.
+     *  late: they come too late for another reason. Whether pictures come too slowly at the fewest pixels that there are. */
+    function pace(now, late = false, slow = SLOW) {
       const apart = last === null ? 1 / 60 : now - last;
       last = now;
-      if (apart > 0.5) return; // a pause, not a slow picture
+      if (apart > 0.5) return false; // a pause, not a slow picture
       interval += 0.1 * (apart - interval);
       since += 1;
-      if (interval > SLOW && since > 15 && ratio > LEAST_RATIO) [ratio, since] = [Math.max(LEAST_RATIO, ratio * 0.8), 0];
-      else if (interval < FAST && since > 150 && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since] = [ratio * 1.1, 0];
+      if (since <= ENOUGH) return false;
+      if (interval > slow || late) {
+        if (ratio <= LEAST_RATIO) return true;
+        [ratio, since] = [Math.max(LEAST_RATIO, ratio * 0.8), 0];
+      } else if (interval < FAST && since > 10 * ENOUGH && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since] = [ratio * 1.1, 0];
+      return false;
     }
 
     /** Turn the free camera with the mouse or a finger, and come nearer with the wheel, while enabled() says so; changed:
@@ -522,10 +543,10 @@ const sumoScene = (() => {
       if (before) onRoad(before.road, before.onMap, before.extent);
       canvas.dispatchEvent(new Event("scene-restored"));
     });
-    return { draw, busy, there, begun: () => begun, pace, onRoad, steerable, slow, resolution: () => ratio, interval: () => interval };
+    return { draw, busy, there, begun: () => begun, pace, onRoad, steerable, lost: () => lost, resolution: () => ratio, interval: () => interval };
   }
 
-  return { create };
+  return { create, means };
 })();
 
 if (typeof module !== "undefined") module.exports = sumoScene;

@@ -1,4 +1,4 @@
-// Draws the one chart of a study's page, in the colours of the page.
+// Draws the charts of a study's page, in the colours of the page, each once it is to be seen.
 "use strict";
 
 (async () => {
@@ -8,11 +8,11 @@
     byId("failure").textContent = `The chart could not be drawn (${reason}).`;
   };
   window.addEventListener("unhandledrejection", (event) => fail(event.reason));
-  const figure = JSON.parse(await sumoEval.inflated(byId("study-figure").textContent));
+  const figures = JSON.parse(await sumoEval.inflated(byId("study-figures").textContent));
   const library = document.createElement("script"); // inline scripts run as they are added
   library.textContent = await sumoEval.inflated(byId("plotly-code").textContent);
   document.head.append(library);
-  const plot = byId("study"), C = sumoPage.colour;
+  const C = sumoPage.colour;
 
   // Figures come in the colours of a light page; each stands for its name in the style sheet.
   const NAMES = { "#e6f1f8": "--safe", "#fbd9b5": "--hazardous", "#1b1f24": "--ink", "#0072b2": "--c", "#b23c00": "--hit",
@@ -24,7 +24,8 @@
     return value;
   };
 
-  function draw() {
+  function draw(plot) {
+    const figure = figures[Number(plot.dataset.figure)];
     const axis = { gridcolor: C("--hair"), linecolor: C("--axis"), zeroline: false, ticks: "outside", ticklen: 4, tickcolor: C("--axis") };
     const layout = { ...figure.layout, autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
       font: { family: getComputedStyle(document.body).fontFamily, size: 12, color: C("--ink") },
@@ -33,14 +34,27 @@
     return Plotly.react(plot, coloured(figure.data), coloured(layout), { displaylogo: false, responsive: true, displayModeBar: false });
   }
 
-  const rows = () => [["series", "x", "y", "value"], ...plot.data.filter((trace) => trace.hoverinfo !== "skip").flatMap((trace) =>
-    Array.from(trace.x ?? [], (x, i) => [trace.name ?? "", x, trace.y?.[i], Array.isArray(trace.text) ? trace.text[i] : ""]))];
-  const svg = async () => {
-    const address = await Plotly.toImage(plot, { format: "svg", width: plot.clientWidth, height: plot.clientHeight });
-    return decodeURIComponent(address.slice(address.indexOf(",") + 1));
-  };
-  document.querySelector("figcaption").append(sumoPage.saver(document.title, svg, rows));
-  await draw();
-  sumoPage.onTheme(draw);
+  /** Draw a chart for the first time, and give it its buttons. */
+  async function begin(plot) {
+    if (plot.dataset.drawn) return;
+    plot.dataset.drawn = "yes";
+    const rows = () => [["series", "x", "y", "value"], ...plot.data.filter((trace) => trace.hoverinfo !== "skip").flatMap((trace) =>
+      Array.from(trace.x ?? [], (x, i) => [trace.name ?? "", x, trace.y?.[i], Array.isArray(trace.text) ? trace.text[i] : ""]))];
+    const svg = async () => {
+      const address = await Plotly.toImage(plot, { format: "svg", width: plot.clientWidth, height: plot.clientHeight });
+      return decodeURIComponent(address.slice(address.indexOf(",") + 1));
+    };
+    plot.closest("figure").querySelector("figcaption").append(sumoPage.saver(plot.getAttribute("aria-label"), svg, rows));
+    await draw(plot);
+  }
+
+  const plots = [...document.querySelectorAll("[data-figure]")];
+  const seen = () => plots.filter((plot) => !plot.closest("details:not([open])"));
+  for (const fold of document.querySelectorAll("details.fold")) {
+    fold.addEventListener("toggle", () => { if (fold.open) fold.querySelectorAll("[data-figure]").forEach(begin); });
+  }
+  sumoPage.beforePrint(() => Promise.all(plots.map(begin)));
+  sumoPage.onTheme(() => plots.filter((plot) => plot.dataset.drawn).forEach(draw));
+  await Promise.all(seen().map(begin));
   document.documentElement.dataset.study = "ready";
 })();

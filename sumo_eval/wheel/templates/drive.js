@@ -12,11 +12,17 @@ const sumoDrive = (() => {
   const DROPPED = 50; // ms between two pictures from which one has been dropped
   const TELL = 1000; // ms between two messages on how the page does
   const AGAIN = 1000; // ms until a lost connection is tried again
+  const BOUND = 50; // ms from input to picture, 95 of 100, beyond which the picture has too many pixels
+  const STEADY = 1 / 45; // s a picture at which that bound is kept
+  const WAITED = 30; // ms of that bound that are not the step's own
+  const JUDGED = 40; // inputs from which it is judged
+  const NOTED = 8000; // ms that a sentence stays over the road
+  const REACH = 70; // px of a finger's way from straight to the end
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
   const stage = document.getElementById("stage");
-  let socket = null, over = false, drive = null, device = "keys", calibration = null, shown = null;
+  let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
   const element = (tag, className, text) => {
     const made = document.createElement(tag);
@@ -83,7 +89,7 @@ const sumoDrive = (() => {
         const answers = { button: name };
         for (const { key, value, set } of asked) {
           const given = value();
-          if (given === null && name !== "skip") {
+          if (given === null && name !== "skip" && name !== "stop") {
             wish.textContent = "Please answer every question.";
             set.scrollIntoView({ block: "center" });
             return;
@@ -109,7 +115,8 @@ const sumoDrive = (() => {
 
   // --- hands and feet ------------------------------------------------------------------------------------------------
 
-  const held = { keys: 0, mouse: { steer: 0, throttle: 0, brake: 0 } };
+  const nobody = () => ({ steer: 0, throttle: 0, brake: 0 });
+  const held = { keys: 0, hand: nobody() }; // hand: of the mouse, or of fingers
 
   const pad = () => Array.from(navigator.getGamepads ? navigator.getGamepads() : []).find((it) => it && it.connected) || null;
   const within = (value, low, high) => Math.min(high, Math.max(low, value));
@@ -123,8 +130,8 @@ const sumoDrive = (() => {
 
   /** [kind, keys, steer, throttle, brake] as `messages.read` takes it. */
   function sample() {
-    const it = device === "keys" || device === "mouse" ? null : pad();
-    if (device === "mouse") return ["stick", 0, held.mouse.steer, held.mouse.throttle, held.mouse.brake];
+    if (device === "mouse" || device === "touch") return ["stick", 0, held.hand.steer, held.hand.throttle, held.hand.brake];
+    const it = device === "keys" ? null : pad();
     if (device === "wheel" && it && calibration) {
       const { left, right, centre, axis, degrees } = calibration.steer, value = it.axes[axis];
       const turn = (value - centre) / (value - centre > 0 === left - centre > 0 ? left - centre : centre - right);
@@ -155,7 +162,8 @@ const sumoDrive = (() => {
 
   function letGo() {
     held.keys = 0;
-    held.mouse = { steer: 0, throttle: 0, brake: 0 };
+    held.hand = nobody();
+    if (drive) drive.untouched();
   }
 
   document.addEventListener("keydown", (event) => onKey(event, true));
@@ -178,13 +186,14 @@ const sumoDrive = (() => {
       this.untold = { frames: 0, dropped: 0, latency: [] };
       this.drawn = null;
       this.mode = kept("camera") || "behind";
+      this.wish = kept("drawing") || "automatic"; // or "3-D", "plain"
       this.root = element("div", "drive");
-      this.canvas = element("canvas");
-      this.canvas.setAttribute("role", "img");
-      this.canvas.setAttribute("aria-label", "The road ahead");
+      this.place = element("div", "place");
+      this.note = element("p", "note");
+      this.note.setAttribute("role", "status");
       this.hud = element("div", "hud");
       this.readings = ["speed", "wanted", "gap", "TTC", "time"].map((name) => {
-        const box = element("div"), value = element("b");
+        const box = element("div", name), value = element("b");
         box.append(value, element("small", "", name));
         this.hud.append(box);
         return value;
@@ -193,16 +202,14 @@ const sumoDrive = (() => {
       this.hud.append(this.thin);
       this.count = element("div", "count");
       this.veil = element("div", "veil");
-      const tools = element("div", "tools"), camera = element("select"), stop = element("button", "", "Pause");
-      camera.setAttribute("aria-label", "Camera");
-      camera.append(...sumoReplay.CAMERAS.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
-      camera.addEventListener("change", () => { this.mode = camera.value; kept("camera", this.mode); camera.blur(); });
+      const tools = element("div", "tools"), stop = element("button", "", "Pause");
+      this.camera = element("select");
+      this.camera.setAttribute("aria-label", "Camera");
+      this.camera.addEventListener("change", () => { this.mode = this.camera.value; kept("camera", this.mode); this.camera.blur(); });
       stop.addEventListener("click", () => { this.pause("key"); stop.blur(); });
-      tools.append(camera, stop);
-      this.root.append(this.canvas, this.hud, this.count, tools, this.veil);
-      this.space = sumoScene.create(this.canvas);
-      this.plain = this.space ? null : this.canvas.getContext("2d");
-      if (this.space) this.space.steerable(() => this.mode === "free", () => {});
+      tools.append(this.camera, stop);
+      this.root.append(this.place, this.hud, this.fingers(), this.note, this.count, tools, this.veil);
+      this.drawing();
       this.mouse();
       stage.replaceChildren(this.root);
       this.cover("start");
@@ -213,20 +220,97 @@ const sumoDrive = (() => {
     close() {
       cancelAnimationFrame(this.frame);
       clearInterval(this.teller);
+      clearTimeout(this.noted);
       this.tell();
+    }
+
+    /** In three dimensions, or plainly where that is wished, missing, or would come too late. why: a sentence on the last. */
+    drawing(why = "") {
+      const means = sumoScene.means(), forced = this.wish === "3-D";
+      if (!why && !forced && this.wish !== "plain") {
+        if (!means) why = "This browser draws nothing in 3-D, so the road is drawn plainly.";
+        else if (means === "processor") why = "This computer would draw 3-D with its processor, too late to drive by: the road is drawn plainly.";
+      }
+      this.canvas = element("canvas");
+      this.canvas.setAttribute("role", "img");
+      this.canvas.setAttribute("aria-label", "The road ahead");
+      this.place.replaceChildren(this.canvas);
+      this.space = why || this.wish === "plain" ? null : sumoScene.create(this.canvas);
+      this.plainly = this.space ? "" : why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
+      this.means = this.space ? { processor: "software WebGL", graphics: "WebGL" }[means] : "plain drawing";
+      if (this.space) this.space.steerable(() => this.mode === "free", () => {});
+      const modes = this.space ? sumoReplay.CAMERAS : ["behind", "above"];
+      if (!modes.includes(this.mode)) this.mode = "behind";
+      this.camera.replaceChildren(...modes.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
+      this.latency = [];
+      this.judged = 0;
+      this.answered = null;
+      const because = this.veil.querySelector(".because");
+      if (this.veil.hidden) this.say(this.plainly);
+      else if (because) because.textContent = this.plainly;
+    }
+
+    /** A sentence over the road, for a while. */
+    say(words) {
+      this.note.textContent = words;
+      clearTimeout(this.noted);
+      if (words) this.noted = setTimeout(() => { this.note.textContent = ""; }, NOTED);
     }
 
     mouse() {
       const turn = (event) => {
         if (device !== "mouse") return;
-        const half = this.canvas.clientWidth / 2;
-        held.mouse.steer = within(-(event.clientX - half) / (0.8 * half), -1, 1);
-        held.mouse.throttle = event.buttons & 1 ? 1 : 0;
-        held.mouse.brake = event.buttons & 2 ? 1 : 0;
+        const half = this.place.clientWidth / 2;
+        held.hand = { steer: within(-(event.clientX - half) / (0.8 * half), -1, 1), throttle: event.buttons & 1 ? 1 : 0, brake: event.buttons & 2 ? 1 : 0 };
         this.send(event.timeStamp);
       };
-      for (const name of ["pointermove", "pointerdown", "pointerup"]) this.canvas.addEventListener(name, turn);
-      this.canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+      for (const name of ["pointermove", "pointerdown", "pointerup"]) this.place.addEventListener(name, turn);
+      this.place.addEventListener("contextmenu", (event) => event.preventDefault());
+    }
+
+    /** For fingers: where one lands is straight on, from there it pulls to the left and right; two pedals, pressed harder
+     *  the higher. */
+    fingers() {
+      const all = element("div", "fingers"), wheel = element("div", "finger-wheel"), knob = element("i");
+      wheel.append(element("small", "", "steer: pull left or right"), knob);
+      let from = null;
+      const turn = (event, steer) => {
+        held.hand.steer = steer;
+        knob.style.transform = `translateX(${-steer * REACH}px)`;
+        this.send(event.timeStamp);
+      };
+      wheel.addEventListener("pointerdown", (event) => {
+        from = event.clientX;
+        wheel.setPointerCapture(event.pointerId);
+        const box = wheel.getBoundingClientRect();
+        Object.assign(knob.style, { left: `${event.clientX - box.left}px`, top: `${event.clientY - box.top}px` });
+        turn(event, 0);
+      });
+      wheel.addEventListener("pointermove", (event) => { if (from !== null) turn(event, within((from - event.clientX) / REACH, -1, 1)); });
+      for (const name of ["pointerup", "pointercancel"]) wheel.addEventListener(name, (event) => { from = null; turn(event, 0); });
+      all.append(wheel);
+      for (const name of ["brake", "throttle"]) {
+        const pedal = element("div", `pedal ${name}`);
+        pedal.append(element("i"), element("span", "", name));
+        let pressed = false;
+        const press = (event) => {
+          const box = pedal.getBoundingClientRect(), share = pressed ? within((box.bottom - event.clientY) / (0.85 * box.height), 0.1, 1) : 0;
+          held.hand[name] = share;
+          pedal.firstChild.style.height = `${100 * share}%`;
+          this.send(event.timeStamp);
+        };
+        pedal.addEventListener("pointerdown", (event) => { pressed = true; pedal.setPointerCapture(event.pointerId); press(event); });
+        pedal.addEventListener("pointermove", (event) => { if (pressed) press(event); });
+        for (const end of ["pointerup", "pointercancel"]) pedal.addEventListener(end, (event) => { pressed = false; press(event); });
+        all.append(pedal);
+      }
+      all.addEventListener("contextmenu", (event) => event.preventDefault());
+      this.untouched = () => {
+        from = null;
+        knob.style.transform = "";
+        for (const each of all.querySelectorAll(".pedal i")) each.style.height = "0";
+      };
+      return all;
     }
 
     /** What lies over the road while nothing moves: how to drive, and a way on. */
@@ -235,13 +319,21 @@ const sumoDrive = (() => {
       box.append(element("h2", "", why === "start" ? title : "The drive is held"));
       if (why === "start") for (const text of lines || []) box.append(element("p", "", text));
       else box.append(element("p", "", why === "hidden" ? "The window was out of sight. Nothing has moved since." : "Nothing moves until you go on."));
-      const label = element("label", "", "Drive with "), choice = element("select");
-      choice.append(...[["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"]].map(([value, text]) => new Option(text, value, false, value === device)));
+      const label = element("label", "", "Drive with "), choice = element("select", "device");
+      choice.append(...[["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"], ["touch", "fingers on the screen"]].map(([value, text]) => new Option(text, value, false, value === device)));
       label.append(choice);
+      const drawn = element("label", "", "Draw the road "), drawing = element("select", "drawing"), because = element("p", "because", this.plainly);
+      drawing.append(...[["automatic", "in 3-D where that is quick enough"], ["3-D", "in 3-D, however slow"], ["plain", "plainly"]].map(([value, text]) => new Option(text, value, false, value === this.wish)));
+      drawing.addEventListener("change", () => {
+        this.wish = kept("drawing", drawing.value) || drawing.value;
+        this.drawing();
+      });
+      drawn.append(drawing);
       const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Go on");
       const told = () => {
         device = choice.value;
         how.replaceChildren(...howTo(device));
+        this.root.classList.toggle("by-touch", device === "touch");
         row.querySelector(".calibrate").hidden = device !== "wheel";
         go.disabled = device === "wheel" && !(calibration && pad() && pad().id === calibration.id);
       };
@@ -252,7 +344,7 @@ const sumoDrive = (() => {
       leave.addEventListener("click", () => { leave.disabled = go.disabled = true; say({ quit: true }); });
       row.append(go, calibrate, leave);
       choice.addEventListener("change", told);
-      box.append(label, how, row);
+      box.append(label, how, drawn, because, row);
       this.veil.replaceChildren(box);
       this.veil.hidden = false;
       calibration = calibration || kept("calibration");
@@ -296,6 +388,7 @@ const sumoDrive = (() => {
 
     start() {
       this.veil.hidden = true;
+      this.say(this.plainly);
       say({ ready: true });
       const begun = performance.now(), whole = 1000 * this.view.countdown;
       const show = () => {
@@ -311,6 +404,7 @@ const sumoDrive = (() => {
       if (!this.veil.hidden) return;
       this.held = true;
       this.count.textContent = "";
+      this.say("");
       say({ pause: why });
       this.cover(why);
     }
@@ -337,8 +431,10 @@ const sumoDrive = (() => {
     bodies(now) {
       const { scene, step } = this.view, ahead = this.held ? 0 : within((now - this.arrived) / 1000, 0, 2 * step);
       const put = ([x, y, heading, speed, acceleration], it, more) => {
-        const [east, north, turned] = sumoReplay.onMap(scene.road, x + speed * Math.cos(heading) * ahead, y + speed * Math.sin(heading) * ahead, heading);
-        return { x: east, y: north, heading: turned, length: it.length, width: it.width, kind: it.kind, brakes: acceleration < -0.5, ...more };
+        const [s, d] = [x + speed * Math.cos(heading) * ahead, y + speed * Math.sin(heading) * ahead];
+        const [east, north, turned] = sumoReplay.onMap(scene.road, s, d, heading);
+        const alone = { time: [0], x: [s], y: [d], heading: [heading], acceleration: [acceleration], length: it.length, width: it.width };
+        return { x: east, y: north, heading: turned, length: it.length, width: it.width, kind: it.kind, brakes: acceleration < -0.5, alone, ...more };
       };
       const me = put(this.state[3], scene.ego, { colour: COLOURS.me, me: true });
       return [me, ...this.state[4].map(([number, ...rest]) => put(rest, scene.others[number - 1], { colour: COLOURS.other }))];
@@ -353,8 +449,12 @@ const sumoDrive = (() => {
       if (this.space) {
         this.space.onRoad(this.view.scene.road, sumoReplay.onMap, this.view.scene.extent);
         this.space.draw({ vehicles: bodies, camera: { mode: this.mode, about: bodies[0] } });
-        if (!this.held) this.space.pace(now / 1000);
-      } else this.above(bodies);
+        this.judge(now);
+      } else if (this.mode === "above") this.above(bodies);
+      else {
+        const [me, ...others] = bodies, view = { ego: me.alone, actors: others.map((it, k) => [String(k), it.alone]), contact: null };
+        sumoReplay.drawChase(this.canvas, { road: this.view.scene.road }, view, COLOURS.me, 0, 1);
+      }
       if (this.answered !== null) this.time(this.answered);
       this.answered = null;
       if (!this.held) {
@@ -367,6 +467,25 @@ const sumoDrive = (() => {
       this.read();
     }
 
+    /** Fewer pixels where pictures come too late, and at the end the plain drawing, by itself: unless 3-D is wished. */
+    judge(now) {
+      if (this.space.lost()) {
+        this.drawing("The browser has taken 3-D away from this page: the road is drawn plainly.");
+        return;
+      }
+      const bound = Math.max(BOUND, WAITED + 1000 * this.view.step), late = this.judged >= JUDGED && this.within(0.95) > bound;
+      if (late) this.judged = 0; // after a change it is judged anew
+      if (this.space.pace(now / 1000, late, STEADY) && this.wish !== "3-D") {
+        this.drawing("3-D came too late to drive by, even with few pixels: the road is drawn plainly.");
+      }
+    }
+
+    /** ms within which that share of the last inputs was to be seen. */
+    within(share) {
+      const ordered = this.latency.slice(-JUDGED).sort((a, b) => a - b);
+      return ordered.length ? ordered[Math.min(ordered.length - 1, Math.floor(share * ordered.length))] : 0;
+    }
+
     /** Devices that send no events: what moved since the last picture is timed from now. */
     poll() {
       const said = JSON.stringify(sample());
@@ -374,25 +493,33 @@ const sumoDrive = (() => {
       this.polled = said;
     }
 
-    /** The picture is there once the graphics processor is done with it. */
+    /** The picture is there once the graphics processor is done with it, or the page has painted. */
     time(stamp) {
-      const picture = this.space ? this.space.begun() : 0;
+      const { space } = this, picture = space ? space.begun() : 0;
       const look = () => {
-        if (this.space && !this.space.there(picture)) { setTimeout(look, 1); return; }
+        if (space !== this.space) return;
+        if (space && !space.there(picture)) { setTimeout(look, 1); return; }
         const took = performance.now() - stamp;
         this.latency.push(took);
+        this.judged += 1;
         if (this.latency.length > 200) this.latency.shift();
         if (this.untold.latency.length < 200) this.untold.latency.push(Math.round(10 * took) / 10);
       };
-      look();
+      if (space) look();
+      else { // this frame is painted before the next message is read
+        const { port1, port2 } = new MessageChannel();
+        port1.onmessage = () => { port1.close(); look(); };
+        port2.postMessage(0);
+      }
     }
 
-    /** Without WebGL: the road from above. */
+    /** Plainly: the road from above. */
     above(bodies) {
-      const { canvas, plain } = this, { road } = this.view.scene, [me] = bodies;
+      const { canvas } = this, plain = canvas.getContext("2d"), { road } = this.view.scene, [me] = bodies;
+      plain.setTransform(1, 0, 0, 1, 0, 0);
       if (canvas.width !== canvas.clientWidth) canvas.width = canvas.clientWidth;
       if (canvas.height !== canvas.clientHeight) canvas.height = canvas.clientHeight;
-      const scale = 7, [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
+      const scale = Math.max(4, canvas.height / 110), [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
       const px = ([x, y]) => [canvas.width / 2 - scale * ((y - me.y) * c - (x - me.x) * s), 0.75 * canvas.height - scale * ((x - me.x) * c + (y - me.y) * s)];
       plain.fillStyle = "#c9d3c2";
       plain.fillRect(0, 0, canvas.width, canvas.height);
@@ -413,12 +540,16 @@ const sumoDrive = (() => {
         line(along(road.right + lane * road.laneWidth), false);
         plain.stroke();
       }
+      for (const [a, b, d] of road.solid) if (b > from && a < from + 240) {
+        const [begin, end] = [Math.max(a, from), Math.min(b, from + 240)];
+        line(Array.from({ length: 60 }, (_, k) => px(sumoReplay.onMap(road, begin + (end - begin) * k / 59, d))), false);
+        plain.setLineDash([]);
+        plain.stroke();
+      }
       plain.setLineDash([]);
       for (const it of bodies) {
-        const [cc, ss] = [Math.cos(it.heading), Math.sin(it.heading)];
-        line([[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([a, b]) => px([it.x + (a * it.length * cc - b * it.width * ss) / 2, it.y + (a * it.length * ss + b * it.width * cc) / 2])), true);
-        plain.fillStyle = it.colour;
-        plain.fill();
+        const { x, y, heading, length, width } = it;
+        sumoReplay.drawBody(plain, { time: [0], x: [x], y: [y], heading: [heading], length, width }, 0, px, it.colour, false);
       }
     }
 
@@ -429,12 +560,12 @@ const sumoDrive = (() => {
         const it = scene.others[number - 1], free = ox - x - (scene.ego.length + it.length) / 2;
         if (ox > x && Math.abs(oy - y) < (scene.ego.width + it.width) / 2 && free < gap) [gap, closing] = [free, speed * Math.cos(heading) - their * Math.cos(turned)];
       }
-      const ttc = closing > 0.1 ? gap / closing : Infinity, ordered = [...this.latency].sort((a, b) => a - b);
-      const part = (share) => (ordered.length ? `${ordered[Math.min(ordered.length - 1, Math.floor(share * ordered.length))].toFixed(0)}` : "–");
+      const ttc = closing > 0.1 ? gap / closing : Infinity;
+      const part = (share) => (this.latency.length ? this.within(share).toFixed(0) : "–");
       [`${(3.6 * speed).toFixed(0)} km/h`, `${(3.6 * wanted).toFixed(0)} km/h`, gap < 300 ? `${gap.toFixed(0)} m` : "–", ttc < 30 ? `${ttc.toFixed(1)} s` : "–", `${time.toFixed(1)} s`]
         .forEach((words, k) => { if (this.readings[k].textContent !== words) this.readings[k].textContent = words; });
-      const rate = this.space ? `${(1 / this.space.interval()).toFixed(0)} pictures/s · ` : "";
-      const words = `${rate}input to picture ${part(0.5)} ms, 95 % within ${part(0.95)} ms`;
+      const rate = this.space ? `, ${(1 / this.space.interval()).toFixed(0)} pictures/s, ${Math.round(100 * this.space.resolution())} % of the pixels each way` : "";
+      const words = `${this.means}${rate} · input to picture ${part(0.5)} ms, 95 % within ${part(0.95)} ms`;
       if (this.thin.textContent !== words) this.thin.textContent = words;
     }
 
@@ -442,7 +573,7 @@ const sumoDrive = (() => {
       const { untold } = this;
       if (!untold.frames && !untold.latency.length) return;
       this.untold = { frames: 0, dropped: 0, latency: [] };
-      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : 1, renderer: this.space ? (this.space.slow ? "software WebGL" : "WebGL") : "plain drawing" } });
+      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : 1, renderer: this.means } });
     }
   }
 
@@ -461,6 +592,7 @@ const sumoDrive = (() => {
       pad: "Left stick steers, right trigger accelerates, left trigger brakes. Press a button of the gamepad once, so that the browser shows it.",
       wheel: "The steering wheel turns as far as yours does. It must be calibrated once on this machine.",
       mouse: "Left and right of the middle steers, the left button accelerates, the right one brakes.",
+      touch: "Put a finger on the left of the screen and pull it left or right to steer. Two pedals are on the right; the higher you press, the more.",
     }[kind])];
   }
 
@@ -517,6 +649,7 @@ const sumoDrive = (() => {
     get latency() { return drive ? [...drive.latency] : []; },
     get interval() { return drive && drive.space ? drive.space.interval() : null; },
     get resolution() { return drive && drive.space ? drive.space.resolution() : null; },
+    get means() { return drive && drive.means; },
     get shown() { return shown; },
     get wanted() { return drive && drive.view.wanted; },
   };

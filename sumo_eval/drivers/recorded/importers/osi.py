@@ -1,0 +1,244 @@
+"""ASAM Open Simulation Interface: `.osi` traces, MCAP files, and omega-prime's tables (`.parquet`).
+
+A trace (`.osi`, also `.osi.gz`, `.osi.xz`) holds messages one behind the other, each after its length in four bytes,
+the lowest first; GroundTruth, or SensorView with a GroundTruth in it (`_sv_` in the file's name). An MCAP file says
+of each message what it is. Of a GroundTruth its time and its moving objects are read, by the field numbers of OSI 3,
+which no release of it may change. Positions are centres, angles counter-clockwise from x, as here. MCAP needs the
+extra `osi`, tables the extra `parquet`.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib
+import lzma
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from sumo_eval.drivers.recorded.importers.found import Found
+from sumo_eval.drivers.recorded.importers.tables import checked_numbers
+from sumo_eval.errors import InputError
+
+ENDINGS: Final = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
+VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
+CLASSES: Final = {
+    2: "car", 3: "car", 4: "car", 5: "car", 6: "van", 7: "truck", 8: "trailer", 9: "trailer", 10: "motorcycle",
+    11: "bicycle", 12: "bus", 16: "truck",
+}  # fmt: skip
+"""Classes by VehicleClassification.Type; of all others `other`."""
+_SENSOR_VIEW: Final = "SensorView"
+_TOWED: Final = (8, 9)  # VehicleClassification.Type of what another vehicle pulls
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
+_TRACE_LIMIT: Final = 1 << 28  # bytes of a message; a longer one is no message
+
+Row = tuple[float, int, float, float, float, float, float, float, int, int]
+_COLUMNS: Final = ("t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype")
+
+
+def read(path: Path) -> list[Found]:
+    """The recording of a file, or of every one in a folder."""
+    if not path.exists():
+        raise InputError(f"There is no file or folder {path}.")
+    files = [path] if path.is_file() else sorted(each for each in path.iterdir() if each.name.endswith(ENDINGS))
+    if not files:
+        raise InputError(f"Folder {path} must hold files that end in {', '.join(ENDINGS)}, got none.")
+    return [_read_one(file) for file in files]
+
+
+def _read_one(path: Path) -> Found:
+    if not path.name.endswith(ENDINGS):
+        raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
+    if path.suffix == ".parquet":
+        rows = _omega_prime(path)
+    else:
+        rows = pd.DataFrame(list(_objects(path)), columns=list(_COLUMNS))
+    if rows.empty:
+        raise InputError(f"{path} must hold GroundTruth with moving objects, got none.")
+    checked_numbers(rows, ["t", "x", "y", "length", "width", "heading", "speed"], path)
+    left_out: Counter[str] = Counter()
+    notes = []
+    kinds = rows.groupby("vehicle")[["type", "subtype"]].first()
+    bodies = rows.groupby("vehicle")[["length", "width"]].median()
+    kept = []
+    for vehicle, (kind, subtype) in zip(kinds.index, kinds.to_numpy().tolist(), strict=True):
+        if kind not in (VEHICLE, PEDESTRIAN):
+            left_out["neither vehicle nor pedestrian"] += 1
+        elif kind == VEHICLE and subtype in _TOWED:
+            left_out["pulled by another vehicle"] += 1
+        elif not (bodies.loc[vehicle] > 0.0).all():
+            left_out["without a body"] += 1
+        else:
+            kept.append(vehicle)
+    if left_out:
+        why = ", ".join(f"{number} {reason}" for reason, number in sorted(left_out.items()))
+        notes.append(f"{path.name}: moving objects left out: {why}.")
+    rows = rows[rows["vehicle"].isin(kept)]
+    if rows.empty:
+        raise InputError(f"{path} must hold vehicles or pedestrians with a body, got none: {notes[-1]}")
+    rows = rows.sort_values(["vehicle", "t"], kind="stable", ignore_index=True)
+    rows = rows[~rows.duplicated(["vehicle", "t"])].reset_index(drop=True)
+    walks = rows["vehicle"].map(kinds["type"]) == PEDESTRIAN
+    classes = rows["vehicle"].map(kinds["subtype"]).map(CLASSES).fillna("other")
+    table = pd.DataFrame(
+        {
+            "recording": path.name.partition(".")[0],
+            "vehicle": rows["vehicle"].astype(str),
+            **{name: rows[name].to_numpy() for name in ("t", "x", "y", "heading", "speed")},
+            "length": rows["vehicle"].map(bodies["length"]).to_numpy(),
+            "width": rows["vehicle"].map(bodies["width"]).to_numpy(),
+            "class": classes.where(~walks, "pedestrian").to_numpy(),
+        }
+    )
+    return Found(table, planar=True, notes=tuple(notes))
+
+
+# --- files of messages ------------------------------------------------------------------------------------------------
+
+
+def _objects(path: Path) -> Iterator[Row]:
+    """Every moving object of every GroundTruth of a file."""
+    try:
+        for number, (kind, message) in enumerate(_mcap(path) if path.suffix == ".mcap" else _trace(path)):
+            try:
+                if kind == _SENSOR_VIEW:
+                    message = _last(message, 7, b"")
+                yield from _ground_truth(message)
+            except (IndexError, KeyError, struct.error, ValueError, TypeError) as error:
+                raise InputError(f"Message {number} of {path} is no {kind} of OSI 3.") from error
+    except (OSError, EOFError, lzma.LZMAError) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from error
+
+
+def _trace(path: Path) -> Iterator[tuple[str, bytes]]:
+    """The messages of a trace. What they are is in the file's name, as OSI asks: `_sv_` or `_gt_`."""
+    opened: Any = {".gz": gzip.open, ".xz": lzma.open}.get(path.suffix, open)
+    kind = _SENSOR_VIEW if "_sv_" in path.name else "GroundTruth"
+    with opened(path, "rb") as file:
+        while header := file.read(4):
+            size = struct.unpack("<I", header)[0] if len(header) == 4 else _TRACE_LIMIT
+            message = file.read(size) if size < _TRACE_LIMIT else b""
+            if size >= _TRACE_LIMIT or len(message) < size:
+                raise InputError(f"{path} must be a trace of OSI, each message after its length; it ends within one.")
+            yield kind, message
+
+
+def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
+    """The messages of an MCAP file that are GroundTruth or SensorView."""
+    try:
+        reader: Any = importlib.import_module("mcap.reader")
+        wrong: Any = importlib.import_module("mcap.exceptions").McapError
+    except ImportError:
+        raise InputError(f"{path} is an MCAP file; to read it: pip install 'sumo_eval[osi]'.") from None
+    with path.open("rb") as file:
+        try:
+            for schema, _, message in reader.make_reader(file).iter_messages(log_time_order=False):
+                kind = "" if schema is None else schema.name.rpartition(".")[2]
+                if kind in ("GroundTruth", _SENSOR_VIEW):
+                    yield kind, message.data
+        except (wrong, ValueError, struct.error) as error:
+            raise InputError(f"{path} is no MCAP file, or a damaged one: {error}.") from error
+
+
+def _ground_truth(message: bytes) -> Iterator[Row]:
+    """The moving objects of a GroundTruth: its fields 2, timestamp, and 5, moving_object."""
+    stamp = _last(message, 2, b"")
+    time = _last(stamp, 1, 0) + 1e-9 * _last(stamp, 2, 0)
+    for number, value in _fields(message):
+        if number == 5:
+            yield _moving_object(time, value)
+
+
+def _moving_object(time: float, message: bytes) -> Row:
+    """A MovingObject: 1 id, 2 base, 3 type, 6 vehicle_classification. A base: 1 dimension, 2 position, 3 orientation,
+    4 velocity.
+    """
+    fields = dict(_fields(message))
+    base = dict(_fields(fields[2]))
+    length, width = _numbers(base.get(1, b""), 2)
+    x, y = _numbers(base[2], 2)
+    *_, yaw = _numbers(base.get(3, b""), 3)
+    vx, vy = _numbers(base.get(4, b""), 2)
+    kind = int(fields.get(3, 0))
+    subtype = int(_last(fields.get(6, b""), 1, 0))
+    name = int(_last(fields.get(1, b""), 1, 0))
+    return time, name, x, y, length, width, yaw, math.sqrt(vx * vx + vy * vy), kind, subtype
+
+
+def _numbers(message: bytes, count: int) -> list[float]:
+    """The first fields of a message of doubles, 0 where one is not there."""
+    found = [0.0] * count
+    for number, value in _fields(message):
+        if 1 <= number <= count:
+            found[number - 1] = struct.unpack("<d", value)[0]
+    return found
+
+
+def _last(message: bytes, wanted: int, default: Any) -> Any:
+    """A field of a message; of several the last, as protocol buffers have it."""
+    for number, value in _fields(message):
+        if number == wanted:
+            default = value
+    return default
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
+    """Numbers and values of the fields of a message in the wire format of protocol buffers."""
+    at, end = 0, len(message)
+    while at < end:
+        key, at = _varint(message, at)
+        kind = key & 7
+        if kind == _VARINT:
+            value, at = _varint(message, at)
+            yield key >> 3, value
+            continue
+        size = {_FIXED64: 8, _FIXED32: 4}.get(kind, -1)
+        if kind == _BYTES:
+            size, at = _varint(message, at)
+        if size < 0 or at + size > end:
+            raise ValueError(f"a field of kind {kind} does not end within its message")
+        yield key >> 3, message[at : at + size]
+        at += size
+
+
+def _varint(message: bytes, at: int) -> tuple[int, int]:
+    """A number of variable length, and where the next thing begins."""
+    value = shift = 0
+    while True:
+        byte = message[at]
+        at += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, at
+        shift += 7
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def _omega_prime(path: Path) -> pd.DataFrame:
+    """The moving objects of an omega-prime recording kept as a table."""
+    try:
+        duckdb: Any = importlib.import_module("duckdb")
+    except ImportError:
+        raise InputError(f"{path} is a Parquet table; to read it: pip install 'sumo_eval[parquet]'.") from None
+    wanted = ("total_nanos", "idx", "x", "y", "length", "width", "yaw", "vel_x", "vel_y", "type", "subtype")
+    try:
+        with duckdb.connect() as database:
+            rows: pd.DataFrame = database.read_parquet(str(path)).df()
+    except duckdb.Error as error:
+        raise InputError(f"{path} is no Parquet table: {str(error).splitlines()[0]}.") from error
+    missing = [name for name in wanted if name not in rows]
+    if missing:
+        raise InputError(f"{path} must be a table of omega-prime; it has no column `{missing[0]}`.")
+    rows = rows[list(wanted)].rename(columns={"idx": "vehicle", "yaw": "heading"})
+    rows["t"] = rows["total_nanos"] * 1e-9
+    rows["speed"] = np.hypot(rows["vel_x"], rows["vel_y"])
+    rows[["type", "subtype"]] = rows[["type", "subtype"]].fillna(0).astype(int)
+    return rows[list(_COLUMNS)]

@@ -1,0 +1,54 @@
+"""The page of what was learnt and of rates: charts when they are unfolded, tables by their columns, nothing escapes."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import plotly.graph_objects as go
+import pytest
+
+from sumo_eval.rates.page import Chart, Fold, Text, amount, interval, table, write_parts
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
+from browser import CHROMIUM, Page
+
+HOSTILE = "</script><b>bold"
+
+
+def test_large_amounts_are_written_out_and_small_ones_in_three_digits() -> None:
+    assert amount(168_123.0) == "168,000"
+    assert amount(999.4) == "999"
+    assert amount(0.00012345) == "0.000123"
+    assert interval(0.0, 1234.5) == "0 to 1,230"
+
+
+def test_a_column_is_one_of_numbers_when_all_its_cells_are() -> None:
+    found = table(("who", "rate", "where"), [("a", "12 (3 to 40)", "as given"), ("b", "", "2 km")])
+    assert found.numbers == (False, True, False)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_theme(tmp_path: Path) -> None:
+    chart = Chart("recorded", go.Figure(go.Scatter(x=[1, 2], y=[3, 4], name=HOSTILE)))
+    inside = Fold(HOSTILE, "one chart", (chart, Text("a sentence")))
+    page = write_parts(
+        tmp_path / "page.html",
+        kicker="k",
+        title=HOSTILE,
+        sentences=["s"],
+        parts=[table(("a", "b"), [("c", 1)]), inside],
+    )
+    with Page(tmp_path / "profile") as opened:
+        opened.open(page.as_uri(), "document.documentElement.dataset.study === 'ready'")
+        assert opened.run("document.querySelectorAll('b').length") == 0
+        assert opened.run("document.querySelectorAll('.js-plotly-plot').length") == 0
+        opened.run("document.querySelector('details').open = true")
+        opened.wait("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0")
+        assert opened.run("document.querySelectorAll('.save button').length") == 3
+        before = opened.run("document.querySelector('[data-figure]').layout.font.color")
+        opened.run(
+            "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()"
+        )
+        opened.wait(f"document.querySelector('[data-figure]').layout.font.color !== '{before}'")
+        assert opened.problems == []
