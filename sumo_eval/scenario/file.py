@@ -343,6 +343,7 @@ class GivenTable(Checked):
     ] = None
     about: Annotated[str | None, About("what happens then, instead of the scenario's own `about`")] = None
     road: Annotated[RoadTable | None, About("the road then, instead of the scenario's own")] = None
+    vehicle: Annotated[tuple[VehicleTable, ...], About("who is there then, besides the scenario's own")] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -499,6 +500,7 @@ def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[Scenar
             name=f"{table.name}_{item.name if then.suffix is None else then.suffix.replace('{value}', _worded(value))}",
             about=table.about if then.about is None else then.about,
             road=table.road if then.road is None else then.road,
+            vehicle=(*table.vehicle, *then.vehicle),
         )
     return table, values
 

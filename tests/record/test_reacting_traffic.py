@@ -107,7 +107,7 @@ use = "stop_and_go_stream"
 method = "sobol"
 count = 6
 [[scenario]]
-use = "ramp_merge"
+use = "ramp_merge?follower=1.5"
 [scenario.sampling]
 method = "sobol"
 count = 4
