@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from sumo_eval.cosim.world import fields, flags
+from sumo_eval.cosim.records import fields, flags
 from sumo_eval.kernels import kernel
 
 _HALVINGS = 20  # of a step, to find an instant in it: 5e-8 s of 0.05 s

@@ -14,7 +14,7 @@ from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, 
 from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, unknown
-from sumo_eval.cosim.world import Records, fields, flags
+from sumo_eval.cosim.records import Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 

@@ -13,7 +13,7 @@ from sumo_eval.ads.foresight import evasion, foresee
 from sumo_eval.ads.lane_change import PATH, lane_kept, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
 from sumo_eval.cosim.compiled import Compiled, records
-from sumo_eval.cosim.world import Records, fields
+from sumo_eval.cosim.records import Records, fields
 from sumo_eval.errors import ControllerError, must_be
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from sumo_eval.cosim.world import fields
+from sumo_eval.cosim.records import fields
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel
 from sumo_eval.scenario.motion import quintic, quintic_bend, quintic_rate

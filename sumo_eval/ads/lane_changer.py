@@ -16,7 +16,7 @@ from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
 from sumo_eval.ads.perception import is_visible, take
 from sumo_eval.ads.r157 import SIGHTING, foresee, sight
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.world import MOVER, Records, fields, flags
+from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.kernels import kernel, rows
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)

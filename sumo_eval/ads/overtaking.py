@@ -21,7 +21,7 @@ from sumo_eval.ads.lane_change import (
     smooth_step,
 )
 from sumo_eval.ads.perception import bumper_gap, gap_behind, neighbours
-from sumo_eval.cosim.world import fields, flags
+from sumo_eval.cosim.records import fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from sumo_eval.ads.braking import mean_level
+from sumo_eval.cosim.records import fields
 from sumo_eval.cosim.vehicle_model import drive
-from sumo_eval.cosim.world import fields
 from sumo_eval.kernels import kernel
 
 _ROLLING = 1e3  # m/s, a speed from which nothing comes to a standstill within a step

@@ -7,7 +7,7 @@ from typing import Any
 
 from sumo_eval.ads.braking import SAFETY_BRAKING
 from sumo_eval.ads.perception import bumper_gap, carry_on, take
-from sumo_eval.cosim.world import MOVER, fields
+from sumo_eval.cosim.records import MOVER, fields
 from sumo_eval.kernels import kernel
 
 GRAVITY = 9.81  # m/s2

@@ -29,7 +29,7 @@ from sumo_eval.ads.r157 import (
     within_headway,
 )
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.world import MOVER, Records, fields
+from sumo_eval.cosim.records import MOVER, Records, fields
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 

@@ -27,7 +27,7 @@ from sumo_eval.ads.r157 import (
     sight_all,
 )
 from sumo_eval.cosim.compiled import Compiled, unknown
-from sumo_eval.cosim.world import MOVER, Records
+from sumo_eval.cosim.records import MOVER, Records
 from sumo_eval.kernels import kernel, rows
 
 RESPONSE = 0.75  # rho, s

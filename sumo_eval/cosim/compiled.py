@@ -11,9 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sumo_eval.cosim.records import EGO, MOVER, Records
+from sumo_eval.cosim.step_rules import show, show_bend
 from sumo_eval.cosim.sumo.session import vehicles
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import EGO, MOVER, Records, described, show, show_bend, write_way
+from sumo_eval.cosim.world import described, write_way
 from sumo_eval.kernels import rows as compiled_rows
 from sumo_eval.scenario.road.reference_line import frame_places, knots_of
 

@@ -27,10 +27,12 @@ from sumo_eval.cosim.doors.observation import Look, Observation, Observations, S
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LeftTheRoadError
 from sumo_eval.cosim.plans import Wheel
+from sumo_eval.cosim.records import PLANT, REASONS, Records
 from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.step_rules import move_rows, see_rows, stop_rows
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
-from sumo_eval.cosim.world import PLANT, REASONS, Records, World, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings

@@ -23,10 +23,11 @@ from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.impossible import BACKWARDS, FASTEST, LOST, LeftTheRoadError, front, impossible, leaves_the_lanes
 from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_go, with_time
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
+from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.cosim.world import MODEL, SUMO, World
+from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
 from sumo_eval.scenario.road.reference_line import curvatures, frame_places
 

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.doors.observation import Observations
+from sumo_eval.cosim.records import REASONS
 from sumo_eval.cosim.stage import Stage
+from sumo_eval.cosim.step_rules import move_rows, see_rows
 from sumo_eval.cosim.sumo.session import NOWHERE, libsumo, running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
-from sumo_eval.cosim.world import REASONS, World, move_rows, see_rows
+from sumo_eval.cosim.world import World
 from sumo_eval.errors import InputError, SimulationError, must_be
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings

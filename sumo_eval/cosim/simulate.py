@@ -40,12 +40,13 @@ from sumo_eval.cosim.doors.traci_module import RefusedCallError, seen_as_traci
 from sumo_eval.cosim.doors.traci_program import TraciProgram, served
 from sumo_eval.cosim.loop import ASKS_SUMO, Batch, Driver, OneEach, Rows, break_off, drive, told
 from sumo_eval.cosim.on_traci import OnTraci
+from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.sumo.session import running, session
 from sumo_eval.cosim.sumo.shared_files import plain, shared_network_xml, shared_routes_xml
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.cosim.traffic import Traffic
-from sumo_eval.cosim.world import MODEL, SUMO, World
+from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, InputError, SimulationError, must_be, said
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
+from sumo_eval.cosim.records import MODEL, STRAIGHT
 from sumo_eval.cosim.sumo.session import NOWHERE, bend_tolerance, check_start, vehicles
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
-from sumo_eval.cosim.world import MODEL, STRAIGHT, World
+from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario.concrete import Actor, Road
 from sumo_eval.scenario.road.reference_line import map_places

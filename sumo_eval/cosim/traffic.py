@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
+from sumo_eval.cosim.records import STRAIGHT
 from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
-from sumo_eval.cosim.world import STRAIGHT, World
+from sumo_eval.cosim.world import World
 from sumo_eval.scenario.bodies import VULNERABLE
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray

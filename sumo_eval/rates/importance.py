@@ -20,9 +20,9 @@ import numpy as np
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.danger import danger
-from sumo_eval.scenario.file import Exposure
 from sumo_eval.scenario.joint import Joint
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.parts import Exposure
 from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings import ZoneSettings
 from sumo_eval.settings.random_streams import random_stream

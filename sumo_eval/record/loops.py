@@ -19,7 +19,9 @@ import numpy as np
 from sumo_eval.cosim.compiled import Compiled
 from sumo_eval.cosim.doors.controller import SHIPPED, find_controller, knows_the_scripts
 from sumo_eval.cosim.doors.entry import split_entry
-from sumo_eval.cosim.world import EGO, MOVER, World, described, map_played_rows, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.records import EGO, MOVER
+from sumo_eval.cosim.step_rules import map_played_rows, move_rows, see_rows, stop_rows
+from sumo_eval.cosim.world import World, described
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
 from sumo_eval.record.cases import Case

@@ -18,7 +18,8 @@ from sumo_eval.ads.perception import (
     next_ahead,
 )
 from sumo_eval.cosim import simulate
-from sumo_eval.cosim.world import MOVER, show
+from sumo_eval.cosim.records import MOVER
+from sumo_eval.cosim.step_rules import show
 from sumo_eval.scenario import catalogue
 
 

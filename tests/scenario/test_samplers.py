@@ -12,7 +12,7 @@ from scipy import stats
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Approach, Constraint, LogicalScenario, Parameter, Road, Start, catalogue
 from sumo_eval.scenario.distribution import Distribution
-from sumo_eval.scenario.file import Definitions, Exposure
+from sumo_eval.scenario.parts import Definitions, Exposure
 from sumo_eval.scenario.sampling.combinations import tuples_of
 from sumo_eval.scenario.sampling.listed_points import from_csv
 from sumo_eval.scenario.sampling.request import Request

@@ -596,7 +596,7 @@ def _logical(
     )
     if not spread:
         return logical
-    from sumo_eval.scenario.file import Definitions, Exposure
+    from sumo_eval.scenario.parts import Definitions, Exposure
 
     about = ", ".join(f"{part.name} as {part.distribution}" for part in spread)
     return replace(logical, exposure=Exposure(tuple(parts), None, Definitions(())), exposure_about=about)
