@@ -51,6 +51,12 @@ def test_an_unknown_name_is_answered_with_the_nearest_or_with_all(name, known, s
     assert str(unknown("ADS", name, known)) == sentence
 
 
+def test_a_list_of_known_names_ends_where_nobody_would_read_on():
+    said = did_you_mean("nothere", [f"cut_in-{number:04d}-idm" for number in range(1000)])
+    # A name takes 15 characters and 2 between: after 47 of them 47 * 17 - 2 = 797 of the 800 are full.
+    assert said.endswith("cut_in-0046-idm and 953 more.")
+
+
 def test_did_you_mean_offers_one_name_only():
     assert did_you_mean("gap_", ["gap", "gaps"]).count("`") == 2
 

@@ -108,13 +108,14 @@ def plot(
 @click.argument("case", required=False)
 @click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
 @click.option("--evidence", is_flag=True, help="Claims, arguments and evidence of the run, as JSON and a page.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the files.")
-def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path) -> None:
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the files (default: RUN/export).")
+def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path | None) -> None:
     """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
 
     A case is written as a SUMO configuration, as OpenSCENARIO, and as an evaluation that drives it again; with
     --evidence it is what the run claims, for a safety case.
     """
+    out = out or run / "export"
     if evidence:
         if case is not None or kind is not None:
             raise click.UsageError("`--evidence` is of a whole run, and has its own kinds of files.")

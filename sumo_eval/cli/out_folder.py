@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from pathlib import Path
 
 from sumo_eval.errors import InputError
+
+
+def default(*words: str) -> Path:
+    """The folder of who names none: results/WORDS-TIME, as a run's."""
+    from datetime import UTC, datetime
+
+    name = "-".join(re.sub(r"[^\w.-]+", "_", word).strip("_") or "of" for word in words)
+    return Path("results") / f"{name}-{datetime.now(UTC):%Y%m%d-%H%M%S}"
 
 
 def ready(folder: Path) -> None:

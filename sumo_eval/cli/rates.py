@@ -16,12 +16,11 @@ from sumo_eval.errors import InputError
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder for the scenario files and the page."
-)
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for the scenario files and the page (default: results/learned-TIME).")  # fmt: skip
 @click.option("--format", "form", default="csv", show_default=True,
               help="csv: tables that `humans import` wrote; or a format that it reads.")  # fmt: skip
-def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
+def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     """Learn logical scenarios from RECORDINGS: files with ranges, joint distribution and events per vehicle-km.
 
     Every class of encounters (cut-in, overtaken and cut off, merging, cut-out, braking, approach, lane change with a
@@ -35,6 +34,7 @@ def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
     for path in recordings:
         if not path.exists():
             raise InputError(f"Recordings {path} are not there.")
+    out = out or out_folder.default("learned")
     out_folder.ready(out)
     parts = (import_recordings(form, [path]) for path in recordings)
     source = ", ".join(path.name for path in recordings)
@@ -48,12 +48,11 @@ def learn(recordings: tuple[Path, ...], out: Path, form: str) -> None:
 
 @click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
 @click.argument("file", metavar="CAMPAIGN.toml", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder for campaign.html and campaign.json."
-)
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for campaign.html and campaign.json (default: results/CAMPAIGN-TIME).")  # fmt: skip
 @click.option("--budget", type=click.IntRange(min=40), help="Drives of an ADS in a scenario, instead of the file's.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate, instead of the file's.")
-def campaign(file: Path, out: Path, budget: int | None, workers: int | None) -> None:
+def campaign(file: Path, out: Path | None, budget: int | None, workers: int | None) -> None:
     """Say how many collisions per million km the ADSs of CAMPAIGN.toml have, and how sure that is.
 
     Points of every scenario are drawn where collisions are likely and met, and weighted back to how often they are met;
@@ -67,6 +66,7 @@ def campaign(file: Path, out: Path, budget: int | None, workers: int | None) -> 
         settings = replace(settings, budget=budget)
     if workers is not None:
         settings = replace(settings, run=replace(settings.run, workers=workers))
+    out = out or out_folder.default(settings.name)
     out_folder.ready(out)
     with Progress() as progress:
         found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))

@@ -49,7 +49,8 @@ def partition(scenario: str) -> None:
 
 @click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
 @click.argument("scenario")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for points.csv and points.html.")
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for points.csv and points.html (default: results/SCENARIO-points-TIME).")  # fmt: skip
 @click.option("--method", help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...")
 @click.option("--count", type=int, help="How many points to draw.")
 @click.option("--levels", type=int, help="Points on each axis of a grid.")
@@ -58,7 +59,7 @@ def partition(scenario: str) -> None:
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
 def sample(
     scenario: str,
-    out: Path,
+    out: Path | None,
     method: str | None,
     count: int | None,
     levels: int | None,
@@ -82,7 +83,7 @@ def sample(
     logical, chosen = choose_points(entry, Path.cwd(), settings)
     how = method or ("grid" if levels else "file" if file else logical.default_sample)
     title = f"{logical.name}: {how}, {len(chosen.points)} points"
-    table, page = write_points(logical, chosen, out, title)
+    table, page = write_points(logical, chosen, out or out_folder.default(logical.name, "points"), title)
     total = len(chosen.points) + len(chosen.refused)
     share = len(chosen.refused) / total
     click.echo(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
@@ -95,7 +96,8 @@ def sample(
 @click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --out boundary")
 @click.argument("scenario")
 @click.argument("ads")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for trials, summary and picture.")
+@click.option("--out", type=click.Path(path_type=Path),
+              help="Folder for trials, summary and picture (default: results/SCENARIO-ADS-TIME).")  # fmt: skip
 @click.option("--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter fixed; may be repeated.")
 @click.option("--budget", type=click.IntRange(min=16), default=500, show_default=True, help="Most simulations.")
 @click.option("--tolerance", type=float, default=0.001, show_default=True,
@@ -103,7 +105,14 @@ def sample(
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Processes that simulate.")
 def boundary(
-    scenario: str, ads: str, out: Path, fix: tuple[str, ...], budget: int, tolerance: float, seed: int, workers: int
+    scenario: str,
+    ads: str,
+    out: Path | None,
+    fix: tuple[str, ...],
+    budget: int,
+    tolerance: float,
+    seed: int,
+    workers: int,
 ) -> None:
     """Find where ADS collides in SCENARIO, with few simulations, whatever the shape of that set.
 
@@ -118,6 +127,7 @@ def boundary(
 
     logical = slice_of(find(scenario, Path.cwd()), named_values(fix, "--fix"))
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
+    out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
     with Progress() as progress:
         found = find_boundary(

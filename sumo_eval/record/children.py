@@ -130,6 +130,8 @@ def forkserver() -> tuple[int | None, set[int | None]]:
 
 def _end_forkserver() -> None:
     """Let the next child come from a new one. Children that are there go on: they hang on their leashes."""
+    if _KIND != "forkserver":
+        return
     pid = _signal_forkserver(signal.SIGKILL)
     if pid:
         with suppress(OSError):

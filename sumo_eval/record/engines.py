@@ -14,7 +14,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.record import loops
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads
-from sumo_eval.record.identity import IDENTITY_BOUND, read_identity, tell_identity
+from sumo_eval.record.identity import IDENTITY_BOUND, locator_identity, read_identity, tell_identity
 from sumo_eval.record.packs import Pack, Packs, driven
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
@@ -81,9 +81,12 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
 
     Raises InputError for one that cannot be loaded.
     Loading runs a user's file, so it happens in a child, a fresh one each: what one has imported is not another's.
+    Where no child can be had, the engine `serial` loads it here, where it drives it, too: one user's ADS alone.
     """
     if setup.run.engine == "serial":
         refuse_to_share(home_of_ads(locator, setup) for kind, locator in named if kind == "ADS")
+        if not hasattr(os, "fork"):
+            return {locator: _identity_here((kind, locator), setup) for kind, locator in named}
     identities: dict[str, str] = {}
     work: Work[tuple[str, str]] = Work(
         tell_identity, setup.folder, lambda _, message: read_identity(message), lambda _: IDENTITY_BOUND, str
@@ -99,6 +102,13 @@ def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
                 raise InputError(f"{kind} `{locator}` cannot be loaded: {happened}{_quoted(ended.log)}")
             identities[locator] = ended.result
     return identities
+
+
+def _identity_here(named: tuple[str, str], setup: Setup) -> str:
+    found = locator_identity(named, setup.folder)
+    if isinstance(found, InputError):
+        raise found
+    return found
 
 
 def refuse_to_share(homes: Iterable[str]) -> None:

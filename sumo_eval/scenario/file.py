@@ -547,6 +547,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
         logical.margin(logical.columns(points))
 
 
+_TOUCH = 1e-6  # m: bodies that only touch are not inside each other
 _BESIDE = 300.0  # m beside the road at which somebody may still be who comes from there, or stands there
 
 
@@ -573,12 +574,10 @@ def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], 
             for x, y in act.table if act.kind == played.PATH else ():
                 if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
                     raise must_be(f"The path of vehicle `{item.name}`", owner, "on the map", f"({x:g}, {y:g}) m")
-    if not any(item.lively for item in actors):
-        return
     boxes = [("ego", *_box(ego, 0.0, ego_body.length, ego_body.width))]
     boxes += [(item.name, *_box(item.start, item.heading, item.length, item.width)) for item in actors]
     for (one, x, y, long, wide), (two, x2, y2, long2, wide2) in itertools.combinations(boxes, 2):
-        if abs(x - x2) < long + long2 and abs(y - y2) < wide + wide2:
+        if long + long2 - abs(x - x2) > _TOUCH and wide + wide2 - abs(y - y2) > _TOUCH:
             raise must_be(f"Vehicle `{two}`", owner, f"clear of `{one}` at the start", f"x = {x2:g} m beside {x:g} m")
 
 
@@ -1069,8 +1068,6 @@ class _Builder:
         requirements = self._requirements(definitions)
         asked = requirements.all if requirements is not None else ()
         self._all_used(parameters, definitions, [*told_by, *(it for one in asked for it in one.expressions)])
-        if road.crossings and road.bent:
-            raise InputError(f"The road of {self.where} must be straight where it has a [[road.crossing]].")
         margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,
@@ -1225,8 +1222,6 @@ class _Builder:
                 if getattr(ego, key) is not None:
                     raise InputError(f"[ego] of {self.where} has a `{key}`, so it must have a `goal_lane`.")
             return None
-        if road.bent:
-            raise InputError(f"The road of {self.where} must be straight where the ego has a `goal_lane`.")
         if ego.goal_lane >= road.lanes:
             raise must_be("`goal_lane`", f"[ego] of {self.where}", f"below {road.lanes}", ego.goal_lane)
         if ego.change_from is None:
@@ -1257,7 +1252,7 @@ class _Builder:
         name = road.name or f"road_{road.lanes}x{road.lane_width:g}m_{end.x:g}m_of_{road.length:g}m"
         name += bend_name(line, named=road.name is not None)
         spans = spans_of(road.lane, road.lanes, road.length, self.where)
-        crossings = crossings_of(road.crossing, road.length, self.where)
+        crossings = crossings_of(road.crossing, road.length, line, self.where)
         if road.name is None and (spans or crossings):
             name += f"_{hashlib.sha256(repr((spans, crossings)).encode()).hexdigest()[:6]}"
         return Road(

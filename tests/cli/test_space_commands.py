@@ -39,6 +39,14 @@ def test_sample_writes_and_draws_the_points_of_a_scenario_file(truck, tmp_path):
     assert 'id="study-data"' in page or "truck_speed" in page
 
 
+def test_who_names_no_folder_gets_a_new_one_under_results(truck, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = run("sample", truck)
+    assert done.exit_code == 0, done.output
+    (page,) = (tmp_path / "results").glob("slow_truck-points-*/points.html")
+    assert str(page.relative_to(tmp_path)) in done.output
+
+
 def test_the_same_seed_samples_the_same_points_and_another_seed_others(tmp_path):
     texts = []
     for number, seed in enumerate((1, 1, 2)):

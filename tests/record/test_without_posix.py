@@ -5,6 +5,7 @@ Whether Windows itself runs the program cannot be seen here.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -51,6 +52,16 @@ for owner, names in (
     for name in names:
         delattr(owner, name)
 """
+BEFORE = """
+import os, signal, sys, types
+import asyncio, concurrent.futures, ctypes, multiprocessing.popen_spawn_posix, subprocess, tempfile
+import click, libsumo, lxml.etree, numba, pandas, plotly.graph_objects, pydantic, rich.console, rich.table
+import scipy.stats, sklearn.gaussian_process, threadpoolctl  # they ask what system it is
+"""
+ELSEWHERE = """
+sys.platform = "win32"
+sys.modules["msvcrt"] = types.SimpleNamespace(locking=lambda *_: None, LK_NBLCK=2, LK_UNLCK=0)
+"""
 EVALUATION = """
 name = "elsewhere"
 [[scenario]]
@@ -83,3 +94,14 @@ def test_where_nothing_forks_the_engine_of_processes_is_refused_before_the_work(
     assert "The engine `processes` needs a system whose processes can fork" in result.output
     assert "--engine serial" in result.output
     refuse_engine(RunSettings(engine="serial"))
+
+
+def test_a_whole_run_and_its_report_are_made_without_posix_by_the_serial_engine(tmp_path: Path) -> None:
+    (tmp_path / "evaluation.toml").write_text(EVALUATION)
+    words = ["run", str(tmp_path / "evaluation.toml"), "--out", str(tmp_path / "run"), "--engine", "serial"]
+    script = f"{BEFORE}{TAKE_AWAY}{ELSEWHERE}from sumo_eval.cli import main\nmain({words!r})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    (score,) = json.loads((tmp_path / "run" / "scores.json").read_text(encoding="utf-8"))["scores"]
+    assert (score["not_evaluated"], score["collisions"]) == (0, 0)
+    assert "In short" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

@@ -406,6 +406,27 @@ def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_
     (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
     with pytest.raises(InputError, match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant"):
         find("scenario.xosc?road=1", tmp_path)
+    flat = find("scenario.xosc?flat=1", tmp_path)
+    assert flat.concrete(only=0.0).actors
+    assert "elevation" in flat.notes[0]
+
+
+def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path: Path) -> None:
+    """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the act has begun."""
+    plain = written(tmp_path, events=CUT_IN)
+    was = find(str(plain)).concrete(only=0.0).actors
+    own = "<ParameterDeclarations>{}</ParameterDeclarations>"
+    one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
+    text = plain.read_text(encoding="utf-8").replace(
+        '<Story name="s">', '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99"))
+    )
+    text = text.replace('<Maneuver name="m">', '<Maneuver name="m">' + own.format(one.format("far", "${10 * 3}")))
+    text = text.replace('<EntityRef entityRef="Other"/></Actors>', '<EntityRef entityRef="$who"/></Actors>')
+    text = text.replace('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>')
+    again = tmp_path / "stories.xosc"
+    again.write_text(text, encoding="utf-8")
+    assert text.count("$who") == text.count("$far") == 1
+    assert find(str(again)).concrete(only=0.0).actors == was
 
 
 def written_again(path: Path) -> Path:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
-from sumo_eval.errors import ControllerError, InputError, must_be, said, unknown
+from sumo_eval.errors import ControllerError, InputError, must_be, needs_extra, said, unknown
 
 BLOCK = 32  # rows that a model is given at once
 _DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
@@ -129,7 +129,7 @@ def _session(model: Path) -> Any:
     try:
         import onnxruntime
     except ImportError as error:
-        raise InputError("`onnx:` needs the extra `onnx`: pip install 'sumo_eval[onnx]'.") from error
+        raise needs_extra("`onnx:`", "onnx") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL

@@ -53,7 +53,17 @@
   for (const fold of document.querySelectorAll("details.fold")) {
     fold.addEventListener("toggle", () => { if (fold.open) fold.querySelectorAll("[data-figure]").forEach(begin); });
   }
-  sumoPage.beforePrint(() => Promise.all(plots.map(begin)));
+  /** For paper the charts are drawn anew: in the colours of a light page and as wide as it is. */
+  function forPaper(printing) {
+    document.documentElement.classList.toggle("printing", printing);
+    return Promise.all(plots.filter((plot) => plot.dataset.drawn).map(async (plot) => {
+      await draw(plot);
+      await Plotly.Plots.resize(plot);
+    }));
+  }
+  sumoPage.beforePrint(() => Promise.all(plots.map(begin)).then(() => forPaper(true)));
+  window.addEventListener("beforeprint", () => forPaper(true));
+  window.addEventListener("afterprint", () => forPaper(false));
   sumoPage.onTheme(() => plots.filter((plot) => plot.dataset.drawn).forEach(draw));
   await Promise.all(seen().map(begin));
   document.documentElement.dataset.study = "ready";

@@ -24,7 +24,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers
-from sumo_eval.errors import InputError
+from sumo_eval.errors import InputError, needs_extra
 
 ENDINGS: Final = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
 VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
@@ -135,7 +135,7 @@ def _mcap(path: Path) -> Iterator[tuple[str, bytes]]:
         reader: Any = importlib.import_module("mcap.reader")
         wrong: Any = importlib.import_module("mcap.exceptions").McapError
     except ImportError:
-        raise InputError(f"{path} is an MCAP file; to read it: pip install 'sumo_eval[osi]'.") from None
+        raise needs_extra(f"{path} is an MCAP file, which", "osi") from None
     with path.open("rb") as file:
         try:
             for schema, _, message in reader.make_reader(file).iter_messages(log_time_order=False):
@@ -227,7 +227,7 @@ def _omega_prime(path: Path) -> pd.DataFrame:
     try:
         duckdb: Any = importlib.import_module("duckdb")
     except ImportError:
-        raise InputError(f"{path} is a Parquet table; to read it: pip install 'sumo_eval[parquet]'.") from None
+        raise needs_extra(f"{path} is a Parquet table, which", "parquet") from None
     wanted = ("total_nanos", "idx", "x", "y", "length", "width", "yaw", "vel_x", "vel_y", "type", "subtype")
     try:
         with duckdb.connect() as database:
