@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
 
@@ -35,12 +35,17 @@ class StoppedError(SumoEvalError):
 MOST_KNOWN = 800  # characters of a list of known names; a run may have a million cases
 
 
+def nearest(name: str, known: Sequence[str]) -> str | None:
+    """The known name that a misspelt one is most like, None where none is near."""
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.55)), None)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A closing half-sentence: the nearest known name, or the list of known names when none is near."""
     names = [str(candidate) for candidate in known]
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.55)
-    if near:
-        return f" Did you mean `{near[0]}`?"
+    near = nearest(name, names)
+    if near is not None:
+        return f" Did you mean `{near}`?"
     told = ", ".join(names)
     if len(told) > MOST_KNOWN:
         cut = told.rindex(", ", 0, MOST_KNOWN)

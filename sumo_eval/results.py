@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal, Protocol, runtime_checkable
 
@@ -135,12 +136,12 @@ class CaseResult:
 
         One whose ideal vehicle could not be evaluated is.
         """
-        return self.zone == "safe" and self.collided and not self.ideal_severity
+        return leaves_no_index(self.zone, self.collided, self.ideal_severity)
 
     @property
     def counts_for_index(self) -> bool:
         """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
-        return self.zone == "safe" and not self.collided and not self.struck_from_behind
+        return may_have_index(self.zone, self.collided, self.struck_from_behind)
 
     @property
     def avoidable(self) -> bool:
@@ -161,6 +162,16 @@ class CaseResult:
     def evaluated(self) -> bool:
         """Whether the case has an outcome that counts."""
         return self.status in EVALUATED
+
+
+def leaves_no_index(zone: Zone, collided: bool, ideal_severity: float | None) -> bool:
+    """`CaseResult.voids_index` of a row of which these fields are known."""
+    return zone == "safe" and collided and not ideal_severity
+
+
+def may_have_index(zone: Zone, collided: bool, struck_from_behind: bool) -> bool:
+    """`CaseResult.counts_for_index` of a row of which these fields are known."""
+    return zone == "safe" and not collided and not struck_from_behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -442,6 +453,14 @@ class InParts(Protocol):
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""
+
+    def columns(self, *names: str) -> Iterator[tuple[Any, ...]]:
+        """These fields of all rows, without the rest of them."""
+
+
+def columns(cases: Iterable[CaseResult], *names: str) -> Iterator[tuple[Any, ...]]:
+    """Two or more fields of rows, a tuple a row; of kept rows nothing else is read."""
+    return cases.columns(*names) if isinstance(cases, InParts) else map(attrgetter(*names), cases)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,12 @@ from sumo_eval.cli.named_values import named_values
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
 @click.argument("file", required=False)
 @click.option("--folder", type=click.Path(), help="Of a catalogue (osc_alks, ncap_2026, autoware): where your copy is.")
-@click.option("--out", type=click.Path(path_type=Path), help="Write the scenario file (.toml) that was understood.")
-@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: the point; default: the first.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Write the scenario file (.toml) that was understood: its whole space.",
+)
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: hold a parameter at a value.")
 @click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
 @click.option("--steps", is_flag=True, help="List the sentences of use cases that are understood.")
 def import_(
@@ -33,7 +37,8 @@ def import_(
     from sumo_eval.scenario.openscenario.conformity import table
     from sumo_eval.scenario.openscenario.describe import described, listed
     from sumo_eval.scenario.openscenario.logical import read_file
-    from sumo_eval.scenario.openscenario.written import point_of, scenario_content, write_scenario
+    from sumo_eval.scenario.openscenario.written import write_scenario
+    from sumo_eval.scenario.openscenario.written_space import space_contents
     from sumo_eval.scenario.usecase import describe as use_cases
     from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 
@@ -67,7 +72,14 @@ def import_(
     if use_case is not None:
         write_scenario(use_case.table, out)
     elif read is not None:
-        write_scenario(scenario_content(read, point_of(read, named_values(values, "--set"))), out)
+        contents = space_contents(read, named_values(values, "--set"))
+        for number, content in enumerate(contents, 1):
+            written = out if number == 1 else out.with_stem(f"{out.stem}_{number}")
+            write_scenario(content, written)
+            click.echo(f"wrote {written}")
+        if len(contents) > 1:
+            click.echo(f"{len(contents)} files: the others are not the same bodies or do not move alike at all points")
+        return
     else:
         raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
     click.echo(f"wrote {out}")

@@ -66,7 +66,7 @@ def opendrive_xml(road: Road) -> str:
             slope = _text((last - first) / (end - begin))
             etree.SubElement(lane, "width", sOffset="0", a=_text(first), b=slope, c="0", d="0")
     for crossing in road.crossings:
-        _crossing(root, crossing, str(len(root.findall("road"))))
+        _crossing(root, road, crossing, str(len(root.findall("road"))))
     return _document(root)
 
 
@@ -76,14 +76,14 @@ def _gone(span: LaneSpan, begin: float, end: float) -> tuple[float, float]:
     return tuple(float(missing_at(span, place).round(5)) for place in (begin + inside, end - inside))  # type: ignore[return-value]
 
 
-def _crossing(root: etree._Element, crossing: Crossing, number: str) -> None:
+def _crossing(root: etree._Element, road: Road, crossing: Crossing, number: str) -> None:
     """A road that crosses, its middle the reference line."""
     length = 2.0 * crossing.reach
+    x, y, along = (float(it) for it in map_places(road.line, crossing.at, -crossing.reach))
     element = etree.SubElement(root, "road", name="crossing", length=_text(length), id=number, junction="-1")
     plan = etree.SubElement(element, "planView")
     geometry = etree.SubElement(
-        plan, "geometry", s="0", x=_text(crossing.at), y=_text(-crossing.reach), hdg=f"{0.5 * math.pi:.12g}",
-        length=_text(length),
+        plan, "geometry", s="0", x=_text(x), y=_text(y), hdg=f"{along + 0.5 * math.pi:.12g}", length=_text(length),
     )  # fmt: skip
     etree.SubElement(geometry, "line")
     section = etree.SubElement(etree.SubElement(element, "lanes"), "laneSection", s="0")

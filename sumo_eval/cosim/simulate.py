@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -195,8 +194,8 @@ def simulate_many(
 
     controller: an ADS (a locator, a class or a function, so that every case gets a fresh one; an object that is given
     ready-made serves all cases one after the other), or a list with one controller for each case.
-    Cases that follow each other are driven together where the ADS and they allow it; the others one by one. alone:
-    counts these, by the reason.
+    Cases of one kind are driven together where the ADS and they allow it, in whatever order they come; the others one
+    by one. alone: counts these, by the reason.
     """
     together = simulate_together(cases, controller, settings, folder=folder, step_timeout=step_timeout)
     each = controller if isinstance(controller, list | tuple) else [controller] * len(cases)
@@ -220,7 +219,8 @@ def simulate_together(
     wrap: Callable[[Controller], Controller] = lambda ads: ads,
     batches: bool = True,
 ) -> Iterator[Recording | Alone]:
-    """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason.
+    """Recordings of cases driven together, in their order; for one that has to be driven alone, the reason. Those of a
+    kind go together: as many other vehicles on one road. How many there are of a stream depends on its density.
 
     seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
     whether a policy over arrays may see many cases at once; its numbers may depend on which.
@@ -248,18 +248,23 @@ def simulate_together(
         )  # fmt: skip
         return (*body, riders.kind(index))
 
-    for key, group in groupby(range(len(cases)), key=kind):
-        for members in _chunks(list(group), SORTED_AT_ONCE):
-            found: dict[int, Recording | Alone] = {}
-            if key is not None and key[-1] is not None:
-                resolved = cases[members[0]].simulation(basis)
-                order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
-                for part in _chunks(order, TOGETHER):
-                    driver = riders.driver(part, step_timeout, [given[index] for index in part])
-                    pack = [cases[index] for index in part]
-                    found.update(zip(part, _together(pack, driver, resolved), strict=True))
-            for index in members:
-                yield found.pop(index, why or (NOT_TOGETHER if key is None else ON_TRACI))
+    for window in _chunks(list(range(len(cases))), SORTED_AT_ONCE):
+        found: dict[int, Recording | Alone] = {}
+        alike: dict[tuple[object, ...] | None, list[int]] = {}
+        for index in window:
+            alike.setdefault(kind(index), []).append(index)
+        for key, members in alike.items():
+            if key is None or key[-1] is None:
+                found.update(dict.fromkeys(members, why or (NOT_TOGETHER if key is None else ON_TRACI)))
+                continue
+            resolved = cases[members[0]].simulation(basis)
+            order = sorted(members, key=lambda index: probable_end(cases[index], decided=resolved.end_when_decided))
+            for part in _chunks(order, TOGETHER):
+                driver = riders.driver(part, step_timeout, [given[index] for index in part])
+                pack = [cases[index] for index in part]
+                found.update(zip(part, _together(pack, driver, resolved), strict=True))
+        for index in window:
+            yield found.pop(index)
 
 
 class _Riders:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
-from sumo_eval.cosim.sumo.session import CHORD_TOLERANCE, NOWHERE, check_start, vehicles
+from sumo_eval.cosim.sumo.session import NOWHERE, bend_tolerance, check_start, vehicles
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import MODEL, STRAIGHT, World
 from sumo_eval.errors import SimulationError
@@ -255,7 +255,7 @@ class Stage:
                     continue
                 x, y = self.calls.getPosition(name)
                 off = math.hypot(x - float(body["front_x"]), y - float(body["front_y"]))
-                if not off <= CHORD_TOLERANCE:  # which also finds a nan
+                if not off <= bend_tolerance(self._road, float(body["y"])):  # which also finds a nan
                     who = "the ego" if j == 0 else f"vehicle `{world.cases[int(world.rows[row])].actors[j - 1].name}`"
                     world.fail(
                         row, "sim_error",

@@ -59,7 +59,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
     name = scenario_of(evaluation, scenario)
     who = ads_of(evaluation, ads)[0]
     zones = zone_partitions(evaluation)[name]
-    cases = [row for row in evaluation.cases if (row.scenario, row.ads) == (name, who)]
+    cases = evaluation.cases_of(who, name)
     view = choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name))
     judged = verdicts(evaluation)
     panels = range(len(view.panels))

@@ -20,7 +20,7 @@ from sumo_eval.scenario import ConcreteScenario, LogicalScenario
 from sumo_eval.scenario.motion import quintic
 from sumo_eval.scenario.undisturbed import Tracks, tracks
 from sumo_eval.settings import VehicleSettings, ZoneSettings
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 STEP = 0.1  # s between two looks; contact between two is found on the straight line from one to the other
 HORIZON = 6.0  # s ahead in which a collision course counts, ITTC 0.17 1/s
@@ -115,7 +115,7 @@ def conflict_criticality(
 
     The ego keeps its way and brakes ideally to a standstill from the first move of number `other` plus its delay on, or
     keeps its speed where that leads into nobody: 0 then. Max ITTC is the largest inverse time to collision on the
-    conflicting ways, with any of the others; inf where ideal braking hits.
+    conflicting ways, with any of the others but those who react and come from behind; inf where ideal braking hits.
     """
     strength = settings.deceleration
     speeds = np.array([concrete.ego.speed for concrete in placed])
@@ -148,7 +148,23 @@ def _with_all(
     egos = np.stack([x + v * np.minimum(time, wait) + braking * (v + speed) / 2.0, speed], axis=2)
     of_each = [_with(placed, found, egos, number, size, horizon) for number in range(found.others.shape[1])]
     inverse, impact, nearest = (np.array(part) for part in zip(*of_each, strict=True))
+    lets = _let_the_ego_in(placed)
+    inverse, impact, nearest = (
+        np.where(lets, 0.0, inverse),
+        np.where(lets, 0.0, impact),
+        np.where(lets, np.inf, nearest),
+    )
     return inverse.max(axis=0), impact.max(axis=0), nearest.min(axis=0)
+
+
+def _let_the_ego_in(placed: Sequence[ConcreteScenario]) -> BoolArray:
+    """Who reacts and comes from behind the ego, (others, n): no braking of the ego averts what such a one does, and
+    SUMO alone knows what that is.
+    """
+    react = [[actor.model is not None for actor in concrete.actors] for concrete in placed]
+    behind = [[actor.start.x < concrete.ego.x for actor in concrete.actors] for concrete in placed]
+    found: BoolArray = np.array(react, dtype=np.bool_) & np.array(behind, dtype=np.bool_)
+    return found.T
 
 
 def _with(

@@ -225,11 +225,7 @@ def _compare_ads(
 
 
 def _by_point(evaluation: Evaluation, ads: str, scenario: str) -> dict[tuple[tuple[str, float], ...], CaseResult]:
-    return {
-        tuple(sorted(case.values.items())): case
-        for case in evaluation.cases
-        if (case.ads, case.scenario) == (ads, scenario)
-    }
+    return {tuple(sorted(case.values.items())): case for case in evaluation.cases_of(ads, scenario)}
 
 
 def _change(base: CaseResult, new: CaseResult, settings: GateSettings) -> ChangedCase | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -114,7 +114,7 @@ def _hash(path: Path) -> str:
 
 def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:
     """What is claimed of one ADS in one scenario."""
-    cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+    cases = evaluation.cases_of(score.ads, score.scenario)
     assumptions = tuple(_assumptions(evaluation, score, zone))
     about = f"{score.ads} in {score.scenario}"
     yield _complete(about, score, cases)
@@ -129,7 +129,7 @@ def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
     return Claim(id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts)
 
 
-def _complete(about: str, score: ScenarioResult, cases: list[CaseResult]) -> Claim:
+def _complete(about: str, score: ScenarioResult, cases: Sequence[CaseResult]) -> Claim:
     missing = [case.case for case in cases if not case.evaluated]
     return _claim(
         score, "complete",
@@ -142,7 +142,7 @@ def _complete(about: str, score: ScenarioResult, cases: list[CaseResult]) -> Cla
 
 
 def _collisions(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
 ) -> Claim:
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
@@ -175,7 +175,7 @@ def _collisions(
 
 
 def _preventable(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
 ) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
     row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
@@ -201,7 +201,7 @@ def _preventable(
 
 
 def _avoided(
-    evaluation: Evaluation, about: str, score: ScenarioResult, cases: list[CaseResult], assumptions: tuple[str, ...]
+    evaluation: Evaluation, about: str, score: ScenarioResult, cases: Sequence[CaseResult], assumptions: tuple[str, ...]
 ) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval

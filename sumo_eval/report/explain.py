@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from sumo_eval.report.words import (
     reason_without_d,
     severity_unit,
 )
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, columns
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
 
 ROUNDING = 1e-9
@@ -111,14 +111,19 @@ def _collision(
         + (", capped at 1: gentler than the ideal vehicle" if case.beats_ideal else "")
     )
     yield from _weight(case, zones)
-    hits = [one for one in cases_of(evaluation, score) if one.collided and one.ideal_severity is not None]
-    weights = math.fsum(one.weight or 0.0 for one in hits)
+    weights, share = _share(
+        case,
+        cases_of(evaluation, score),
+        "weight",
+        lambda hit, ideal: hit and ideal is not None,
+        "collided",
+        "ideal_severity",
+    )
     whole = worth(evaluation.settings.method.score)
-    share = _share(case, hits, [one.weight or 0.0 for one in hits])
     yield (
         f"Eq. 17: of 1 - C = {1.0 - (score.c or 0.0):z.4f} this case took r (1 - {what}) / sum r = "
-        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {weights:z.4f} = {share * (1.0 - ratio):z.4f} "
-        f"({len(hits)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
+        f"{number(case.weight, 4)} x {1.0 - ratio:z.4f} / {math.fsum(weights):z.4f} = {share * (1.0 - ratio):z.4f} "
+        f"({len(weights)} collisions), {whole.c * share * (1.0 - ratio):z.2f} points of S"
     )
 
 
@@ -172,14 +177,14 @@ def _likeness(
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
-    indexed = [one for one in cases_of(evaluation, score) if one.zone == "safe" and one.index is not None]
-    exposure = math.fsum(one.exposure for one in indexed)
+    exposures, share = _share(
+        case, cases_of(evaluation, score), "exposure", lambda zone, d: zone == "safe" and d is not None, "zone", "index"
+    )
     of = "exposure" if evaluation.exposure_known(case.scenario) else "the points"
     whole = worth(evaluation.settings.method.score)
-    share = _share(case, indexed, [one.exposure for one in indexed])
     yield (
-        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {exposure:z.6g} = {share:z.5f} "
-        f"({len(indexed)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:z.5f} and took "
+        f"Eq. 13: share of {of} p / sum p = {case.exposure:z.6g} / {math.fsum(exposures):z.6g} = {share:z.5f} "
+        f"({len(exposures)} cases); of D = {number(score.d, 4)} this case gives {share * case.index:z.5f} and took "
         f"{share * (1.0 - case.index):z.5f}, {whole.d * share * (1.0 - case.index):z.2f} points of S"
     )
     for note in index.notes:
@@ -224,7 +229,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     unit = severity_unit(settings)
     cases = cases_of(evaluation, score)
     terms = case_terms(cases, settings.method)
-    row = next(place for place, one in enumerate(cases) if one.case == case.case)
+    row = next(place for place, (name, _) in enumerate(columns(cases, "case", "zone")) if name == case.case)
     losses = avoided_share_losses(terms)
     u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
@@ -262,21 +267,28 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
             f"H: f_L f_n+ similarity plausibility = {' x '.join(number(value, 4) for value in factors)} = "
             f"{case.human_likeness:z.4f}; plausibility: 1 where at least 5 % of recorded people go to such extremes"
         )
-    counted = [one for one in cases_of(evaluation, score) if one.human_likeness is not None]
-    exposure = math.fsum(one.exposure for one in counted)
-    if exposure > 0.0:
-        share = _share(case, counted, [one.exposure for one in counted])
+    exposures, share = _share(
+        case, cases_of(evaluation, score), "exposure", lambda likeness: likeness is not None, "human_likeness"
+    )
+    if math.fsum(exposures) > 0.0:
         yield (
-            f"H: share of the mean {share:z.5f} ({len(counted)} cases); of H = {number(score.human_likeness, 4)} this "
-            f"case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}, "
+            f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = {number(score.human_likeness, 4)} "
+            f"this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}, "
             f"{worth(evaluation.settings.method.score).h * share * (1.0 - case.human_likeness):z.2f} points of S+"
         )
 
 
-def _share(case: CaseResult, cases: Sequence[CaseResult], weights: Sequence[float]) -> float:
-    """What a case weighs in a mean over cases."""
-    place = [one.case for one in cases].index(case.case)
-    return float(mean_shares(weights)[place])
+def _share(
+    case: CaseResult, cases: Sequence[CaseResult], weight: str, counts: Callable[..., bool], *fields: str
+) -> tuple[list[float], float]:
+    """The weights of those cases that a mean is over, and what this case weighs in it. weight: the field that has them.
+    counts: whether a case has a part in the mean, by these of its fields.
+    """
+    read = columns(cases, "case", weight, *fields)
+    counted = [(name, value or 0.0) for name, value, *rest in read if counts(*rest)]
+    weights = [value for _, value in counted]
+    place = next(place for place, (name, _) in enumerate(counted) if name == case.case)
+    return weights, float(mean_shares(weights)[place])
 
 
 def _measures(case: CaseResult) -> Iterator[str]:

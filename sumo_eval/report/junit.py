@@ -48,7 +48,7 @@ def run_suites(evaluation: Evaluation) -> Suites:
     report = evaluation.settings.report
     suites: dict[tuple[str, str], list[Test]] = {}
     for score in evaluation.scores:
-        cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)]
+        cases = evaluation.cases_of(score.ads, score.scenario)
         tests = [_case_test(case, reasons.get(case.case), report) for case in cases]
         if report.junit == "cell":
             tests = _by_cell(cases, tests, report.junit_cells)

@@ -86,7 +86,7 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
         share.case.case: share
         for score in evaluation.scores
         for share in collision_shares(
-            [case for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)],
+            evaluation.cases_of(score.ads, score.scenario),
             evaluation.settings,
         )
     }

@@ -95,9 +95,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     found = verdicts(evaluation)
     rows = []
     for score in evaluation.scores:
-        here = [
-            found[case.case] for case in evaluation.cases if (case.ads, case.scenario) == (score.ads, score.scenario)
-        ]
+        here = [found[case.case] for case in evaluation.cases_of(score.ads, score.scenario)]
         count = Counter(here)
         rows.append(
             Preventability(

@@ -55,6 +55,7 @@ from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.requirement import Requirements, requirement
 from sumo_eval.scenario.road.lanes import CrossingTable, LaneTable, crossings_of, spans_of
 from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.road.reference_line import Piece, frame_places
 from sumo_eval.scenario.road.table import PieceTable, bend_name, check_line, line_of
 from sumo_eval.scenario.streams import Spread, drawn
 from sumo_eval.scenario.sumo_network import read_road
@@ -240,6 +241,12 @@ class VehicleTable(Checked):
     length: Annotated[float | None, Positive, About("body; default: as the body has it, 4.5 of a car", "m")] = None
     width: Annotated[float | None, Positive, About("body; default: as the body has it, 1.8 of a car", "m")] = None
     slides: Annotated[bool, About("keeps its heading while it moves across, instead of pointing where it goes")] = False
+    on_map: Annotated[
+        bool,
+        About(
+            "x, y and heading are on the map of a road that bends, from the line's beginning: it drives straight there"
+        ),
+    ] = False
     manoeuvre: Annotated[tuple[ManoeuvreTable, ...], About("what it does")] = ()
 
 
@@ -540,6 +547,7 @@ def check_points(logical: LogicalScenario, points: FloatArray) -> None:
         logical.margin(logical.columns(points))
 
 
+_TOUCH = 1e-6  # m: bodies that only touch are not inside each other
 _BESIDE = 300.0  # m beside the road at which somebody may still be who comes from there, or stands there
 
 
@@ -566,12 +574,10 @@ def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], 
             for x, y in act.table if act.kind == played.PATH else ():
                 if not (0.0 <= x <= end and road.right_edge - reach <= y <= road.left_edge + reach):
                     raise must_be(f"The path of vehicle `{item.name}`", owner, "on the map", f"({x:g}, {y:g}) m")
-    if not any(item.lively for item in actors):
-        return
     boxes = [("ego", *_box(ego, 0.0, ego_body.length, ego_body.width))]
     boxes += [(item.name, *_box(item.start, item.heading, item.length, item.width)) for item in actors]
     for (one, x, y, long, wide), (two, x2, y2, long2, wide2) in itertools.combinations(boxes, 2):
-        if abs(x - x2) < long + long2 and abs(y - y2) < wide + wide2:
+        if long + long2 - abs(x - x2) > _TOUCH and wide + wide2 - abs(y - y2) > _TOUCH:
             raise must_be(f"Vehicle `{two}`", owner, f"clear of `{one}` at the start", f"x = {x2:g} m beside {x:g} m")
 
 
@@ -721,11 +727,12 @@ class Vehicle:
     heading: Quantity | None = None
     by_lateral_speed: bool = False
     body: str = "car"
+    on_map: bool = False
 
     @property
     def lively(self) -> bool:
         """Whether what it does is no function of time alone."""
-        return self.heading is not None or any(move.lively for move in self.moves)
+        return self.heading is not None or self.on_map or any(move.lively for move in self.moves)
 
 
 @dataclass(frozen=True, slots=True)
@@ -785,6 +792,7 @@ class Place:
     streams: tuple[Stream, ...] = ()
     lane_width: float = 3.5
     goal: Goal | None = None
+    line: tuple[Piece, ...] = ()
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
@@ -826,6 +834,10 @@ class Place:
         elif item.heading is not None:
             heading = math.radians(item.heading.at(known))
         start = Start(x, item.y.at(known), speed)
+        if item.on_map:
+            s, d, turned = (float(it) for it in frame_places(self.line, start.x, start.y, heading))
+            actor = _played(item, Start(s, d, speed), turned, known)
+            return replace(actor, on_map=(start.x, start.y, heading))
         if item.lively:
             return _played(item, start, heading, known)
         moves: list[LaneChange | ConstantLateral] = []
@@ -1028,7 +1040,7 @@ class _Builder:
         }
         vehicles = tuple(self._vehicle(item) for item in table.vehicle)
         streams = tuple(self._stream(item) for item in table.stream)
-        if not vehicles and not streams:
+        if not vehicles and not streams and table.zone != "none":
             raise InputError(f"{self.where} must have at least one [[vehicle]] or [[stream]].")
         _distinct(["ego", *(item.name for item in vehicles)], "vehicle", self.where)
         for item in vehicles:
@@ -1040,6 +1052,8 @@ class _Builder:
         told = bool(spread) or density is not None or joint is not None
         body = self._body()
         road = self._road()
+        for vehicle in table.vehicle:
+            self._check_on_map(vehicle, road)
         ego = table.ego
         ego_speed = self._quantity(ego.speed, "speed of the ego", at_least=0.0)
         ego_x, ego_y = self._quantity(ego.x, "x of the ego"), self._quantity(ego.y, "y of the ego")
@@ -1054,8 +1068,6 @@ class _Builder:
         requirements = self._requirements(definitions)
         asked = requirements.all if requirements is not None else ()
         self._all_used(parameters, definitions, [*told_by, *(it for one in asked for it in one.expressions)])
-        if road.crossings and road.bent:
-            raise InputError(f"The road of {self.where} must be straight where it has a [[road.crossing]].")
         margin = self._margin(definitions)
         return LogicalScenario(
             name=table.name,
@@ -1075,6 +1087,7 @@ class _Builder:
                 streams=streams,
                 lane_width=road.lane_width,
                 goal=self._goal(road),
+                line=road.line,
             ),
             approach=None if searched or margin or table.zone == "none" else self._zone(definitions, vehicles),
             search=self._search(definitions, vehicles) if searched and not margin and table.zone != "none" else None,
@@ -1093,6 +1106,17 @@ class _Builder:
             options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
             requirements=requirements,
         )
+
+    def _check_on_map(self, item: VehicleTable, road: Road) -> None:
+        if not item.on_map:
+            return
+        owner = f"vehicle `{item.name}` of {self.where}"
+        if not road.bent:
+            raise InputError(f"{owner.capitalize()} must not have `on_map`: on a straight road the map is the road.")
+        along = [key for key in ("gap", "gap_behind", "lateral_speed") if getattr(item, key) is not None]
+        along += [f"`{it.do}`" for it in item.manoeuvre if it.do in ("path", "follow") or it.places]
+        if along:
+            raise InputError(f"{owner.capitalize()} has no {along[0]} beside `on_map`: that is along the road.")
 
     def _requirements(self, definitions: Definitions) -> Requirements | None:
         if not self.table.require:
@@ -1198,8 +1222,6 @@ class _Builder:
                 if getattr(ego, key) is not None:
                     raise InputError(f"[ego] of {self.where} has a `{key}`, so it must have a `goal_lane`.")
             return None
-        if road.bent:
-            raise InputError(f"The road of {self.where} must be straight where the ego has a `goal_lane`.")
         if ego.goal_lane >= road.lanes:
             raise must_be("`goal_lane`", f"[ego] of {self.where}", f"below {road.lanes}", ego.goal_lane)
         if ego.change_from is None:
@@ -1230,7 +1252,7 @@ class _Builder:
         name = road.name or f"road_{road.lanes}x{road.lane_width:g}m_{end.x:g}m_of_{road.length:g}m"
         name += bend_name(line, named=road.name is not None)
         spans = spans_of(road.lane, road.lanes, road.length, self.where)
-        crossings = crossings_of(road.crossing, road.length, self.where)
+        crossings = crossings_of(road.crossing, road.length, line, self.where)
         if road.name is None and (spans or crossings):
             name += f"_{hashlib.sha256(repr((spans, crossings)).encode()).hexdigest()[:6]}"
         return Road(
@@ -1314,6 +1336,7 @@ class _Builder:
             heading=None if sideways is None else self._quantity(sideways, f"{key} of {what}"),
             by_lateral_speed=item.lateral_speed is not None,
             body=item.body,
+            on_map=item.on_map,
         )
 
     def _move(self, item: ManoeuvreTable, what: str) -> Move:

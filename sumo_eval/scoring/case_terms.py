@@ -10,11 +10,16 @@ import numpy as np
 
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
-from sumo_eval.results import CaseResult
+from sumo_eval.results import EVALUATED, CaseResult, Zone, columns, leaves_no_index, may_have_index
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 _AT_ONCE = 8_192  # cases
+_FIELDS = (
+    "zone", "status", "collided", "struck_from_behind", "severity", "ideal_severity", "no_reaction_severity",
+    "exposure", "weight", "index", "human_likeness",
+)  # fmt: skip
+"""Of a row of cases.csv what scores are made of."""
 SCORES = (
     "c",
     "d",
@@ -55,8 +60,10 @@ class CaseTerms:
 
 def case_terms(cases: Iterable[CaseResult], method: MethodSettings) -> CaseTerms:
     """The terms of cases, in their order."""
-    flags, numbers, left = [np.empty((0, 3), np.bool_)], [np.empty((0, 7))], iter(cases)
-    while some := [_read(case) for case in islice(left, _AT_ONCE)]:  # a million cases as lists would be half a gigabyte
+    flags, numbers, left = [np.empty((0, 3), np.bool_)], [np.empty((0, 7))], columns(cases, *_FIELDS)
+    while some := [
+        _read(*case) for case in islice(left, _AT_ONCE)
+    ]:  # a million cases as lists would be half a gigabyte
         flags.append(np.array([flag for flag, _ in some], dtype=np.bool_))
         numbers.append(np.array([number for _, number in some], dtype=np.float64))  # None is nan
     collided, evaluated, voids = np.ascontiguousarray(np.concatenate(flags).T)
@@ -80,16 +87,20 @@ def case_terms(cases: Iterable[CaseResult], method: MethodSettings) -> CaseTerms
     )
 
 
-def _read(case: CaseResult) -> tuple[tuple[bool, ...], tuple[float | None, ...]]:
-    return (case.collided, case.evaluated, case.voids_index), (
-        case.severity,
-        case.ideal_severity,
-        case.no_reaction_severity,
-        case.exposure,
-        case.weight,
-        case.index if case.counts_for_index else None,
-        case.human_likeness,
-    )
+def _read(
+    zone: Zone,
+    status: str,
+    collided: bool,
+    struck: bool,
+    severity: float | None,
+    ideal: float | None,
+    *rest: float | None,
+) -> tuple[tuple[bool, ...], tuple[float | None, ...]]:
+    """Flags and numbers of a case of whose row these are the `_FIELDS`."""
+    unreacting, exposure, weight, index, likeness = rest
+    counted = index if may_have_index(zone, collided, struck) else None
+    flags = collided, status in EVALUATED, leaves_no_index(zone, collided, ideal)
+    return flags, (severity, ideal, unreacting, exposure, weight, counted, likeness)
 
 
 def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:

@@ -55,7 +55,7 @@ def encode_rows(rows: Sequence[CaseResult]) -> bytes:
 
 def decode_rows(data: bytes) -> list[CaseResult]:
     """What `encode_rows` wrote."""
-    count, found = _columns(data, None)
+    count, found = _columns(data)
     names = [name.removeprefix("values.") for name in found if name.startswith("values.")]
     values = zip(*(found[f"values.{name}"] for name in names), strict=True) if names else iter([()] * count)
     found["values"] = [dict(zip(names, row, strict=True)) for row in values]
@@ -67,12 +67,13 @@ def decode_column(data: bytes, name: str) -> list[Any]:
     return _columns(data, name)[1][name]
 
 
-def _columns(data: bytes, only: str | None) -> tuple[int, dict[str, list[Any]]]:
+def _columns(data: bytes, *only: str) -> tuple[int, dict[str, list[Any]]]:
+    """How many rows there are, and their columns, all or those of these names."""
     (size,) = _HEADER.unpack_from(data)
     count, header = json.loads(data[_HEADER.size : _HEADER.size + size])
     found, at = {}, _HEADER.size + size
     for name, kind, length in header:
-        if only in (None, name):
+        if not only or name in only:
             found[name] = _decode(zlib.decompress(data[at : at + length]), kind, count)
         at += length
     return count, found
@@ -125,6 +126,12 @@ class KeptRows(Sequence[CaseResult]):
         """A field of all rows, without the rest of them."""
         for chunk in self._chunks:
             yield from decode_column(self._data(chunk), name)
+
+    def columns(self, *names: str) -> Iterator[tuple[Any, ...]]:
+        """These fields of all rows, without the rest of them."""
+        for chunk in self._chunks:
+            found = _columns(self._data(chunk), *names)[1]
+            yield from zip(*(found[name] for name in names), strict=True)
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any, TypeVar, get_args, get_type_hints
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
-from sumo_eval.errors import InputError, did_you_mean, unknown
+from sumo_eval.errors import InputError, did_you_mean, nearest, unknown
 from sumo_eval.settings import Checked, EvaluationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
@@ -173,7 +174,15 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
     message = " or ".join(dict.fromkeys(map(_demand, items)))
-    return f"`{path}` in {where} must be {message}, got {shown(item['input'])}."
+    allowed = [
+        name
+        for one in items
+        if one["type"] == "literal_error"
+        for name in re.findall(r"'([^']*)'", one["ctx"]["expected"])
+    ]
+    near = nearest(item["input"], allowed) if isinstance(item["input"], str) else None
+    hint = "" if near is None else f" Did you mean `{near}`?"
+    return f"`{path}` in {where} must be {message}, got {shown(item['input'])}.{hint}"
 
 
 def _demand(item: Any) -> str:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from lxml import etree
 
 from sumo_eval import Command
 from sumo_eval.cosim import simulate, simulate_many
+from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.scenario import ConcreteScenario, catalogue
-from sumo_eval.scenario.road.reference_line import arc
+from sumo_eval.scenario.road.reference_line import arc, map_places
 from sumo_eval.trajectory import Recording
 
 POINTS = {
@@ -19,10 +22,11 @@ POINTS = {
     "lane_drop": {"ego_speed": 24.0, "other_speed": 24.0, "offset": -15.0, "other_acceleration": 0.0},
     "exit": {"ego_speed": 24.0, "other_speed": 24.0, "gap": 35.0, "other_acceleration": -2.0},
 }
+CROSSED = {"crossing_path": {"ego_speed": 14.0, "other_speed": 10.0, "arrival": 1.0}}
 
 
 def case(name: str, **changes: float) -> ConcreteScenario:
-    return catalogue.load(name).concrete(**{**POINTS[name], **changes})
+    return catalogue.load(name).concrete(**{**(POINTS | CROSSED)[name], **changes})
 
 
 def clips(found: Recording) -> set[str]:
@@ -110,8 +114,10 @@ def bent(concrete: ConcreteScenario, radius: float) -> ConcreteScenario:
     return replace(concrete, road=replace(concrete.road, name=f"bend_{radius:g}", line=(arc(900.0, radius),)))
 
 
-@pytest.mark.parametrize("name", sorted(POINTS))
-def test_law_a_ramp_a_lane_drop_and_an_exit_on_a_very_wide_bend_are_those_on_a_straight_road(name: str) -> None:
+@pytest.mark.parametrize("name", sorted(POINTS | CROSSED))
+def test_law_a_ramp_a_lane_drop_an_exit_and_a_crossing_on_a_very_wide_bend_are_those_on_a_straight_road(
+    name: str,
+) -> None:
     straight, wide = (simulate(it, "idm") for it in (case(name), bent(case(name), 1e9)))
     assert straight.end_reason == wide.end_reason
     assert len(straight.ego) == len(wide.ego)
@@ -128,3 +134,39 @@ def test_on_a_bend_who_has_to_change_lanes_reaches_the_goal_on_the_way_in_the_fr
     found = simulate(pedals, "no_reaction")
     assert found.end_reason == "road_end"
     assert np.abs(found.ego.y - pedals.ego.y_at(found.ego.x)).max() < 0.05
+
+
+@pytest.mark.parametrize("radius", [250.0, -250.0])
+def test_a_road_crosses_a_bend_on_the_straight_line_through_its_centre(radius: float) -> None:
+    """At x = 300 m of an arc from the beginning on, the bend's centre is (0, R) and everything at that x on one line
+    through it. Who drives along the crossing at 10 m/s covers that of it on the map, SUMO shows him there (or the case
+    would be a `sim_error`), and an ego that does nothing is struck where it would be on a straight road, to the bodies'
+    corners: (half a width) / R of their lengths."""
+    flat = case("crossing_path", arrival=0.2)
+    concrete = bent(flat, radius)
+    found, straight = simulate(concrete, "no_reaction"), simulate(flat, "no_reaction")
+    assert found.error is None
+    other = found.actors["other"]
+    east, north, _ = map_places(concrete.road.line, other.x, other.y)
+    turned = np.arctan2(east, (radius - north) * np.sign(radius))
+    assert turned == pytest.approx(np.full(len(other), 300.0 / 250.0), abs=1e-9)
+    assert np.hypot(np.diff(east), np.diff(north)) == pytest.approx(10.0 * np.diff(other.time), abs=1e-9)
+    assert found.collision is not None
+    assert straight.collision is not None
+    assert found.collision.other == "other"
+    assert found.collision.time == pytest.approx(straight.collision.time, abs=0.01)
+    # so far the road still turns, and the ego leans out by atan(1.35 / R), until it would stand square to the other
+    askew = (300.0 - found.ego.x[-1]) / radius + math.atan(1.35 / radius)
+    meets = math.sqrt(14.0**2 + 10.0**2 + 2.0 * 14.0 * 10.0 * math.sin(askew))
+    assert found.collision.relative_speed == pytest.approx(meets, abs=0.01)
+
+
+def test_the_network_of_a_bend_has_the_road_that_crosses_it() -> None:
+    """Its lane ends 130 m to both sides of the line: 250 - 130 and 250 + 130 m from the centre (0, 250) of the bend."""
+    net = etree.fromstring(network_xml(bent(case("crossing_path"), 250.0).road).encode())
+    lane = net.find("edge[@id='crossing0']/lane")
+    ends = np.array([place.split(",") for place in lane.get("shape").split()], dtype=float)
+    assert sorted(np.hypot(ends[:, 0], ends[:, 1] - 250.0)) == pytest.approx([120.0, 380.0], abs=1e-3)
+    west, south, east, north = map(float, net.find("location").get("convBoundary").split(","))
+    inside = [west, south] <= ends + 0.01, ends <= np.array([east, north]) + 0.01
+    assert np.all(inside)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,29 @@ def test_law_reacting_traffic_has_the_same_bits_alone_in_packs_and_in_any_order(
         turned = list(simulate_many(cases[::-1], who, TWENTY))[::-1]
         assert all(map(same, alone, packed))
         assert all(map(same, alone, turned))
+
+
+def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_that_they_have_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A stream's number of vehicles follows from its density: of five cases those with two others share a simulation,
+    and those with three, although they take turns."""
+    short, sizes = SimulationSettings(time_limit=4.0), []
+    module = import_module("sumo_eval.cosim.simulate")  # the package has a function of that name
+    drive = module.drive
+
+    def counted(world: Any, *rest: Any) -> None:
+        sizes.append(len(world.rows))
+        drive(world, *rest)
+
+    third = rear(gap=60.0, y=3.5, name="third")
+    few = [scene(rear(gap=12.0 + 4 * k), rear(gap=30.0, y=3.5, name="beside"), speed=20.0 + k) for k in range(3)]
+    many = [scene(rear(gap=14.0 + 4 * k), rear(gap=25.0, y=3.5, name="beside"), third, speed=20.0) for k in range(2)]
+    cases = [few[0], many[0], few[1], many[1], few[2]]
+    alone = [simulate(case, "idm", short) for case in cases]
+    monkeypatch.setattr(module, "drive", counted)
+    assert all(map(same, alone, simulate_many(cases, "idm", short)))
+    assert sorted(sizes) == [2, 3]
 
 
 def swerve(observation: Any) -> tuple[float, float]:

@@ -106,6 +106,13 @@ use = "stop_and_go_stream"
 [scenario.sampling]
 method = "sobol"
 count = 6
+[[scenario]]
+use = "ramp_merge"
+[scenario.sampling]
+method = "sobol"
+count = 4
+[method.zones]
+grid_points = 500
 [[ads]]
 name = "idm"
 controller = "idm"
@@ -126,7 +133,9 @@ class Mine:
 
 
 @pytest.mark.campaign
-def test_law_facts_of_a_stream_are_the_same_for_one_two_and_eight_workers(tmp_path: Path) -> None:
+def test_law_facts_of_a_stream_and_of_a_follower_at_a_ramp_are_the_same_for_one_two_and_eight_workers(
+    tmp_path: Path,
+) -> None:
     digests = set()
     for workers in (1, 2, 8):
         folder = tmp_path / str(workers)

@@ -13,14 +13,16 @@ from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.catalogue import find
-from sumo_eval.scenario.concrete import LaneChange
+from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
 from sumo_eval.scenario.openscenario.collections import uses_of
 from sumo_eval.scenario.openscenario.conformity import ROWS, table
 from sumo_eval.scenario.openscenario.describe import described
-from sumo_eval.scenario.openscenario.logical import concrete_points, read_file
+from sumo_eval.scenario.openscenario.logical import concrete, concrete_points, read_file
 from sumo_eval.scenario.openscenario.scene import synchronized
-from sumo_eval.scenario.openscenario.written import point_of, scenario_content, write_scenario
+from sumo_eval.scenario.openscenario.written import write_scenario
+from sumo_eval.scenario.openscenario.written_space import space_contents
 from sumo_eval.scenario.road.reference_line import map_places
+from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.undisturbed import tracks
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
@@ -404,6 +406,27 @@ def test_a_road_that_cannot_be_read_is_refused_only_where_somebody_is_on_it(tmp_
     (tmp_path / "road.xodr").write_text("<OpenDRIVE>" + steep + "</OpenDRIVE>", encoding="utf-8")
     with pytest.raises(InputError, match=rf"<elevation> of road `{name}` of OpenDRIVE file road.xodr must be constant"):
         find("scenario.xosc?road=1", tmp_path)
+    flat = find("scenario.xosc?flat=1", tmp_path)
+    assert flat.concrete(only=0.0).actors
+    assert "elevation" in flat.notes[0]
+
+
+def test_stories_and_manoeuvres_have_parameters_of_their_own(tmp_path: Path) -> None:
+    """The story's `who` is whom the group moves, the manoeuvre's `far` replaces the story's; the act has begun."""
+    plain = written(tmp_path, events=CUT_IN)
+    was = find(str(plain)).concrete(only=0.0).actors
+    own = "<ParameterDeclarations>{}</ParameterDeclarations>"
+    one = '<ParameterDeclaration name="{}" parameterType="string" value="{}"/>'
+    text = plain.read_text(encoding="utf-8").replace(
+        '<Story name="s">', '<Story name="s">' + own.format(one.format("who", "Other") + one.format("far", "99"))
+    )
+    text = text.replace('<Maneuver name="m">', '<Maneuver name="m">' + own.format(one.format("far", "${10 * 3}")))
+    text = text.replace('<EntityRef entityRef="Other"/></Actors>', '<EntityRef entityRef="$who"/></Actors>')
+    text = text.replace('value="30"/></EntityCondition>', 'value="$far"/></EntityCondition>')
+    again = tmp_path / "stories.xosc"
+    again.write_text(text, encoding="utf-8")
+    assert text.count("$who") == text.count("$far") == 1
+    assert find(str(again)).concrete(only=0.0).actors == was
 
 
 def written_again(path: Path) -> Path:
@@ -518,7 +541,8 @@ ENDED = (
 def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, events: str) -> None:
     """Everybody starts at the same place and does the same, by the scenario file as by the imported one."""
     read = read_file(written(tmp_path, events=events))
-    write_scenario(scenario_content(read, point_of(read, {})), tmp_path / "again.toml")
+    (content,) = space_contents(read, {})
+    write_scenario(content, tmp_path / "again.toml")
     theirs, again = read.logical.concrete(only=0.0), find("again.toml", tmp_path).concrete(only=0.0)
     assert (again.ego, again.ego_body, again.road, again.time_limit) == (
         theirs.ego, theirs.ego_body, theirs.road, theirs.time_limit
@@ -531,9 +555,105 @@ def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, eve
         assert [act._replace(name="") for act in one.acts] == [act._replace(name="") for act in two.acts]
 
 
-def test_a_point_that_is_not_there_cannot_be_written(tmp_path: Path) -> None:
+def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
+    """Everybody starts at the same place with the same speed and does the same, to 1e-9."""
+    assert [actor.name for actor in one.actors] == [actor.name for actor in two.actors]
+    assert (one.ego_body, one.time_limit, one.road.length, one.road.lanes) == (
+        two.ego_body, two.time_limit, two.road.length, two.road.lanes
+    )  # fmt: skip
+    assert (one.ego.x, one.ego.y, one.ego.speed) == pytest.approx((two.ego.x, two.ego.y, two.ego.speed), abs=1e-9)
+    for a, b in zip(one.actors, two.actors, strict=True):
+        assert (a.body, a.length, a.width, len(a.script)) == (b.body, b.length, b.width, len(b.script))
+        of = [(it.start.x, it.start.y, it.start.speed, it.heading, *(it.on_map or ())) for it in (a, b)]
+        assert of[0] == pytest.approx(of[1], abs=1e-9)
+        for act, other in zip(a.script, b.script, strict=True):
+            mine, theirs = ([*it[:7], *np.ravel(it.table), *np.ravel(it.program)] for it in (act, other))
+            assert mine == pytest.approx(theirs, abs=1e-9)
+
+
+def test_the_whole_space_is_written_and_its_formulas_are_found(tmp_path: Path) -> None:
+    """36..90 km/h in steps of 18, of which the constraint leaves 36, 54 and 72; the ego's speed is kph / 3.6 m/s."""
+    scenario = written(tmp_path, events=CUT_IN)
+    path = tmp_path / "variation.xosc"
+    path.write_text(VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")), encoding="utf-8")
+    read = read_file(path)
+    (content,) = space_contents(read, {})
+    assert content["define"]["ego_speed"] == "kph / 3.6"
+    assert content["define"]["Other_speed"] == "-5.0 + kph / 3.6"
+    (axis,) = content["parameter"]
+    assert (axis["low"], axis["high"], axis["step"]) == (36.0, 72.0, 18.0)
+    write_scenario(content, tmp_path / "again.toml")
+    again = find("again.toml", tmp_path)
+    for kph in (36.0, 54.0, 63.0, 72.0):
+        same_case(again.concrete(kph=kph), read.logical.concrete(kph=kph))
+    assert sample(again).points.tolist() == [[36.0], [54.0], [72.0]]
+
+
+def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_path: Path) -> None:
+    read = read_file(turning(tmp_path))
+    (content,) = space_contents(read, {})
+    assert content["vehicle"][0]["on_map"] is True
+    write_scenario(content, tmp_path / "again.toml")
+    same_case(find("again.toml", tmp_path).concrete(only=0.0), read.logical.concrete(only=0.0))
+    content["vehicle"][0] |= {"gap": 30.0}
+    del content["vehicle"][0]["x"]
+    write_scenario(content, tmp_path / "wrong.toml")
+    with pytest.raises(InputError, match="has no gap beside `on_map`"):
+        find("wrong.toml", tmp_path)
+
+
+@needs_catalogues
+@pytest.mark.parametrize(("name", "files", "points"), [
+    ("CPNA.xosc", 1, 18), ("CCRb.xosc", 1, 30), ("CCCscp.xosc", 1, 50), ("CMFtap.xosc?road=2", 1, 3),
+    ("alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc?road=2", 5, 60),
+    ("alks_scenario_4_1_1_free_driving_variation.xosc", 1, 12),
+])  # fmt: skip
+def test_the_written_space_has_the_cases_of_the_file(tmp_path: Path, name: str, files: int, points: int) -> None:
+    """Every point that plays is in one of the files, and there the same case. Where the others are five different
+    vehicles there is a file for each.
+    """
+    plain, _, road = name.partition("?road=")
+    read = read_file((ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {})
+    contents = space_contents(read, {})
+    spaces = []
+    for number, content in enumerate(contents):
+        write_scenario(content, tmp_path / f"{number}.toml")
+        spaces.append(find(f"{number}.toml", tmp_path))
+    assert len(spaces) == files
+    assert sum(len(sample(space).points) for space in spaces) == points
+    for point in (point for point, why in concrete_points(read) if why is None):
+        theirs = concrete(read, point)
+        bodies = [(actor.body, actor.length, actor.width) for actor in theirs.actors]
+        for space in spaces:
+            again = space.concrete(**{key: value for key, value in point.items() if key in space.names})
+            if [(actor.body, actor.length, actor.width) for actor in again.actors] == bodies:
+                same_case(again, theirs)
+                break
+        else:
+            raise AssertionError(point)
+
+
+@needs_catalogues
+def test_the_written_space_is_driven_with_the_same_outcome(tmp_path: Path) -> None:
+    """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same velocity."""
+    read = read_file(NCAP / "CPNA.xosc")
+    write_scenario(space_contents(read, {"ImpactLocation": 50.0})[0], tmp_path / "again.toml")
+    again = find("again.toml", tmp_path)
+    assert again.names == ("Ego_speed_kph",)
+    one = simulate(again.concrete(Ego_speed_kph=40.0), "no_reaction").collision
+    two = simulate(read.logical.concrete(Ego_speed_kph=40.0, ImpactLocation=50.0), "no_reaction").collision
+    assert one is not None
+    assert two is not None
+    assert (one.time, one.overlap, one.side) == (
+        pytest.approx(two.time, abs=1e-9),
+        pytest.approx(two.overlap),
+        two.side,
+    )
+
+
+def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     read = read_file(written(tmp_path))
     with pytest.raises(InputError, match="must be one of its parameters"):
-        point_of(read, {"kph": 50.0})
+        space_contents(read, {"kph": 50.0})
     with pytest.raises(InputError, match=r"must be a file that ends with .toml"):
         write_scenario({}, tmp_path / "x.xosc")

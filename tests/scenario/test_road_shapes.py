@@ -147,7 +147,11 @@ GOAL = {"speed": "v", "goal_lane": 1, "change_from": 150.0}
         ({"road": {**ROAD, "lane": [{**RAMP, "ramp_from": 310.0}]}}, "has a `ramp_from`, so it must be one that"),
         ({"road": {**ROAD, "lane": [{**RAMP, "rmp_until": 31.0}]}}, "ramp_until"),
         ({"road": {**ROAD, "crossing": [{"x": 2000.0}]}}, "must be within the road's 900 m"),
-        ({"road": {**ROAD, "crossing": [{"x": 400.0}], "line": [BEND]}}, "must be straight where it has a"),
+        (
+            {"road": {**ROAD, "crossing": [{"x": 400.0, "reach": 280.0}], "line": [BEND]}},
+            "`reach` of [[road.crossing]] of t must be at most 270.0 m, 0.9 of the bend's radius there",
+        ),
+        ({"vehicle": [{"name": "other", "speed": 20.0, "x": 52.0, "y": 0.5}]}, "must be clear of `ego` at the start"),
         ({"road": {**ROAD, "line": [{**BEND, "radius": 9.0}]}}, "so that the ego can drive its innermost lane"),
         ({"road": {"network": "a.net.xml", "lane": [RAMP]}}, "shapes a road that is written, and there is one already"),
         ({"ego": {"speed": "v", "change_from": 150.0}}, "so it must have a `goal_lane`"),

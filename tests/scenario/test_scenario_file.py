@@ -126,7 +126,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("values = [", "step = 1.0\nvalues = [", "must have either low, high and step, or values"),
         ('gap = "2.0 * ego_speed"', 'gap = "2.0 * ego_speed"\nx = 3.0', "must have either gap, gap_behind or x"),
         ('gap = "2.0 * ego_speed"', 'gap = "open(1)"', "Unknown function"),
-        ('gap = "2.0 * ego_speed"', 'gap = "1.0 / (ego_speed - 20.0)"', "must be finite, got 'inf at ego_speed=20"),
+        ('gap = "2.0 * ego_speed"', 'gap = "60 + 1 / (ego_speed - 20)"', "must be finite, got 'inf at ego_speed=20"),
         ('gap = "2.0 * ego_speed"', "gap = 1e5", "on the road"),
         ('speed = "truck_speed"', 'speed = "truck_speed - 11.0"', "finite and at least 0"),
         ('name = "truck"', 'name = "ego"', "a name of its own, got `ego` twice"),

@@ -58,14 +58,14 @@ Every number is a sum, product or quotient of doubles, which IEEE 754 rounds ali
 """
 PLAYED = {
     "crossing_path": "5feca20952bc67b8",
-    "cut_in_from_ramp": "04b53d9946e18e38",
+    "cut_in_from_ramp": "b394137153e68839",
     "exit": "62ff2278dc067452",
     "exit_cut": "99dfa70b42449a46",
     "lane_drop": "88cd2646c83d1d29",
     "lane_drop_cut": "3b9adc506701e311",
     "leaving_traffic": "b32dbb2715f3fb10",
     "making_room": "f54988084c511057",
-    "ramp_merge": "321e9d6151a4fb82",
+    "ramp_merge": "6cd6c67bd50a5e1a",
     "ramp_merge_cut": "8d56be13c6d3bad7",
     "turn_across_path": "55e5d6e31593a09d",
 }

@@ -8,9 +8,10 @@ import sqlite3
 import subprocess
 import sys
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import sumo_eval
@@ -18,15 +19,17 @@ from sumo_eval.errors import InputError
 from sumo_eval.evaluation import let_go, zone_partitions
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.record import human_reference
+from sumo_eval.record.facts import verify
 from sumo_eval.record.kept_results import KEPT
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
-from sumo_eval.results import Evaluation, ThinReference
+from sumo_eval.results import Evaluation, ThinReference, columns
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring import critical, drive_measures, steps
+from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
@@ -72,6 +75,11 @@ def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: p
     row = again.cases[-1]
     assert again.case(row.case) == row == list(again.cases_of(row.ads, row.scenario))[-1]
     assert again.case("no such case") is None
+    for field in ("zone", "weight", "index_note"):
+        assert list(columns(again.cases, "case", field)) == [(one.case, getattr(one, field)) for one in again.cases]
+    kept, held = (case_terms(cases, again.settings.method) for cases in (again.cases, list(again.cases)))
+    for one in fields(kept):
+        np.testing.assert_array_equal(getattr(kept, one.name), getattr(held, one.name))
 
 
 def test_changing_k5_computes_no_field_and_reads_no_drive(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -242,3 +250,29 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     assert told.stdout.splitlines()[-1] == "[]"
     assert "Unknown case `no_such_case`" in told.stderr
     assert (done.folder / "looked.html").is_file()
+
+
+def test_what_was_let_go_is_in_no_digest_and_equal_rules_give_equal_digests(
+    done: Evaluation, copy: Path, tmp_path: Path
+) -> None:
+    other = Path(shutil.copytree(done.folder, tmp_path / "other", copy_function=shutil.copy2))
+    with open_store(done.folder / FACTS) as store:
+        digests = [store.digest()]
+    for folder in (copy, other):
+        scored = sumo_eval.score(folder)
+        settings = replace(scored.settings, run=replace(scored.settings.run, keep="none"))
+        assert let_go(replace(scored, settings=settings)) > 0
+        with open_store(folder / FACTS, whole=True) as store:
+            digests.append(store.digest())
+    assert digests[1] == digests[2] != digests[0]
+    compared, differences = verify(copy, 0.2, workers=1)  # by the rows alone: there is nothing else of them
+    assert compared > 0
+    assert differences == []
+    case = done.cases[0].case
+    with closing(sqlite3.connect(copy / FACTS)) as connection, connection:
+        connection.execute('UPDATE facts SET status = "off_road" WHERE "case" = ?', (case,))
+    with (
+        pytest.raises(InputError, match=f"`{case}` .* is not as it was recorded"),
+        open_store(copy / FACTS, whole=True),
+    ):
+        pass

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import os
 import re
 import sys
@@ -22,10 +23,10 @@ os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a not
 
 import libsumo as libsumo  # for those who must not import it before the line above
 
-from sumo_eval.cosim.sumo.sumo_files import EGO, SIMULATION_OPTIONS, network_xml, routes_xml
+from sumo_eval.cosim.sumo.sumo_files import EGO, SEGMENT, SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.errors import SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
-from sumo_eval.scenario.road.reference_line import frame_places
+from sumo_eval.scenario.road.reference_line import frame_places, map_places, tightest
 from sumo_eval.settings import SimulationSettings
 
 POSITION_TOLERANCE = 1e-3  # m
@@ -205,6 +206,14 @@ def vehicles(traci: Any) -> Any:
     return _DIRECT if traci is libsumo else traci.vehicle
 
 
+def bend_tolerance(road: Road, y: float) -> float:
+    """How far from its place on the map SUMO may show a vehicle y m beside the line of a road that bends, m. Beside the
+    lanes it is put on the normal of a chord, which is off the bend's by half a segment over the radius at most.
+    """
+    beside = max(road.right_edge - y, y - road.left_edge, 0.0)
+    return CHORD_TOLERANCE + beside * 0.5 * SEGMENT / tightest(road.line)
+
+
 def check_start(
     traci: Any, concrete: ConcreteScenario, settings: SimulationSettings, names: Sequence[str] | None = None
 ) -> None:
@@ -231,9 +240,13 @@ def check_start(
             x = calls.getLanePosition(known)
             y = concrete.road.lane_width * calls.getLaneIndex(known) + calls.getLateralLanePosition(known)
         elif concrete.road.bent:
+            meant = map_places(concrete.road.line, start.x + length / 2, start.y)
+            off = math.hypot(x - float(meant[0]), y - float(meant[1]))
             x, y = (float(it) for it in frame_places(concrete.road.line, x, y, near=start.x + length / 2)[:2])
-            tolerance = CHORD_TOLERANCE
+            tolerance = bend_tolerance(concrete.road, start.y)
         ahead, left = abs(x - length / 2 - start.x), abs(y - start.y)
+        if concrete.road.bent and not concrete.reacts:  # beside the line, places along it are as long as there
+            ahead = left = off
         if not (ahead <= tolerance and left <= tolerance):  # which no nan is
             raise SimulationError(
                 f"SUMO placed vehicle `{name}` at ({x - length / 2:.3f}, {y:.3f}) m "

@@ -213,11 +213,10 @@ def _shaped_xml(road: Road) -> str:
         element = etree.SubElement(
             net, "edge", {"id": edge, "from": f"{edge}_begin", "to": f"{edge}_end", "priority": "1"}
         )
-        at = _metres(crossing.at)
+        ends = [_place(road, crossing.at, across) for across in (-crossing.reach, crossing.reach)]
         etree.SubElement(
             element, "lane", id=f"{edge}_0", index="0", speed=_metres(road.speed_limit),
-            length=_metres(2.0 * crossing.reach), width=_metres(crossing.width),
-            shape=f"{at},{_metres(-crossing.reach)} {at},{_metres(crossing.reach)}",
+            length=_metres(2.0 * crossing.reach), width=_metres(crossing.width), shape=" ".join(ends),
         )  # fmt: skip
     joints = _joints(road, parts)
     for name, (x, y) in where.items():
@@ -276,8 +275,11 @@ def _place(road: Road, x: float, y: float) -> str:
 
 
 def _bounds(road: Road, line: FloatArray) -> str:
-    """What encloses a road that bends. line: places along it."""
-    corners = np.hstack([map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)])
+    """What encloses a road that bends, and those that cross it. line: places along it."""
+    edges = [map_places(road.line, line, edge)[:2] for edge in (road.right_edge, road.left_edge)]
+    for crossing in road.crossings:
+        edges += [map_places(road.line, np.array([crossing.at]), end * crossing.reach)[:2] for end in (-1.0, 1.0)]
+    corners = np.hstack(edges)
     return ",".join(f"{value:.2f}" for value in (*corners.min(axis=1), *corners.max(axis=1)))
 
 

@@ -58,7 +58,7 @@ class Catalogs:
             raise fault(reference, f"entry `{entry}` of catalog `{name}` refers to itself")
         given: dict[str, Value] = {}
         for part in reference.iterfind("ParameterAssignments/ParameterAssignment"):
-            given[attribute(part, "parameterRef")] = worked_out(attribute(part, "value"), scope, part)
+            given[attribute(part, "parameterRef").removeprefix("$")] = worked_out(attribute(part, "value"), scope, part)
         found = entries[entry]
         inner, broken = declared(found.find("ParameterDeclarations"), given)
         if broken:

@@ -17,7 +17,12 @@ class Row(NamedTuple):
 
 
 ROWS = (
-    Row("file", "ParameterDeclarations", "played", "with ConstraintGroup: of several groups one must hold"),
+    Row(
+        "file",
+        "ParameterDeclarations",
+        "played",
+        "of the file, a story, a manoeuvre; with ConstraintGroup: of several groups one must hold",
+    ),
     Row("file", "VariableDeclarations", "ignored", "variables are read by stops alone"),
     Row("file", "CatalogLocations", "played", "every .xosc of a folder; entries with their parameters"),
     Row(

@@ -87,7 +87,9 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """What a file spans. file: the scenario file; fixed: what is assigned at every point; ego: who is judged."""
+    """What a file spans. file: the scenario file; fixed: what is assigned at every point; ego: who is judged;
+    flat: slopes are left out.
+    """
 
     name: str
     about: str
@@ -96,6 +98,7 @@ class Space:
     axes: tuple[Axis, ...]
     version: str
     ego: str = EGO
+    flat: bool = False
 
     def given(self, values: Mapping[str, float]) -> dict[str, Value]:
         """The parameters of the scenario file at a point."""
@@ -251,7 +254,7 @@ class PlacedByFile:
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """The scene at a point."""
-        found = scene(self.space.file, self.space.given(values), self.space.ego)
+        found = scene(self.space.file, self.space.given(values), self.space.ego, flat=self.space.flat)
         if _shape(found.frame) != _shape(self.road):
             raise InputError(f"{self.space.name}: the road must be the same at all points, got {found.frame.name}.")
         return found.ego, found.actors
@@ -301,7 +304,7 @@ def _refusal(space: Space, road: Frame, point: tuple[tuple[str, float], ...]) ->
         _, broken = parameters(space.file, given)
         if broken:
             return f"= {broken[0]}"
-        found = scene(space.file, given, space.ego)
+        found = scene(space.file, given, space.ego, flat=space.flat)
     except InputError as error:
         return str(error)
     if _shape(found.frame) != _shape(road):
@@ -362,7 +365,11 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     for name in options:
         if name not in _OPTIONS:
             raise InputError(f"Unknown option `{name}` of {path.name}.{did_you_mean(name, _OPTIONS)}")
-    whole = replace(read_space(path), ego=options.get("ego", EGO))
+    whole = replace(
+        read_space(path),
+        ego=options.get("ego", EGO),
+        flat="flat" in options and _option(path, options, "flat", 1) == 1,
+    )
     refused: dict[str, int] = {}
     tried = list(_tried(whole, refused))
     if not tried:
@@ -473,7 +480,7 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
         if parameters(space.file, given)[1]:
             continue
         try:
-            there = scene(space.file, given, space.ego)
+            there = scene(space.file, given, space.ego, flat=space.flat)
         except InputError as error:
             first = first or error
             refused[str(error)] = refused.get(str(error), 0) + 1
@@ -537,6 +544,7 @@ _BEFORE_END = 5.0  # m that the ego's front is before the road's end when the ca
 _ONLY = "only"
 _OPTIONS = {
     "ego": "the entity that is judged, where it is not named `Ego`",
+    "flat": "1: slopes and superelevation are left out, roads are as on the map",
     "road": "which of the file's roads, from 1 on",
     "zones": "1: search zones by ideal braking, which takes seconds a parameter; else everything counts as safe",
 }
@@ -580,6 +588,7 @@ def _logical(
         default_sample=samples[0].name if samples else "grid",
         options=(
             Option("ego", "name", _OPTIONS["ego"]),
+            Option("flat", "1", _OPTIONS["flat"]),
             Option("road", "1", _OPTIONS["road"]),
             Option("zones", "1", _OPTIONS["zones"]),
         ),

@@ -100,13 +100,13 @@ class Network:
                         ) from None  # fmt: skip
 
 
-def read_network(path: Path) -> Network:
-    """The roads of an OpenDRIVE file. Raises InputError with what cannot be read."""
-    return _read(path, path.stat().st_mtime_ns)
+def read_network(path: Path, *, flat: bool = False) -> Network:
+    """The roads of an OpenDRIVE file. flat: slopes are left out. Raises InputError with what cannot be read."""
+    return _read(path, path.stat().st_mtime_ns, flat)
 
 
 @lru_cache(maxsize=32)
-def _read(path: Path, changed: int) -> Network:
+def _read(path: Path, changed: int, flat: bool) -> Network:
     root = read_xml(path, "OpenDRIVE file")
     if root.tag != "OpenDRIVE":
         raise fault(root, "the root of an OpenDRIVE file must be <OpenDRIVE>")
@@ -115,7 +115,7 @@ def _read(path: Path, changed: int) -> Network:
     for element in root.iter("road"):
         name = attribute(element, "id")
         try:
-            roads[name] = _road(element, name)
+            roads[name] = _road(element, name, flat)
         except InputError as error:
             unread[name] = error
     if not roads and not unread:
@@ -123,7 +123,7 @@ def _read(path: Path, changed: int) -> Network:
     return Network(path, roads, unread)
 
 
-def _road(element: Element, name: str) -> MapRoad:
+def _road(element: Element, name: str, flat: bool) -> MapRoad:
     owner = f"road `{name}` of OpenDRIVE file {Path(str(element.getroottree().docinfo.URL)).name}"
     line, _ = reference_line(element, owner)
     first = element.find("planView/geometry")
@@ -132,7 +132,7 @@ def _road(element: Element, name: str) -> MapRoad:
     sections = element.findall("lanes/laneSection")
     if len(sections) != 1:
         raise fault(element, f"it must have one <laneSection>, got {len(sections)}")
-    shift = lane_offset(element, owner)
+    shift = lane_offset(element, owner, flat=flat)
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = 0.0

@@ -39,7 +39,7 @@ from sumo_eval.scenario.openscenario.reading import (
     only,
     read_openscenario,
 )  # fmt: skip
-from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text
+from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text, within
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, frame_places, tightest
 
@@ -106,12 +106,12 @@ def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]
     return declared(read_openscenario(path).find("ParameterDeclarations"), given)
 
 
-def scene(path: Path, given: Mapping[str, Value], ego: str = EGO) -> Scene:
-    """A scenario file with given values of its parameters. ego: the entity that is judged.
+def scene(path: Path, given: Mapping[str, Value], ego: str = EGO, *, flat: bool = False) -> Scene:
+    """A scenario file with given values of its parameters. ego: the entity that is judged. flat: slopes are left out.
 
     Raises InputError with file, line and element.
     """
-    return _Player(path, given, ego).scene()
+    return _Player(path, given, ego, flat=flat).scene()
 
 
 def synchronized(
@@ -175,7 +175,7 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
 class _Player:
     """Walks through a file once."""
 
-    def __init__(self, path: Path, given: Mapping[str, Value], ego: str) -> None:
+    def __init__(self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool) -> None:
         self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
@@ -185,7 +185,7 @@ class _Player:
             raise fault(child(self.root, "ParameterDeclarations"), f"a constraint does not hold: {broken[0]}")
         self.catalogs = Catalogs(self.root.find("CatalogLocations"), self.scope)
         network = child(self.root, "RoadNetwork")
-        self.network = read_network(named_file(child(network, "LogicFile"), self.scope))
+        self.network = read_network(named_file(child(network, "LogicFile"), self.scope), flat=flat)
         entities = [entity_of(part, self.catalogs, self.scope)
                     for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
@@ -193,7 +193,7 @@ class _Player:
             why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
             raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
         self.places = Places(self.network, self.catalogs, self.entities)
-        self.ignored: dict[str, None] = {}
+        self.ignored: dict[str, None] = {"elevation": None} if flat else {}
         self.doing = {name: Doing() for name in self.entities if name != self.ego}
         self.ends = math.inf
         self.end_of_way: Pose | None = None
@@ -218,8 +218,9 @@ class _Player:
         for name in self.doing:
             self.doing[name].speed = self.entities[name].speed
         for part in story.iterfind("Story"):
+            scope = within(self.scope, part.find("ParameterDeclarations"))
             for act in part.iterfind("Act"):
-                self._act(act)
+                self._act(act, scope)
         self._stop(story.find("StopTrigger"))
         ego = self.entities[self.ego]
         assert ego.frame is not None
@@ -445,36 +446,41 @@ class _Player:
         """Entities that are deleted at the start are not there."""
         conditions = Conditions(self.entities, {})
         for act in story.iterfind("Story/Act"):
+            around = act.getparent()
+            assert around is not None
+            scope = within(self.scope, around.find("ParameterDeclarations"))
             for event in act.iterfind("ManeuverGroup/Maneuver/Event"):
                 deleted = event.findall("Action/GlobalAction/EntityAction")
                 if not any(part.find("DeleteEntityAction") is not None for part in deleted):
                     continue
-                begin = conditions.moment(act.find("StartTrigger"), self.scope, Moment(0.0))
-                begin = conditions.moment(event.find("StartTrigger"), self.scope, begin)
+                begin = conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
+                begin = conditions.moment(event.find("StartTrigger"), scope, begin)
                 if begin.time == NEVER:
                     continue
                 if begin.time > 0.0 or not begin.known:
                     raise fault(event, "an entity that is deleted during the drive is not played")
                 for part in deleted:
-                    self.places.entity(text(part, "entityRef", self.scope), part).deleted = True
+                    self.places.entity(text(part, "entityRef", scope), part).deleted = True
 
-    def _act(self, act: Element) -> None:
-        begin = self.conditions.moment(act.find("StartTrigger"), self.scope, Moment(0.0))
-        ends = [self._group(group, begin) for group in act.iterfind("ManeuverGroup")]
+    def _act(self, act: Element, scope: Scope) -> None:
+        begin = self.conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
+        self.conditions.spans["act", attribute(act, "name")] = Span(begin, NEVER)  # for who is in it
+        ends = [self._group(group, scope, begin) for group in act.iterfind("ManeuverGroup")]
         self.conditions.spans["act", attribute(act, "name")] = Span(begin, max(ends, default=begin.time))
 
-    def _group(self, group: Element, begin: Moment) -> float:
+    def _group(self, group: Element, around: Scope, begin: Moment) -> float:
         actors = child(group, "Actors")
-        if flag(actors, "selectTriggeringEntities", self.scope, default=False):
+        if flag(actors, "selectTriggeringEntities", around, default=False):
             raise fault(actors, "actors that the trigger selects are not played")
-        names = [text(part, "entityRef", self.scope) for part in actors.iterfind("EntityRef")]
+        names = [text(part, "entityRef", around) for part in actors.iterfind("EntityRef")]
         ends = [begin.time]
         for part in children(group):
             if part.tag == "CatalogReference":
-                maneuver, scope = self.catalogs.entry(part, self.scope)
+                maneuver, scope = self.catalogs.entry(part, around)
                 ends.append(self._maneuver(maneuver, scope, names, begin))
             elif part.tag == "Maneuver":
-                ends.append(self._maneuver(part, self.scope, names, begin))
+                scope = within(around, part.find("ParameterDeclarations"))
+                ends.append(self._maneuver(part, scope, names, begin))
         return max(ends)
 
     def _maneuver(self, maneuver: Element, scope: Scope, names: list[str], begin: Moment) -> float:

@@ -200,6 +200,22 @@ def declared(parent: Element | None, given: Mapping[str, Value]) -> tuple[Scope,
     return scope, broken
 
 
+def within(outer: Scope, parent: Element | None) -> Scope:
+    """What a part of a file knows: all that is around it, and what its own <ParameterDeclarations> add or replace."""
+    if parent is None:
+        return outer
+    scope, own = Scope(dict(outer.values)), set[str]()
+    for part in parent.iterfind("ParameterDeclaration"):
+        name = attribute(part, "name")
+        if name in own:
+            raise fault(part, f"parameter `{name}` is declared twice")
+        own.add(name)
+        scope.values[name] = worked_out(str(part.get("value", "")), scope, part)
+        if broken := _broken(part, name, scope):
+            raise fault(part, f"a constraint does not hold: {broken[0]}")
+    return scope
+
+
 def _broken(part: Element, name: str, scope: Scope) -> list[str]:
     """Of several constraint groups one must hold, with all of its constraints."""
     groups = part.findall("ConstraintGroup")

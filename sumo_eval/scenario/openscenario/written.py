@@ -13,7 +13,8 @@ import tomli_w
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Road
-from sumo_eval.scenario.openscenario.logical import Read, concrete, concrete_points
+from sumo_eval.scenario.openscenario.logical import Read, concrete
+from sumo_eval.scenario.road.table import bend_name
 
 _ONLY = "only"
 _OF_ONE = {played.X: "x", played.Y: "y", played.ALONG: "speed", played.ACROSS: "lateral_speed"}
@@ -23,20 +24,6 @@ _JOINED = {
     played.BELOW: "<", played.AT_MOST: "<=", played.AND: "and", played.OR: "or",
 }  # fmt: skip
 _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
-
-
-def point_of(read: Read, given: Mapping[str, float]) -> dict[str, float]:
-    """The first grid point that plays and has the given values. Raises InputError where none does."""
-    known = read.logical.names if read.space.axes else ()
-    for name in given:
-        if name not in known:
-            raise must_be(f"`{name}`", read.logical.name, f"one of its parameters, {', '.join(known)}", name)
-    for point, why in concrete_points(read):
-        if why is None and all(math.isclose(point[name], value, abs_tol=1e-9) for name, value in given.items()):
-            return point
-    raise InputError(
-        f"No point of {read.logical.name} that plays has {', '.join(f'{k}={v:g}' for k, v in given.items())}."
-    )
 
 
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
@@ -84,8 +71,9 @@ def _names(actors: Sequence[Actor]) -> list[str]:
 
 
 def _road(road: Road) -> dict[str, Any]:
+    name = road.name.removesuffix(bend_name(road.line, named=False))  # which a scenario file's road has of its own
     found: dict[str, Any] = {
-        "name": road.name, "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length + road.run_out,
+        "name": name, "lanes": road.lanes, "lane_width": road.lane_width, "length": road.length + road.run_out,
     }  # fmt: skip
     if road.line:
         pieces = []
@@ -104,12 +92,14 @@ def _ego(there: ConcreteScenario) -> dict[str, Any]:
 
 
 def _vehicle(actor: Actor, name: str, names: Sequence[str]) -> dict[str, Any]:
+    x, y, heading = (actor.start.x, actor.start.y, actor.heading) if actor.on_map is None else actor.on_map
     found: dict[str, Any] = {
-        "name": name, "speed": actor.start.speed, "x": actor.start.x, "y": actor.start.y, "body": actor.body,
+        "name": name, "speed": actor.start.speed, "x": x, "y": y, "body": actor.body,
         "length": actor.length, "width": actor.width, "slides": actor.slides,
+        **({} if actor.on_map is None else {"on_map": True}),
     }  # fmt: skip
     if actor.lively:
-        found["heading"] = math.degrees(actor.heading)
+        found["heading"] = math.degrees(heading)
         found["manoeuvre"] = [_act(act, f"act{k}", names) for k, act in enumerate(actor.acts)]
         return found
     moves: list[dict[str, Any]] = []

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.kernels import kernel
+from sumo_eval.scenario.road.reference_line import Piece, curvatures
 from sumo_eval.settings import About, Checked, Positive
 from sumo_eval.trajectory import FloatArray
 
@@ -45,7 +46,7 @@ class LaneSpan:
 @dataclass(frozen=True, slots=True)
 class Crossing:
     """A straight road that crosses at a right angle: its middle at x = `at`, `width` m wide, `reach` m to both sides of
-    the right lane's centre line.
+    the right lane's centre line. Where the road bends it is straight on the map, too: x stays the same along it.
     """
 
     at: float
@@ -91,7 +92,10 @@ def spans_of(tables: Sequence[LaneTable], lanes: int, length: float, where: str)
     for table in tables:
         owner = f"lane {table.lane} of the road of {where}"
         if lanes < 2 or table.lane not in (0, lanes - 1):
-            outer = f"0 or {lanes - 1}, of a road of at least 2 lanes: only an outermost one can open or end"
+            outer = (
+                f"0 or {lanes - 1}, of a road of at least 2 lanes: lanes keep their distance to the line, and the "
+                "edges of a road whose inner lane runs into another are those of one whose outermost lane ends"
+            )
             raise must_be("`lane`", f"[[road.lane]] of {where}", outer, table.lane)
         if any(other.lane == table.lane for other in found):
             raise InputError(f"[[road.lane]] of {where} must have lane {table.lane} once.")
@@ -127,11 +131,21 @@ def spans_of(tables: Sequence[LaneTable], lanes: int, length: float, where: str)
     return tuple(sorted(found, key=lambda span: span.lane))
 
 
-def crossings_of(tables: Sequence[CrossingTable], length: float, where: str) -> tuple[Crossing, ...]:
-    """The roads that cross. Raises InputError for one that is not within the road."""
+INNERMOST = 0.9  # of a bend's radius: how far into the bend a road that crosses may go
+
+
+def crossings_of(
+    tables: Sequence[CrossingTable], length: float, line: tuple[Piece, ...], where: str
+) -> tuple[Crossing, ...]:
+    """The roads that cross. Raises InputError for one that is not within the road, or goes beyond a bend's centre."""
     for table in tables:
-        if not 0.5 * table.width <= table.x <= length - 0.5 * table.width:
-            raise must_be("`x`", f"[[road.crossing]] of {where}", f"within the road's {length:g} m", table.x)
+        owner, half = f"[[road.crossing]] of {where}", 0.5 * table.width
+        if not half <= table.x <= length - half:
+            raise must_be("`x`", owner, f"within the road's {length:g} m", table.x)
+        sharpest = float(np.abs(curvatures(line, [table.x - half, table.x, table.x + half])).max())
+        if table.reach * sharpest > INNERMOST:
+            most = f"at most {INNERMOST / sharpest:.1f} m, {INNERMOST:g} of the bend's radius there"
+            raise must_be("`reach`", owner, most, table.reach)
     return tuple(Crossing(table.x, table.width, table.reach) for table in tables)
 
 

@@ -226,14 +226,18 @@ def _check_joint(pieces: list[Piece], begin: tuple[float, ...], place: tuple[flo
         )  # fmt: skip
 
 
-def lane_offset(road: etree._Element, owner: str) -> float:
-    """How far the lanes of a level road are shifted to the left of its reference line, m.
+PROFILES = ("elevationProfile/elevation", "lateralProfile/superelevation")
+"""What makes a road another one than its map."""
+
+
+def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> float:
+    """How far the lanes of a level road are shifted to the left of its reference line, m. flat: whatever its height is.
 
     Raises InputError where that changes along the road, or where the road is not level: a slope or a superelevation,
     not the height at which it lies.
     """
     found = {}
-    for name in ("lanes/laneOffset", "elevationProfile/elevation", "lateralProfile/superelevation"):
+    for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
         entries = list(road.iterfind(name))
         values = {_number(entry, "a", owner) for entry in entries} or {0.0}
         bends = [entry for entry in entries if any(float(entry.get(key, "0")) != 0.0 for key in "bcd")]
