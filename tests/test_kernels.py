@@ -137,8 +137,8 @@ def test_every_loop_is_compiled_for_one_kind_of_arguments():
         cases = points(name, 997)
         for ads in ADS:
             assert list(simulate_many(cases, controllers(ads, cases), SETTINGS))
-    world = importlib.import_module("sumo_eval.cosim.world")
-    for loop in (world.begin_rows, world.move_rows, world.see_rows):
+    rules = importlib.import_module("sumo_eval.cosim.step_rules")
+    for loop in (rules.begin_rows, rules.move_rows, rules.see_rows):
         assert len(loop.compiled.signatures) == 1, loop.__name__
 
 

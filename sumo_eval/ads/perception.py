@@ -1,6 +1,6 @@
 """What rules tell from what is seen: gaps, overlaps, who is ahead, who is hidden. Everything along and across the road.
 
-`me` and `other` are `MOVER` records of `cosim.world` (x, y: body centre, m; along, across: speeds by road axis, m/s;
+`me` and `other` are `MOVER` records of `cosim.records` (x, y: body centre, m; along, across: speeds by road axis, m/s;
 half_length, half_width: half the extent of the turned body along and across the road, m). One that is not seen has nan
 as its x, and is nowhere.
 """
