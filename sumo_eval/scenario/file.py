@@ -25,6 +25,7 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES, VULNERABLE
 from sumo_eval.scenario.concrete import (
     LEAST_CHANGE,
+    RECORDED_EVERY,
     Actor,
     Brake,
     ConstantLateral,
@@ -145,6 +146,14 @@ class EgoTable(Checked):
         Positive,
         About("by which it must; default: where its lane ends or the ramp of the other begins", "m"),
     ] = None
+    recorded: Annotated[
+        tuple[tuple[float, float], ...],
+        About(
+            "where somebody was who drove here in its place: its centre along and across the road, every 0.1 s from "
+            "the start on; `departed` in a condition is the ego's distance from it",
+            "m",
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +177,8 @@ class ManoeuvreTable(Checked):
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
             "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
             "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
-            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts"
+            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts, from the "
+            "start on or, as the last of several, from `when` on"
         ),
     ]
     name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""
@@ -545,7 +555,7 @@ _BESIDE = 300.0  # m beside the road at which somebody may still be who comes fr
 
 def _reach(actor: Actor, furthest: float) -> float:
     """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script knows time alone."""
-    return furthest if actor.body in VULNERABLE or (actor.lively and actor.model is None) else 0.0
+    return furthest if actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once) else 0.0
 
 
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:
@@ -785,11 +795,13 @@ class Place:
     streams: tuple[Stream, ...] = ()
     lane_width: float = 3.5
     goal: Goal | None = None
+    recorded: tuple[tuple[float, float], ...] = ()
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
         known = self.definitions.at(values)
-        ego = Start(self.ego_x.at(known), self.ego_y.at(known), self.ego_speed.at(known), self.ego_lateral.at(known))
+        x, y, speed, lateral = (it.at(known) for it in (self.ego_x, self.ego_y, self.ego_speed, self.ego_lateral))
+        ego = Start(x, y, speed, lateral, recorded=self.recorded)
         if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
             raise must_be(
                 "`lateral_speed`", self.ego_lateral.owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed
@@ -827,7 +839,7 @@ class Place:
             heading = math.radians(item.heading.at(known))
         start = Start(x, item.y.at(known), speed)
         if item.lively:
-            return _played(item, start, heading, known)
+            return _played(item, start, heading, known, self.recorded)
         moves: list[LaneChange | ConstantLateral] = []
         brake = None
         for move in item.moves:
@@ -848,14 +860,25 @@ def _model_numbers(numbers: Mapping[str, float]) -> tuple[tuple[str, float], ...
     return tuple((names[key], numbers[key]) for key in names if key in numbers)
 
 
-def _played(item: Vehicle, start: Start, heading: float, known: Mapping[str, float]) -> Actor:
-    """A vehicle whose moves depend on what happens, at a point."""
+def _played(
+    item: Vehicle,
+    start: Start,
+    heading: float,
+    known: Mapping[str, float],
+    recorded: tuple[tuple[float, float], ...],
+) -> Actor:
+    """A vehicle whose moves depend on what happens, at a point. recorded: places of the recorded ego."""
     acts: list[played.Act] = [] if item.moves else [played.Act(played.KEEP)]
     model = None
     for move in item.moves:
         numbers = {key: quantity.at(known) for key, quantity in move.numbers}
         if move.do == "follow":
             model = Model(move.model, numbers.get("speed", start.speed), _model_numbers(numbers))
+            if move.when is not None:
+                program = move.when.at(known)
+                acts.append(
+                    played.Act(played.FOLLOW, numbers["begin"], RECORDED_EVERY, table=recorded, program=program)
+                )
             continue
         act = _act(move.do, numbers, by_place=move.by_place)
         table = tuple((one.at(known), two.at(known)) for one, two in move.table)
@@ -1075,6 +1098,7 @@ class _Builder:
                 streams=streams,
                 lane_width=road.lane_width,
                 goal=self._goal(road),
+                recorded=self._recorded_ego(),
             ),
             approach=None if searched or margin or table.zone == "none" else self._zone(definitions, vehicles),
             search=self._search(definitions, vehicles) if searched and not margin and table.zone != "none" else None,
@@ -1185,6 +1209,14 @@ class _Builder:
             tuple(table.only.items()),
         )
 
+    def _recorded_ego(self) -> tuple[tuple[float, float], ...]:
+        places = self.table.ego.recorded
+        if len(places) == 1:
+            raise must_be("`recorded`", f"[ego] of {self.where}", "two places or more", "1")
+        if not all(math.isfinite(number) for place in places for number in place):
+            raise must_be("`recorded`", f"[ego] of {self.where}", "finite", "a number that is not")
+        return places
+
     def _body(self) -> EgoBody | None:
         ego = self.table.ego
         if (ego.length is None) != (ego.width is None):
@@ -1290,8 +1322,14 @@ class _Builder:
         lively = item.heading is not None or item.lateral_speed is not None or any(move.lively for move in moves)
         if sum(move.do == "brake" for move in moves) > 1 and not lively:
             raise InputError(f"{what.capitalize()} of {self.where} must brake at most once.")
-        if any(move.do == "follow" for move in moves) and (len(moves) > 1 or item.heading or item.lateral_speed):
-            raise InputError(f"{what.capitalize()} of {self.where} must do nothing else where it does `follow`.")
+        if any(move.do == "follow" for move in moves[:-1]):
+            raise InputError(f"{what.capitalize()} of {self.where} must do nothing after it does `follow`.")
+        at_once = any(move.do == "follow" and move.when is None for move in moves)
+        if at_once and (len(moves) > 1 or item.heading or item.lateral_speed):
+            raise InputError(
+                f"{what.capitalize()} of {self.where} must do nothing else where it does `follow` from the start: "
+                "`when` says from when on it does."
+            )
         if item.heading is not None and item.lateral_speed is not None:
             raise InputError(f"{what.capitalize()} of {self.where} must have either heading or lateral_speed.")
         value = places[chosen[0]]
@@ -1335,12 +1373,16 @@ class _Builder:
                 numbers.append((key, replace(quantity, above=above, endless=endless, at_least=least)))
         if item.do == "sinus" and item.cycles is None:
             numbers.append(("cycles", self._quantity(1.0, f"cycles of {name}")))
-        if item.do == "follow" and (item.when is not None or item.begin != 0.0):
-            raise InputError(f"{name} in {self.where} has no `{'begin' if item.when is None else 'when'}`: "
-                             "a vehicle follows from the start.")  # fmt: skip
+        if item.do == "follow" and item.when is None and item.begin != 0.0:
+            raise InputError(
+                f"{name} in {self.where} has no `begin` without a `when`: a vehicle follows from the start."
+            )
         when = None
         if item.when is not None:
-            when = trigger(item.when, f"{name} in {self.where}", self.known, self.numbers_of, self.moves_of)
+            departs = item.do == "follow" and bool(self.table.ego.recorded)
+            when = trigger(
+                item.when, f"{name} in {self.where}", self.known, self.numbers_of, self.moves_of, departs=departs
+            )
         table, by_place = self._table(item, name)
         return Move(item.do, tuple(numbers), table, by_place, when, item.name, item.model or "")
 

@@ -69,12 +69,18 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
 
 @pytest.mark.campaign
 def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_path):
+    """Of each kind: the rate, the ends of ranges, the correlations. Of one quantity alone 95 % give 88 and more: the
+    count of 100 has a deviation of 2.2, and of 21 quantities the worst is about two of these below.
+    """
     held: dict[str, int] = {}
     for seed in range(100):
         for name, inside in recovered(tmp_path / str(seed), 80, 48.0, seed).items():
             held[name] = held.get(name, 0) + inside
     print(held)
-    assert min(held.values()) >= 93
+    assert min(held.values()) >= 88
+    for kind in ("rate", " from", " to", " with "):
+        counts = [count for name, count in held.items() if kind in name]
+        assert np.mean(counts) >= 93, kind
 
 
 def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
