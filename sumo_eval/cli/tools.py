@@ -143,12 +143,12 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
 def _check_evaluation(path: Path) -> None:
     """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
     from sumo_eval.errors import InputError
+    from sumo_eval.method.severity import chosen_severity
     from sumo_eval.record.facts import refuse_doubles, resolve, space_of
     from sumo_eval.record.points import scenario_weights
     from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario import catalogue
-    from sumo_eval.scoring.quantities import chosen_severity
     from sumo_eval.settings import DriverSettings
 
     settings, source = resolve(path, Path(), resume=False)

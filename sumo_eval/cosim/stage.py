@@ -18,6 +18,7 @@ from sumo_eval.cosim.sumo.session import CHORD_TOLERANCE, NOWHERE, check_start, 
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import MODEL, STRAIGHT, World
 from sumo_eval.errors import SimulationError
+from sumo_eval.scenario.concrete import Actor, Road
 from sumo_eval.scenario.road.reference_line import map_places
 
 EGO_SPEED_MODE = 6  # bounded by vType accel and decel, no braking on the ADS's behalf: it does collide
@@ -27,6 +28,16 @@ _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 _MOTION_TOLERANCE = 1e-6  # m/s and deg
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
 _KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
+
+
+def _front(actor: Actor, road: Road) -> tuple[float, float]:
+    """Where a vehicle's front bumper is on the map at the start."""
+    half = 0.5 * actor.length
+    if actor.on_map is not None:
+        x, y, heading = actor.on_map
+        return x + half * math.cos(heading), y + half * math.sin(heading)
+    east, north, _ = map_places(road.line, actor.start.x + half, actor.y(0.0))
+    return float(east), float(north)
 
 
 class Stage:
@@ -53,8 +64,13 @@ class Stage:
         self._middle = 0.5 * (road.left_edge + road.right_edge)
         self._half = 0.5 * (road.left_edge - road.right_edge)
         self._far = FASTEST * world.settings.step  # m, further than anything drives in a step
-        fronts = [(it.start.x + 0.5 * it.length, it.y(0.0)) for it in world.cases[0].actors]
-        self._fronts = [(float(x), float(y)) for x, y, _ in (map_places(road.line, *front) for front in fronts)]
+        self._fronts = [_front(it, road) for it in world.cases[0].actors]
+        self._on_map = frozenset(
+            name
+            for names, it in zip(self.names, world.cases, strict=True)
+            for name, actor in zip(names[1:], it.actors, strict=True)
+            if actor.on_map is not None
+        )
         self._tolerance = _PLACE_TOLERANCE
         self.keep(world)
 
@@ -129,11 +145,18 @@ class Stage:
             self.calls.moveToXY(name, self._edge[row], self._lane, x, y, angle, self._keep)
 
     def _tell_lanes(self, world: World, count: int) -> None:
-        """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step."""
+        """On a bend: to go on from where the mean of its old and its new speed takes it to its place in this step.
+
+        Whose line is on the map, far beside the lanes, is told a place on the map.
+        """
         calls, end = self.calls, self._road.length + self._road.run_out
-        for vehicle, _, _, _, _, s, d, along in world.tell[:count].tolist():
+        for vehicle, x, y, angle, speed, s, d, along in world.tell[:count].tolist():
             number = int(vehicle)
             name = self._flat[number]
+            if name in self._on_map:
+                calls.setSpeed(name, speed)
+                calls.moveToXY(name, self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+                continue
             before = s - 0.5 * (self._told.get(name, along) + along) * self._step
             if not (before >= 0.0 and s < end):  # there are no lanes
                 continue

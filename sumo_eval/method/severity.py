@@ -19,7 +19,7 @@ import hashlib
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -170,6 +170,11 @@ class Severity:
                 f"The severity `{self.name}` must return a finite number within 0..1, got {answer!r} for {case}."
             )
         return float(answer)  # type: ignore[arg-type]
+
+
+def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
+    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
+    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
 
 
 def severity_of(settings: CollisionSettings, folder: Path | None = None) -> Severity:

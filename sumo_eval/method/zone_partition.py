@@ -19,19 +19,14 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_solve, cholesky
-from scipy.ndimage import generate_binary_structure, label
-from scipy.spatial import KDTree
-from scipy.spatial.distance import cdist
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from sumo_eval.errors import InputError, must_be
 from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, searched_criticality
 from sumo_eval.method.encounter import encounter
-from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
 from sumo_eval.scenario.sampling.drawn_points import steadily
@@ -54,9 +49,27 @@ SIGNAL_BOUNDS, NOISE_BOUNDS = (1e-2, 1e2), (1e-6, 1.0)  # variances of a target 
 SEARCHED_AT_ONCE = 4_000  # points whose criticality is searched over time in one go
 ADDED_AT_ONCE = 500  # training points added in one refinement, at most
 SEARCHED_WINDOW = 1e-3  # of the box, where the search for a most dangerous point ends if criticality is searched
+FEW_POINTS = 8  # asked for at once, whose distances are taken without scipy
 NUDGE = 1e-6  # unit-box lengths, for derivatives of a scenario's own coordinates
 EDGE = 1e-9  # unit-box lengths within which a point counts as on an edge of the space
 ERROR_WORTH_A_NOTE = 0.01  # share of the space
+
+
+class Nearest:
+    """Finds the nearest of points (n, k). Its tree is made when it is first asked, for scipy takes time to import."""
+
+    def __init__(self, data: FloatArray) -> None:
+        self.data = data
+        self._tree: Any = None
+
+    def query(self, points: FloatArray) -> tuple[FloatArray, IntArray]:
+        """The distance of each point (..., k) from the nearest, and which that is."""
+        if self._tree is None:
+            from scipy.spatial import KDTree
+
+            self._tree = KDTree(self.data)
+        distance, nearest = self._tree.query(points)
+        return distance, nearest
 
 
 def _as_they_are(unit_points: FloatArray) -> FloatArray:
@@ -109,7 +122,7 @@ class Surface:
         )
 
     def _covariance(self, x: FloatArray) -> FloatArray:
-        exponent = cdist(x / self.length_scales, self.points / self.length_scales, "sqeuclidean")
+        exponent = _squared_distances(x / self.length_scales, self.points / self.length_scales)
         exponent *= -0.5  # in place, as the next line: new blocks of this size cost more than the arithmetic
         np.exp(exponent, out=exponent)
         exponent *= self.signal_deviation**2
@@ -142,9 +155,9 @@ class ZonePartition:
     most_dangerous: tuple[dict[str, float], ...]
     zone_shares: tuple[float, ...]
     notes: tuple[str, ...]
-    zone_tree: KDTree | None
+    zone_tree: Nearest | None
     zone_index: IntArray
-    boundary_tree: KDTree | None
+    boundary_tree: Nearest | None
 
     @property
     def zones(self) -> int:
@@ -204,7 +217,7 @@ class ZonePartition:
         if self.boundary_tree is None:
             return (sign * np.inf).reshape(unit.shape[:-1])
         distance, nearest = self.boundary_tree.query(rows)
-        polished = self._closest_on_boundary(rows, np.asarray(self.boundary_tree.data)[nearest])
+        polished = self._closest_on_boundary(rows, self.boundary_tree.data[nearest])
         closer = np.linalg.norm(polished - rows, axis=1)
         found = (np.abs(self.surface.value(polished)) < EDGE) & (closer <= distance) & _exists(self.logical, polished)
         return (sign * np.where(found, closer, distance)).reshape(unit.shape[:-1])
@@ -234,6 +247,8 @@ def partition(
     If all training points agree there is nothing to learn: that outcome then holds everywhere, and no GP is fitted.
     The order of the points, and repeated ones, change nothing. Raises InputError for points outside the box.
     """
+    from scipy.ndimage import generate_binary_structure, label
+
     axes, thinned = _own_axes(logical)
     notes = list(thinned) if points is None else []
     training = _mesh(axes) if points is None else _user_points(logical, points)
@@ -260,13 +275,13 @@ def partition(
     number[by_size + 1] = np.arange(count)
     zone = number[labels.ravel()]
     in_zone = zone >= 0
-    tree = KDTree(unit[in_zone]) if count else None
+    tree = _tree(unit[in_zone])
 
     most_dangerous: tuple[dict[str, float], ...] = ()
     boundary = None
     if tree is not None:
         crossings = _crossings(logical, surface, unit.reshape(*shape, -1), y.reshape(shape))
-        boundary = KDTree(crossings) if len(crossings) else None
+        boundary = _tree(crossings)
         cell = max(1.0 / (len(axis) - 1) for axis in refined)
         search = _DangerSearch(logical, settings, surface, tree, zone[in_zone], cell)
         most_dangerous = tuple(search.most_dangerous(index, grid[zone == index], training) for index in range(count))
@@ -284,6 +299,23 @@ def partition(
         zone_index=zone[in_zone],
         boundary_tree=boundary,
     )
+
+
+def _tree(points: FloatArray) -> Nearest | None:
+    """Finds the nearest of these points; None where there are none."""
+    return Nearest(points) if len(points) else None
+
+
+def _squared_distances(x: FloatArray, points: FloatArray) -> FloatArray:
+    """Of each of x (n, m) from each of the points (k, m), (n, k), summed in the order of the coordinates."""
+    if len(x) <= FEW_POINTS:  # the sum that scipy takes, to the bit, without the half second of its import
+        squares: FloatArray = np.zeros((len(x), len(points)))
+        for a, b in zip(x.T, points.T, strict=True):
+            squares += np.subtract.outer(a, b) ** 2
+        return squares
+    from scipy.spatial.distance import cdist
+
+    return np.asarray(cdist(x, points, "sqeuclidean"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,9 +340,9 @@ def parts_of(zones: ZonePartition) -> PartitionParts:
             "points": surface.points,
             "weights": surface.weights,
             "length_scales": surface.length_scales,
-            "zone": nothing if zones.zone_tree is None else np.asarray(zones.zone_tree.data),
+            "zone": nothing if zones.zone_tree is None else zones.zone_tree.data,
             "zone_index": zones.zone_index.astype(np.float64),
-            "boundary": nothing if zones.boundary_tree is None else np.asarray(zones.boundary_tree.data),
+            "boundary": nothing if zones.boundary_tree is None else zones.boundary_tree.data,
         },
         (float(surface.signal_deviation), float(surface.noise_deviation), float(surface.level)),
         zones.most_dangerous,
@@ -337,9 +369,9 @@ def from_parts(logical: LogicalScenario, settings: ZoneSettings, parts: Partitio
         most_dangerous=parts.most_dangerous,
         zone_shares=parts.zone_shares,
         notes=parts.notes,
-        zone_tree=KDTree(arrays["zone"]) if len(arrays["zone"]) else None,
+        zone_tree=_tree(arrays["zone"]),
         zone_index=arrays["zone_index"].astype(np.intp),
-        boundary_tree=KDTree(arrays["boundary"]) if len(arrays["boundary"]) else None,
+        boundary_tree=_tree(arrays["boundary"]),
     )
 
 
@@ -586,6 +618,11 @@ def _coordinates(logical: LogicalScenario, training: FloatArray) -> Callable[[Fl
 def _fit(
     logical: LogicalScenario, training: FloatArray, target: FloatArray, settings: ZoneSettings, notes: list[str]
 ) -> Surface:
+    from scipy.linalg import cho_solve, cholesky
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+    from sumo_eval.method.gaussian_process import Hyperparameters, MarginalLikelihood, covariance, most_likely
+
     coordinates = _coordinates(logical, training)
     unit = coordinates(logical.to_unit(training))
     n, k = unit.shape
@@ -770,7 +807,7 @@ class _DangerSearch:
     logical: LogicalScenario
     settings: ZoneSettings
     surface: Surface
-    zone_tree: KDTree
+    zone_tree: Nearest
     zone_index: IntArray
     cell: float
 

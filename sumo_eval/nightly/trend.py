@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.nightly.history import GateLine, History, Night, Value
-from sumo_eval.report.html import REPORT, asset, template, write_page
+from sumo_eval.report.page import REPORT, asset, template, write_page
 
 TREND = "trend.html"
 CHARTS = (

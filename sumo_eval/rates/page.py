@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from plotly.offline import get_plotlyjs
 
-from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed
+from sumo_eval.report.page import asset, template, write_page
 
 NUMBER: Final = re.compile(r"-?\d")  # how a cell begins that is set like a number
 

@@ -7,9 +7,10 @@ from typing import Any
 
 from sumo_eval.errors import InputError, needs_extra, said
 from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import Stopping, run_in_children
+from sumo_eval.record.engines import run_in_children
 from sumo_eval.record.identity import harness_identity
 from sumo_eval.record.packs import Pack, Packs
+from sumo_eval.record.progress import Stopping
 
 BATCH = 100  # cases a task at most: each starts a child, and a lost worker costs this many cases again
 _BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -17,21 +17,14 @@ from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home
 from sumo_eval.record.identity import IDENTITY_BOUND, read_identity, tell_identity
 from sumo_eval.record.packs import Pack, Packs, driven
 from sumo_eval.record.pool import Ended, Pool, Work
+from sumo_eval.record.progress import Stopping, never
 from sumo_eval.record.worker import answer, run_together
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
 from sumo_eval.trajectory import Alone
 
-Stopping = Callable[[], bool]
-"""Asked before cases are begun: whether no more of them should be."""
-
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"  # a text, because its workers build on this module
-
-
-def never() -> bool:
-    """Goes on to the end."""
-    return False
 
 
 def run_cases(cases: Iterable[Case], setup: Setup, stopping: Stopping = never) -> Generator[Outcome, None, None]:

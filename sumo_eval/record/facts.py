@@ -18,11 +18,11 @@ from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
-from sumo_eval.record.engines import Stopping, never, refuse_engine, run_cases, run_packs
+from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
 from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of, zones_of
-from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
     REFERENCES,
@@ -48,8 +48,6 @@ else the paper's.
 """
 
 WHOLE = (1, 1)
-_COMPLETE = "complete"
-_SHARD = "shard"
 _TIMED = 32  # drives at most, and
 _LEAST_TIMED = 2  # drives at least, by which an estimate times a kind; in between it takes
 _TIMED_FOR = 1.0  # s
@@ -173,9 +171,9 @@ def record_facts(
         with open_store(folder / run_folder.FACTS, create=True) as store:
             _check_shard(store, shard, folder)
             refuse_to_lose_cases(store, spaces, evaluation, folder)
-            store.note(_COMPLETE, "")
+            store.note(run_folder.COMPLETE, "")
             store.unseal()
-            store.note(_SHARD, f"{shard[0]}/{shard[1]}")
+            store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
             try:
                 with prepared_meanwhile():
                     record(spaces, plan, store, progress, stopping)
@@ -185,19 +183,8 @@ def record_facts(
                     "the same command with --resume goes on."
                 ) from None
             store.seal()
-            store.note(_COMPLETE, "yes")
+            store.note(run_folder.COMPLETE, "yes")
             return _counted(store, folder, shard)
-
-
-def check_complete(store: Store, folder: Path) -> None:
-    """Refuse to score what is no more than a part: a mean over it would not be the run's."""
-    if store.noted(_SHARD) not in ("", "1/1"):
-        raise InputError(
-            f"Run {folder} is shard {store.noted(_SHARD)} of an evaluation; put the shards together first: "
-            "sumo-eval merge SHARD ... --out DIR."
-        )
-    if store.noted(_COMPLETE) != "yes":
-        raise InputError(f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
 
 
 def merge(shards: Sequence[Path], out: Path) -> Recorded:
@@ -212,9 +199,9 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
             if its["versions"][name] != manifest["versions"][name]:
                 raise InputError(f"{folder} was made with another version of {name} than {shards[0]}.")
         with open_store(folder / run_folder.FACTS) as store:
-            if store.noted(_COMPLETE) != "yes":
+            if store.noted(run_folder.COMPLETE) != "yes":
                 raise InputError(f"Shard {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
-            shard = parse_shard(store.noted(_SHARD))
+            shard = parse_shard(store.noted(run_folder.SHARD))
         if shard in found:
             raise InputError(f"{folder} and {found[shard]} are both shard {shard[0]}/{shard[1]}.")
         found[shard] = folder
@@ -230,9 +217,9 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
         with open_store(out / run_folder.FACTS, create=True) as store:
             for shard in sorted(found):
                 store.take_over(found[shard] / run_folder.FACTS)
-            store.note(_SHARD, "1/1")
+            store.note(run_folder.SHARD, "1/1")
             store.seal()
-            store.note(_COMPLETE, "yes")
+            store.note(run_folder.COMPLETE, "yes")
             return _counted(store, out, WHOLE)
 
 
@@ -252,7 +239,7 @@ def verify(
     run_folder.read_settings(folder)
     plan = planner(settings, source)
     with open_store(folder / run_folder.FACTS) as store:
-        shard = parse_shard(store.noted(_SHARD) or "1/1")
+        shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
         chosen = _chosen(store, plan, _spaces(settings, source, shard), share, settings.seed)
         changed = [case.key for case in chosen if not store.holds(case)]
         differences = [
@@ -408,7 +395,7 @@ def _middle(space: Space) -> ConcreteScenario:
 
 
 def _check_shard(store: Store, shard: tuple[int, int], folder: Path) -> None:
-    before = store.noted(_SHARD)
+    before = store.noted(run_folder.SHARD)
     if before and parse_shard(before) != shard:
         raise InputError(f"Run {folder} is shard {before}; it cannot go on as shard {shard[0]}/{shard[1]}.")
 

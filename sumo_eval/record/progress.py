@@ -1,8 +1,12 @@
-"""How long work tells how far it is: a function that whoever runs it brings."""
+"""How long work tells how far it is, and asks whether to go on: functions that whoever runs it brings."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
+
+Stopping = Callable[[], bool]
+"""Asked before cases are begun: whether no more of them should be."""
 
 
 class Progress(Protocol):
@@ -14,3 +18,8 @@ class Progress(Protocol):
 
 def quiet(stage: str, done: int, total: int, failed: int = 0) -> None:
     """Shows nothing."""
+
+
+def never() -> bool:
+    """Goes on to the end."""
+    return False

@@ -14,7 +14,7 @@ from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
-from sumo_eval.record.engines import Stopping, identify, never, run_packs
+from sumo_eval.record.engines import identify, run_packs
 from sumo_eval.record.identity import (
     files_identity,
     harness_identity,
@@ -22,7 +22,7 @@ from sumo_eval.record.identity import (
     people_identity,
     with_fingerprint,
 )
-from sumo_eval.record.progress import Progress
+from sumo_eval.record.progress import Progress, Stopping, never
 from sumo_eval.record.store import Store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario

@@ -13,12 +13,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError
 from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
-from sumo_eval.record.store import FORMAT_VERSION
+from sumo_eval.record.store import FORMAT_VERSION, Store
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
@@ -29,6 +28,7 @@ EVALUATION = "evaluation.toml"
 MANIFEST = "manifest.json"
 EXPOSURES = "exposure.json"
 LOCK = ".lock"
+COMPLETE, SHARD = "complete", "shard"  # words that a facts file notes of its run
 GIVEN = "ads"  # where ADSs lie that were given by value
 _MEND = "Take the file from a copy of the run, or run the evaluation again into a new folder."
 _HALF_MADE = {
@@ -92,6 +92,8 @@ def is_run(folder: Path) -> bool:
 
 def create(folder: Path, settings: EvaluationSettings, source: Path, examples: Sequence[ConcreteScenario]) -> None:
     """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario."""
+    from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml  # brings libsumo
+
     before = read_manifest(folder) if is_run(folder) else None
     named = settings.run.qualification
     known = (before or {}).get("qualification")  # of a run that goes on: its file need not be there any more
@@ -171,6 +173,17 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
         return read_sealed(folder / MANIFEST, _MEND, first=refuse_other_formats)
     except OSError as error:
         raise InputError(f"The manifest of run {folder} cannot be read: {error}.") from error
+
+
+def check_complete(store: Store, folder: Path) -> None:
+    """Refuse to score what is no more than a part: a mean over it would not be the run's."""
+    if store.noted(SHARD) not in ("", "1/1"):
+        raise InputError(
+            f"Run {folder} is shard {store.noted(SHARD)} of an evaluation; put the shards together first: "
+            "sumo-eval merge SHARD ... --out DIR."
+        )
+    if store.noted(COMPLETE) != "yes":
+        raise InputError(f"Run {folder} is not complete; go on with: sumo-eval run --out {folder} --resume.")
 
 
 def _manifest(inputs: Mapping[str, str], settings: EvaluationSettings, source: Path) -> dict[str, Any]:

@@ -6,38 +6,42 @@ import hashlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sumo_eval.evaluation import zone_partitions
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.report.confidence_section import CONFIDENCE, write_confidence
-from sumo_eval.report.html import NOTHING_BESIDE, REPORT, write_report
 from sumo_eval.report.opinion_section import OPINION
+from sumo_eval.report.page import CONFIDENCE, REPORT
 from sumo_eval.report.people import STUDY
-from sumo_eval.report.sections import Beside
 from sumo_eval.results import Evaluation
-from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.kept_rows import KeptRows
 
+if TYPE_CHECKING:
+    from sumo_eval.report.sections import Beside
 
-def write_assessed_report(
-    evaluation: Evaluation, beside: Beside = NOTHING_BESIDE, *, progress: Progress = quiet
-) -> Path:
+
+def write_assessed_report(evaluation: Evaluation, beside: Beside | None = None, *, progress: Progress = quiet) -> Path:
     """Write `confidence.json` and `report.html` into the evaluation's folder; the report's path.
 
     What is there already, to the byte, from the scores, settings and sources that it would be made of, stays.
     """
     path, confidences = evaluation.folder / REPORT, evaluation.folder / CONFIDENCE
-    key = _key(evaluation) if beside is NOTHING_BESIDE else None
+    key = _key(evaluation) if beside is None else None
     kept = None if key is None else KeptResults(evaluation.folder)
     try:
         if kept is not None and key is not None and kept.get("report", key) == _hash(path, confidences):
             progress("report", 1, 1)
             return path
+        # A second of imports that an unchanged page does not need.
+        from sumo_eval.evaluation import zone_partitions
+        from sumo_eval.report.confidence_section import write_confidence
+        from sumo_eval.report.html import NOTHING_BESIDE, write_report
+        from sumo_eval.scoring.confidence.assessment import assess
+
         partitions = zone_partitions(evaluation)
         confidence = assess(evaluation, partitions, progress)
         write_confidence(confidence, evaluation.folder)
-        write_report(evaluation, partitions, replace(beside, confidence=confidence))
+        write_report(evaluation, partitions, replace(beside or NOTHING_BESIDE, confidence=confidence))
         if kept is not None and key is not None:
             kept.put([("report", key, 0, _hash(path, confidences))])
     finally:

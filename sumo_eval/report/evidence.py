@@ -18,7 +18,7 @@ import numpy as np
 from sumo_eval.errors import InputError
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
-from sumo_eval.report.html import asset, template
+from sumo_eval.report.page import asset, template
 from sumo_eval.report.preventability import preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.qualification import holds, qualification_sentence
 from sumo_eval.report.words import count, people_sentence

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.cluster.hierarchy import fcluster, linkage
 
 from sumo_eval.report.words import count, outcome
 from sumo_eval.results import CaseResult
@@ -76,6 +75,8 @@ def _linked(unit: FloatArray, members: np.ndarray) -> list[np.ndarray]:
     """The members of each group, as rows of `unit`."""
     if len(members) < 2 or len(members) > MOST_LINKED:
         return [members]
+    from scipy.cluster.hierarchy import fcluster, linkage  # half a second that a replay does not need
+
     steps = np.array([_step(column) for column in unit.T])
     tree = linkage(unit[members] / steps, method="single")
     labels = fcluster(tree, APART * np.sqrt(unit.shape[1]), criterion="distance")

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import jinja2
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed, packed_json
+from sumo_eval.report.page import REPORT, asset, template, write_page
 from sumo_eval.report.page_data import choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
@@ -59,8 +57,6 @@ from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 
-REPORT = "report.html"
-_TEMPLATES = "sumo_eval.report"
 NOTHING_BESIDE = Beside()
 
 
@@ -74,32 +70,6 @@ def write_report(
     path = evaluation.folder / REPORT
     page = template("report.html.j2").render(_context(evaluation, partitions, beside))
     return write_page(path, page, "The report")
-
-
-def write_page(path: Path, page: str, what: str) -> Path:
-    """Write a page and return its path. what: it is, as a sentence begins that says that it cannot be written."""
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{what} {path} cannot be written: {error}.") from error
-    return path
-
-
-def template(name: str) -> jinja2.Template:
-    """A page's template."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(name)
-
-
-def asset(name: str) -> Markup:
-    """A file of this package that goes into the page as it is."""
-    return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704
 
 
 def term(name: str, shown: str = "") -> Markup:

@@ -12,8 +12,8 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
-from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed_json
+from sumo_eval.report.page import asset, template, write_page
 from sumo_eval.report.page_data import (
     CHANNEL_STEPS,
     contact,
@@ -66,7 +66,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         title=f"{fact.driver} in {fact.scenario}", point=point(fact.values), case=fact.case, end=fact.end_reason or "",
         status=fact.status, drivers=len(ghosts), css=asset("report.css"), replay_css=asset("replay.css"),
         field_js=asset("field.js"), scene_js=asset("scene3d.js"), replay_js=asset("replay.js"),
-        page_js=asset("replay_page.js"), data=packed_json(data),
+        page_js=asset("page.js"), replay_page_js=asset("replay_page.js"), data=packed_json(data),
     )  # fmt: skip
     return write_page(path, page, "The replay")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from sumo_eval.report.html import asset, template, write_page
 from sumo_eval.report.packing import packed
+from sumo_eval.report.page import asset, template, write_page
 
 MOST_ROWS = 400  # of the table; the files beside the page have all of them
 
@@ -28,7 +28,8 @@ def write_study(
 
     rows: the table below the chart, its head first. least_width: of the chart, px; it scrolls on narrower screens.
     """
-    figure.update_layout(title=None, width=None, template="none", margin={"l": 60, "r": 20, "t": 40, "b": 50})
+    figure.update_layout(title=None, width=None, template="none", margin={"l": 60, "r": 20, "t": 60, "b": 50})
+    figure.update_layout(legend={"orientation": "h", "x": 0.0, "y": 1.0, "yanchor": "top", "yref": "container"})
     page = template("study.html.j2").render(
         kicker=kicker, title=title, sentences=sentences, head=list(rows[0]) if rows else [],
         rows=[list(row) for row in rows[1 : MOST_ROWS + 1]], more=max(0, len(rows) - 1 - MOST_ROWS),

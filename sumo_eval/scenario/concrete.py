@@ -342,6 +342,10 @@ class Actor:
     One with `acts` or a heading at the start, rad to the left of the road, is played (`scenario.played`): what it does
     may depend on what happens. One with a `model` is driven by SUMO, from the start on or from when its act `FOLLOW`
     begins. Of all these the methods below know the start alone.
+
+    on_map: of a played one on a road that bends, x m, y m and heading rad of its start on the map, from where its line
+    leads straight on the map, and not along the road: who comes across the way of an ego that turns. None: its line is
+    along the road. `start` and `heading` are in the road's frame all the same.
     """
 
     name: str
@@ -355,6 +359,7 @@ class Actor:
     heading: float = 0.0
     acts: tuple[Act, ...] = ()
     model: Model | None = None
+    on_map: tuple[float, float, float] | None = None
 
     @property
     def script(self) -> tuple[Act, ...]:
@@ -378,7 +383,7 @@ class Actor:
     @property
     def lively(self) -> bool:
         """Whether what it does is no function of time alone."""
-        return self.model is not None or bool(self.acts) or self.heading != 0.0
+        return self.model is not None or bool(self.acts) or self.heading != 0.0 or self.on_map is not None
 
     def __post_init__(self) -> None:
         if self.brake is None:

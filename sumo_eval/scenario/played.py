@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.motion import along_heading, lateral, lateral_acceleration, lateral_speed
-from sumo_eval.scenario.road.reference_line import line_at
+from sumo_eval.scenario.road.reference_line import line_at, to_frame
 
 Records = NDArray[Any]
 
@@ -51,10 +51,11 @@ PROGRAM = np.dtype([("value", "f8"), ("op", "i8"), ("one", "i8"), ("two", "i8")]
 PLAY = np.dtype(
     [
         *((name, "f8") for name in ("x", "y", "heading", "line_s", "line_time", "since", "s", "v", "first_begin")),
-        *((name, "i8") for name in ("acts", "pieces", "path", "points", "slides", "model")),
+        *((name, "i8") for name in ("acts", "pieces", "path", "points", "slides", "model", "on_map")),
     ]
 )
-"""How a vehicle drives at the moment. x, y, heading: where its line begins and leads. line_s, line_time: what it had
+"""How a vehicle drives at the moment. x, y, heading: where its line begins and leads; on_map: 1 if that is said on the
+map of a road that bends, and not along and across it. line_s, line_time: what it had
 driven by then, and when. since, s, v: from when its pieces count, what it had driven, how fast it was. first_begin:
 when its first move began, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does by now."""
 
@@ -173,7 +174,8 @@ def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float
     """Put a played vehicle where it is at a time. line: the road's, of no knots if it is straight.
 
     On a bend its place and its line are along and across the road, as scripts are: a metre along the road's line is
-    1 - curvature y metres of ground, so heading and speed are those over the ground.
+    1 - curvature y metres of ground, so heading and speed are those over the ground. One whose line is on the map is
+    looked for in the frame beside where it was last, its heading without a jump.
     """
     s, v, a = driven(play, pieces, time)
     x, y, heading = on_line(play, table, s)
@@ -186,6 +188,7 @@ def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float
             sideways += lateral_acceleration(act, time)
     if aside != 0.0:
         x, y = x - aside * math.sin(heading), y + aside * math.cos(heading)
+    near, last = other.x, other.heading
     other.x, other.y = x, y
     if play.slides or across == 0.0:
         other.heading, other.speed, other.across, other.acceleration = heading, v, across, a
@@ -193,7 +196,12 @@ def place(other: Any, play: Any, acts: Any, pieces: Any, table: Any, time: float
         other.heading, other.across = heading + math.atan2(across, v), 0.0
         other.speed = math.sqrt(v * v + across * across)
         other.acceleration = along_heading(v, across, a, sideways)
-    if len(line):
+    if not len(line):
+        return
+    if play.on_map:
+        other.x, other.y, turned, _ = to_frame(line, x, y, other.heading, near)
+        other.heading = turned + 2.0 * math.pi * math.floor((last - turned) / (2.0 * math.pi) + 0.5)
+    else:
         _over_ground(other, line)
 
 
@@ -582,9 +590,10 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
     for i, case in enumerate(cases):
         for j, actor in enumerate(case):
             start = actor.start
+            pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
             found.plays[i, j] = (
-                start.x, start.y, actor.heading, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.script), 0, 0, 0,
-                actor.slides, AT_ONCE if actor.follows_at_once else 0,
+                *pose, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.script), 0, 0, 0,
+                actor.slides, AT_ONCE if actor.follows_at_once else 0, actor.on_map is not None,
             )  # fmt: skip
             first = step = 0
             for q, act in enumerate(actor.script):

@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from sumo_eval.method.collision_avoidance import (
 from sumo_eval.method.conflict import Conflict, conflict_at
 from sumo_eval.method.measures import CriticalityMeasures
 from sumo_eval.method.score import plus_of, score_of
-from sumo_eval.method.severity import Severity, severity_of
+from sumo_eval.method.severity import Severity
 from sumo_eval.method.zone_partition import ZonePartition, boundary_error
 from sumo_eval.record.cases import IN_BLOCK
 from sumo_eval.record.human_reference import CaseIndex
@@ -165,11 +164,6 @@ def _reference_severity(fact: Fact, severity: Severity, settings: CollisionSetti
     if struck_by_other(fact, settings):
         return 0.0
     return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
-
-
-def chosen_severity(settings: CollisionSettings, source: Path) -> Severity:
-    """What stands in the place of U in every row. The classes of Eq. 14 are taken of U with the scores."""
-    return severity_of(replace(settings, severity="severity") if settings.severity == "eq14" else settings, source)
 
 
 def tabulate(

@@ -188,9 +188,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                 col=place % _ACROSS + 1,
             )
     figure.update_annotations(font_size=12)
-    figure.update_layout(
-        height=270 * lines + 60, legend={"orientation": "h", "y": 0.0, "yanchor": "bottom", "yref": "container"}
-    )
+    figure.update_layout(height=270 * lines + 60)
     write_study(
         path,
         kicker="Sensitivity",

@@ -9,7 +9,7 @@ from typing import Any, Final
 import jinja2
 
 from sumo_eval.record.store import EGO
-from sumo_eval.report.html import asset
+from sumo_eval.report.page import asset
 from sumo_eval.report.page_data import (
     CHANNEL_STEPS,
     contact,

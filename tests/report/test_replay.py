@@ -12,6 +12,7 @@ import builders
 import numpy as np
 import pytest
 from browser import CHROMIUM, Page
+from lxml import etree
 
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
@@ -87,7 +88,7 @@ def test_a_replay_is_small_and_asks_for_nothing(evaluation: Evaluation, tmp_path
     page = path.read_text(encoding="utf-8")
     (data,) = page.split('id="replay-data">')[1].split("</script>")[:1]
     assert len(data) < 14_000
-    assert "http" not in page.replace("http-equiv", "")
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")  # a name, no address
 
 
 PAINTED = """Promise.all([...document.querySelectorAll('canvas')].map(async (canvas) => {
@@ -239,3 +240,33 @@ def test_bodies_are_drawn_in_their_size_as_what_their_scenario_says() -> None:
     cab = [parts[1]["ring"][0][0] for body, parts in zip(bodies, drawn, strict=True) if body["length"] == 6.5]
     assert cab == pytest.approx([3.25 - 1.4, 3.25 - 2.2, 3.25 - 1.4])  # van, truck, van
     assert np.ptp(child_from_afar[0]["ring"], axis=0).tolist() == [80.0, 160.0]
+
+
+@needs_chromium
+def test_the_charts_of_a_replay_follow_the_theme_and_are_saved_as_they_are_drawn(
+    evaluation: Evaluation, tmp_path: Path
+) -> None:
+    fact = collision(evaluation)
+    path = write_replay(evaluation.folder, catalogue.load(fact.scenario), fact, tmp_path / "replay.html")
+    with Page(tmp_path / "profile") as page:
+        page.open(path.as_uri(), "document.documentElement.dataset.replay === 'ready'")
+        assert page.run("document.querySelectorAll('.replay-held .save button').length") == 4 * 3
+        ground = """(() => {
+            const sheet = document.createElement('canvas').getContext('2d', { willReadFrequently: true });
+            sheet.drawImage(document.querySelector('.replay-top'), 0, 0);
+            return [...sheet.getImageData(2, 2, 1, 1).data].slice(0, 3);
+        })()"""
+        light = page.run(ground)
+        page.run("[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()")
+        assert sum(page.run(ground)) < sum(light) / 2
+        page.run("""window.saved = [];
+            URL.createObjectURL = (blob) => { blob.text().then((text) => window.saved.push(text)); return '#'; };
+            HTMLAnchorElement.prototype.click = function () {};
+            document.querySelectorAll('.replay-held .save button')
+              .forEach((b, k) => { if (k === 0 || k === 2) b.click(); }); null""")
+        page.wait("window.saved.length === 2")
+        table, drawing = sorted(page.run("window.saved"), key=lambda text: text.startswith("<svg"))
+        assert drawing.count("<path") >= 4  # three lines of the scale and a curve
+        etree.fromstring(drawing.encode())  # it is well formed
+        assert table.startswith('ads,"time, s","speed, m/s"')
+        assert page.problems == []

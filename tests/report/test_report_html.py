@@ -19,7 +19,8 @@ from packed_pages import unpacked
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import page_data
-from sumo_eval.report.html import template, term, write_report
+from sumo_eval.report.html import term, write_report
+from sumo_eval.report.page import template
 from sumo_eval.report.page_data import choose_view, telling_slice
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sections import Beside, ranking_content

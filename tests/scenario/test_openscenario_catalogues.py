@@ -37,10 +37,20 @@ def test_a_catalogue_is_a_scenario_for_each_file_and_says_what_does_not_play(tmp
     content = {"name": "n", "scenario": [{"use": "ncap_2026", "folder": str(NCAP)}],
                "ads": [{"name": "idm", "controller": "idm"}]}  # fmt: skip
     settings, _ = resolve(content, tmp_path, resume=False)
-    assert len(settings.scenario) == 20
-    refused = settings.scenario[0].not_played
-    assert set(refused) == {"CCFtap.xosc", "CMFtap.xosc"}
-    assert all("an ego that turns at a junction" in why for why in refused.values())
+    assert len(settings.scenario) == 20 + 2 * 3  # an ego that turns has a road for each of its three radii
+    assert not settings.scenario[0].not_played
+    for name in ("CCRs.xosc", "CPNA.xosc"):
+        text = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange" / name).read_text(encoding="utf-8")
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    base = (NCAP / "OpenSCENARIO/NCAP/CA-FC_2026/CCRs.xosc").resolve()
+    whole = (tmp_path / "CCRs.xosc").read_text(encoding="utf-8")
+    (tmp_path / "CCRs.xosc").write_text(whole.replace("../../CCRs.xosc", str(base)), encoding="utf-8")
+    content["scenario"] = [{"use": "ncap_2026", "folder": str(tmp_path)}]
+    settings, _ = resolve(content, tmp_path, resume=False)
+    assert [Path(entry.use).name for entry in settings.scenario] == ["CCRs.xosc"]
+    ((name, why),) = settings.scenario[0].not_played.items()
+    assert name == "CPNA.xosc"
+    assert "is not there" in why
 
 
 @needs_catalogues

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +14,6 @@ from pathlib import Path
 import pytest
 
 import sumo_eval
-from sumo_eval import evaluation as front_door
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import let_go, zone_partitions
 from sumo_eval.method.anthropomorphic import IndexNote
@@ -25,7 +26,7 @@ from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation, ThinReference
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, drive_measures
+from sumo_eval.scoring import critical, drive_measures, steps
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
 from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
@@ -64,7 +65,7 @@ def same(one: Evaluation, other: Evaluation) -> bool:
 
 
 def test_a_scored_run_answers_from_what_is_kept(done: Evaluation, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(front_door._Scoring, "scores", never)
+    monkeypatch.setattr(steps.Scoring, "scores", never)
     again = sumo_eval.score(done.folder)
     assert same(again, done)
     assert len(again.cases) == sum(score.cases for score in again.scores) == len(list(again.cases))
@@ -88,7 +89,7 @@ def test_scores_do_not_depend_on_how_many_points_are_in_memory(
     done: Evaluation, copy: Path, points: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (copy / KEPT).unlink()
-    monkeypatch.setattr(front_door, "POINTS_AT_ONCE", points)
+    monkeypatch.setattr(steps, "POINTS_AT_ONCE", points)
     assert same(sumo_eval.score(copy), done)
 
 
@@ -96,7 +97,7 @@ def test_scoring_that_was_stopped_goes_on_where_it_was(
     done: Evaluation, copy: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (copy / KEPT).unlink()
-    monkeypatch.setattr(front_door, "POINTS_AT_ONCE", 2)
+    monkeypatch.setattr(steps, "POINTS_AT_ONCE", 2)
     computed: list[int] = []
     compute = human_reference._compute_part
 
@@ -221,3 +222,23 @@ def test_a_scenario_file_and_what_it_names_are_part_of_the_key(tmp_path: Path) -
     assert len(set(keys)) == 4
     assert space_key(entry, tmp_path) == keys[-1]
     assert space_key(EVALUATION.scenario[0], tmp_path) == space_key(EVALUATION.scenario[0], tmp_path / "elsewhere")
+
+
+def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Evaluation) -> None:
+    write_assessed_report(done)
+    looking = (
+        "import sys\n"
+        "from sumo_eval.cli import main\n"
+        "for words in (['report', run], ['explain', run, 'no_such_case'], ['replay', run, case, '--out', out]):\n"
+        "    try:\n"
+        "        main(words)\n"
+        "    except SystemExit:\n"
+        "        pass\n"
+        "print(sorted({'libsumo', 'scipy', 'numba', 'pandas', 'sumo_eval.scoring.steps'} & set(sys.modules)))\n"
+    )
+    case = done.cases[0].case
+    names = f"run, case, out = {str(done.folder)!r}, {case!r}, {str(done.folder / 'looked.html')!r}\n"
+    told = subprocess.run([sys.executable, "-c", names + looking], capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines()[-1] == "[]"
+    assert "Unknown case `no_such_case`" in told.stderr
+    assert (done.folder / "looked.html").is_file()

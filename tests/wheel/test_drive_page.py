@@ -175,7 +175,7 @@ def test_keys_and_a_wheel_reach_the_tape_and_a_hidden_window_holds_the_drive(tmp
 def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_drawing(tmp_path: Path) -> None:
     """On a phone's screen: a finger pulled by half its way to the right steers by half; half up, the pedal is pressed
     by 0.5 / 0.85. The browser here has no graphics processor, so the road is drawn plainly, the page says so, and the
-    tape too; who wishes for 3-D gets it.
+    tape too; who wishes for 3-D gets it. A graphics processor that is named so and is as slow comes to the same.
     """
 
     def fingers(browser: Page) -> None:
@@ -188,7 +188,12 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
             browser.run(f"""(() => {{ const it = document.querySelector('.veil .drawing');
                 it.value = {wish!r}; it.dispatchEvent(new Event('change')); }})()""")
             assert browser.run("sumoDrive.means") == means
-        assert "drawn plainly" in browser.run("document.querySelector('.veil .because').textContent")
+        assert "with its processor" in browser.run("document.querySelector('.veil .because').textContent")
+        browser.run("""(() => { sumoScene.means = () => "graphics"; const it = document.querySelector('.veil .drawing');
+            it.dispatchEvent(new Event('change')); })()""")
+        assert browser.run("sumoDrive.means") == "WebGL"
+        browser.wait("sumoDrive.means === 'plain drawing'")  # it is slow all the same: fewer pixels first, then this
+        assert "even with few pixels" in browser.run("document.querySelector('.veil .because').textContent")
         browser.run("document.querySelector('.veil button.main').click()")
         browser.wait("sumoDrive.state[1] > 0.2")
         pedal = browser.run("(({ x, y, width, height }) => [x + width / 2, y + height / 2])"

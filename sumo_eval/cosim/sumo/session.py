@@ -214,6 +214,7 @@ def check_start(
     """
     starts = [(EGO, concrete.ego, settings.vehicle.length), *((a.name, a.start, a.length) for a in concrete.actors)]
     calls = vehicles(traci)
+    on_map = {actor.name for actor in concrete.actors if actor.on_map is not None}
     for number, (name, start, length) in enumerate(starts):
         known = name if names is None else names[number]
         try:
@@ -223,6 +224,8 @@ def check_start(
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.") from error
         if x < NOWHERE:
             raise SimulationError(f"SUMO did not insert vehicle `{name}` at the start of the case.")
+        if name in on_map:  # no lane leads there: it is told its place before the first step
+            continue
         tolerance = POSITION_TOLERANCE
         if concrete.road.bent and concrete.reacts:  # its drivers know places along their lanes
             x = calls.getLanePosition(known)

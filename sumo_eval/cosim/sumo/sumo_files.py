@@ -9,6 +9,7 @@ import functools
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,13 +17,14 @@ from lxml import etree
 
 from sumo_eval.scenario.bodies import BODIES, CAR
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road
-from sumo_eval.scenario.road.reference_line import drawn_points, map_places
+from sumo_eval.scenario.road.reference_line import drawn_points, map_places, tightest
 from sumo_eval.scenario.sumo_network import laid_along_x
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
 
 EGO = "ego"
 SEGMENT = 1.0  # m between the vertices of a lane on a bend
+_TIGHT = 100.0  # m: below this radius they are closer, so that a chord is as near to its arc as here
 _EDGE = "road"
 
 
@@ -115,7 +117,7 @@ def network_xml(road: Road) -> str:
         return _shaped_xml(road)
     end = road.length + road.run_out
     middle = (road.left_edge + road.right_edge) / 2
-    line = drawn_points(road.line, 0.0, end, SEGMENT) if road.bent else None
+    line = drawn_points(road.line, 0.0, end, _segment(road)) if road.bent else None
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
     bounds = f"0.00,0.00,{_metres(end)},{_metres(road.lane_centre(road.lanes - 1))}"
     if line is not None:
@@ -158,6 +160,11 @@ def network_xml(road: Road) -> str:
     return _text(net)
 
 
+def _segment(road: Road) -> float:
+    """m between the vertices of a road's lanes where it bends: a chord's height goes with its square by the radius."""
+    return SEGMENT * math.sqrt(min(tightest(road.line) / _TIGHT, 1.0))
+
+
 def _shaped_xml(road: Road) -> str:
     """A road of several edges, one a section, its ramps beside it, and the roads that cross it, as a network."""
     net = etree.Element("net", version="1.20", junctionCornerDetail="5", limitTurnSpeed="5.50")
@@ -166,7 +173,7 @@ def _shaped_xml(road: Road) -> str:
     low, high = min(road.right_edge, -reach), max(road.left_edge, reach)
     bounds = f"0.00,{_metres(low)},{_metres(last)},{_metres(high)}"
     if road.bent:
-        bounds = _bounds(road, drawn_points(road.line, 0.0, last, SEGMENT))
+        bounds = _bounds(road, drawn_points(road.line, 0.0, last, _segment(road)))
     etree.SubElement(
         net, "location", netOffset="0.00,0.00", convBoundary=bounds, origBoundary=bounds, projParameter="!"
     )
@@ -260,7 +267,7 @@ def _along(road: Road, first: float, until: float, y: float) -> str:
     """The shape of a lane from one place along the road to another, y beside its line."""
     if not road.bent:
         return f"{_metres(first)},{_metres(y)} {_metres(until)},{_metres(y)}"
-    return _polyline(road, drawn_points(road.line, first, until, SEGMENT), y)
+    return _polyline(road, drawn_points(road.line, first, until, _segment(road)), y)
 
 
 def _place(road: Road, x: float, y: float) -> str:
@@ -384,11 +391,14 @@ def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool 
     road = concrete.road
     parted = bool(road.spans) and road.network is None and not one_lane
     starts = [(EGO, concrete.ego, ego_length), *((a.name, a.start, a.length) for a in concrete.actors)]
+    on_map = {a.name for a in concrete.actors if a.on_map is not None}
     for name, start, length in starts:
         lane = min(max(round(start.y / road.lane_width), 0), road.lanes - 1)
         if one_lane or (road.bent and not concrete.reacts):  # on a bend SUMO's place is exact along the line alone
             lane = 0
         offset = start.y - road.lane_centre(lane)
+        if name in on_map:  # SUMO has no lane there, and is told a place on the map before the first step
+            start = replace(start, x=min(max(start.x, length / 2), road.length + road.run_out - length))
         if road.network is not None and road.spans and 0 not in road.lanes_at(start.x + length / 2):
             lane -= 1  # SUMO counts from the right-hand lane of the edge
         section = next((it for it in sections(road) if start.x + length / 2 <= it.end), None) if parted else None

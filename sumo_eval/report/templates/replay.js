@@ -5,7 +5,10 @@
 const sumoReplay = (() => {
   const MS = 1e-3; // s, to which recorded times are rounded
   const TOUCH = 1e-3; // m; the same as in sumo_eval/method/measures.py
-  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828", ink: "#1b1f24", muted: "#57606a" };
+  const COLOURS = { views: ["#0072b2", "#8a3d74"], ghost: "#8593a3", actor: "#b26a00", contact: "#c62828" };
+  const LIGHT = { ink: "#1b1f24", muted: "#57606a", hair: "#e6eaee", ground: "#f5f7f9", road: "#d9dde1", lines: COLOURS.views };
+  const DARK = { ink: "#e6eaee", muted: "#a3adb8", hair: "#2a323a", ground: "#12161a", road: "#2c343d", lines: ["#3d9ad6", "#d48cc0"] };
+  let paper = LIGHT; // what is drawn on: that of the page, and white where it is printed
   const FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', Arial, sans-serif";
   const BRAKING = -0.5; // m/s2 from which the brake lights are drawn
   const MOST_TTC = 10; // s; longer ones are off the chart
@@ -181,9 +184,9 @@ const sumoReplay = (() => {
     ];
     const begin = s - share * width / scale - 30, end = s + (1 - share) * width / scale + 30;
     const along = (y) => Array.from({ length: Math.ceil((end - begin) / 2) + 1 }, (_, k) => px(onMap(road, begin + 2 * k, y)));
-    context.fillStyle = "#f5f7f9";
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
-    context.fillStyle = "#d9dde1";
+    context.fillStyle = paper.road;
     for (const ring of crossingRings(road)) {
       outline(context, ring.map(([x, y]) => px(onMap(road, x, y))));
       context.fill();
@@ -200,8 +203,8 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    stroke(road.left, COLOURS.muted, []);
-    stroke(road.right, COLOURS.muted, []);
+    stroke(road.left, paper.muted, []);
+    stroke(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) stroke(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     const polyline = (points, style) => {
       context.beginPath();
@@ -219,11 +222,11 @@ const sumoReplay = (() => {
       const outer = gone[0][1] + 3 / scale * Math.sign(gone[0][1] - gone[1][1]);
       const border = edge.map(([x, y]) => px(onMap(road, x, y)));
       outline(context, [...border, ...edge.map(([x]) => px(onMap(road, x, outer))).reverse()]);
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      polyline(border, COLOURS.muted);
+      polyline(border, paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
     const step = stepOf(scale);
@@ -331,9 +334,9 @@ const sumoReplay = (() => {
     const left = span ? (span[0] + span[1] - width / scale) / 2 : at(view.ego, "x", time) - 0.3 * width / scale;
     const above = span ? (height - strip - (high - low) * scale) / 2 : 6;
     const px = (x) => (x - left) * scale, py = (y) => above + (high - y) * scale;
-    context.fillStyle = "#f5f7f9";
+    context.fillStyle = paper.ground;
     context.fillRect(0, 0, width, height);
-    context.fillStyle = "#d9dde1";
+    context.fillStyle = paper.road;
     for (const [x, wide, reach] of road.crossings) context.fillRect(px(x - wide / 2), py(reach), wide * scale, 2 * reach * scale);
     context.fillRect(0, py(road.left), width, (road.left - road.right) * scale);
     const line = (y, style, dash) => {
@@ -347,18 +350,18 @@ const sumoReplay = (() => {
       context.stroke();
       context.setLineDash([]);
     };
-    line(road.left, COLOURS.muted, []);
-    line(road.right, COLOURS.muted, []);
+    line(road.left, paper.muted, []);
+    line(road.right, paper.muted, []);
     for (let lane = 1; lane < road.lanes; lane++) line(road.right + lane * road.laneWidth, "#fff", [3 * scale, 6 * scale]);
     for (const [x0, x1, y] of road.solid) stroke(context, [[px(x0), py(y)], [px(x1), py(y)]], "#fff");
     for (const gone of road.gone) {
       const points = gone.map(([x, y]) => [px(x), py(y)]), outwards = Math.sign(points[0][1] - points[1][1]);
       outline(context, points.map(([x, y], k) => [x, k === 0 || k === 3 ? y + 2 * outwards : y]));
-      context.fillStyle = "#f5f7f9";
+      context.fillStyle = paper.ground;
       context.fill();
-      stroke(context, points.slice(1), COLOURS.muted);
+      stroke(context, points.slice(1), paper.muted);
     }
-    context.fillStyle = COLOURS.muted;
+    context.fillStyle = paper.muted;
     context.font = `11px ${FONT}`;
     context.textAlign = "center";
     const step = stepOf(scale);
@@ -583,8 +586,37 @@ const sumoReplay = (() => {
     { title: "steering wheel, °", of: (view) => view.ego.steering_wheel_angle.map((angle) => angle * 180 / Math.PI) },
   ];
 
-  function drawChart(canvas, chart, scene, time, whole) {
-    const sheet = pen(canvas);
+  /** A sheet like that of a canvas, whose strokes become SVG: what a chart needs of one, and no more. */
+  function svgSheet(width, height) {
+    const parts = [], numbers = (...values) => values.map((value) => value.toFixed(1)).join(" ");
+    let path = "", dash = [], box = null;
+    const context = {
+      beginPath: () => { path = ""; },
+      moveTo: (x, y) => { path += `M${numbers(x, y)}`; },
+      lineTo: (x, y) => { path += `L${numbers(x, y)}`; },
+      setLineDash: (lengths) => { dash = lengths; },
+      stroke: () => parts.push(`<path d="${path}" fill="none" stroke="${context.strokeStyle}" stroke-width="${context.lineWidth}" stroke-dasharray="${dash.join(" ")}"/>`),
+      fillRect: (x, y, wide, tall) => parts.push(`<rect x="${x}" y="${y}" width="${wide}" height="${tall}" fill="${context.fillStyle}"/>`),
+      fillText: (text, x, y) => {
+        const anchor = { left: "start", center: "middle", right: "end" }[context.textAlign];
+        parts.push(`<text x="${x}" y="${y}" fill="${context.fillStyle}" font-size="11" font-family="${FONT}" text-anchor="${anchor}">${text}</text>`);
+      },
+      rect: (x, y, wide, tall) => { box = `<rect x="${x}" y="${y}" width="${wide}" height="${tall}"/>`; },
+      clip: () => parts.push(`<clipPath id="inside">${box}</clipPath><g clip-path="url(#inside)">`),
+      save: () => {},
+      restore: () => parts.push("</g>"),
+    };
+    const text = () => `<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${height}" viewBox="0 0 ${width} ${height}">${parts.join("")}</svg>`;
+    return { context, width, height, text };
+  }
+
+  /** What a chart shows, as rows: the ADS, the time, the value. */
+  const chartRows = (chart, scene) => [["ads", "time, s", chart.title], ...scene.views.flatMap((view) => {
+    const values = chart.of(view);
+    return Array.from(values, (value, k) => [view.name, (view.ego.time[k] - view.ego.time[0]).toFixed(3), Number.isFinite(value) ? value : ""]);
+  })];
+
+  function drawChart(sheet, chart, scene, time, whole) {
     if (!sheet) return;
     const { context, width, height } = sheet, [left, right, top, bottom] = [40, width - 8, 20, height - 18];
     const series = scene.views.map((view) => chart.of(view));
@@ -592,11 +624,11 @@ const sumoReplay = (() => {
     const low = chart.low ?? Math.min(-0.5, ...known), high = chart.high ?? Math.max(low + 1, ...known);
     const px = (t) => left + (right - left) * t / whole, py = (value) => bottom - (bottom - top) * (value - low) / (high - low);
     context.font = `11px ${FONT}`;
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.textAlign = "left";
     context.fillText(chart.title, left, 12);
-    context.fillStyle = COLOURS.muted;
-    context.strokeStyle = "#e6eaee";
+    context.fillStyle = paper.muted;
+    context.strokeStyle = paper.hair;
     context.lineWidth = 1;
     const digits = high - low < 5 ? 1 : 0;
     for (const value of [low, (low + high) / 2, high]) {
@@ -625,7 +657,7 @@ const sumoReplay = (() => {
       }
       context.lineWidth = 2;
       context.setLineDash(which ? [6, 3] : []);
-      context.strokeStyle = COLOURS.views[which];
+      context.strokeStyle = paper.lines[which];
       context.stroke();
       context.setLineDash([]);
       if (!contact) return;
@@ -637,7 +669,7 @@ const sumoReplay = (() => {
       context.textAlign = "center";
       context.fillText("not known in this case", (left + right) / 2, (top + bottom) / 2);
     }
-    context.fillStyle = COLOURS.ink;
+    context.fillStyle = paper.ink;
     context.fillRect(px(Math.min(time, whole)) - 0.5, top - 4, 1, bottom - top + 4);
   }
 
@@ -701,7 +733,16 @@ const sumoReplay = (() => {
       const canvas = element("canvas", "replay-chart");
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", `${chart.title} over time`);
-      charts.append(canvas);
+      const held = element("div", "replay-held");
+      if (typeof sumoPage !== "undefined") {
+        held.append(sumoPage.saver(`${chart.title} over time`, () => {
+          const sheet = svgSheet(canvas.clientWidth, canvas.clientHeight);
+          drawChart(sheet, chart, scene, now, whole);
+          return sheet.text();
+        }, () => chartRows(chart, scene)));
+      }
+      held.append(canvas);
+      charts.append(held);
       return canvas;
     });
     root.replaceChildren(views, controls, charts);
@@ -757,11 +798,13 @@ const sumoReplay = (() => {
       draw();
     }
 
+    let printing = false;
     /** sharp: the three-dimensional pictures with all pixels, as they are drawn once nothing has moved for a while. */
     function draw(sharp = false) {
       clearTimeout(settled);
       if (!scene) return;
       if (!sharp && frame === null && panes.some(({ space }) => space)) settled = setTimeout(() => draw(frame === null), SETTLES);
+      paper = document.documentElement.dataset.theme === "dark" && !printing ? DARK : LIGHT;
       const time = now;
       const one = !ghosted.hidden && together.checked;
       panes.forEach(({ chase, space, top, words, view, colour }, which) => {
@@ -772,7 +815,7 @@ const sumoReplay = (() => {
         drawTop(top, scene, view, colour, held);
         words.textContent = reading(view, time);
       });
-      CHARTS.forEach((chart, k) => drawChart(canvases[k], chart, scene, time, whole));
+      CHARTS.forEach((chart, k) => drawChart(pen(canvases[k]), chart, scene, time, whole));
       clock.textContent = `${time.toFixed(1)} s`;
     }
 
@@ -812,6 +855,8 @@ const sumoReplay = (() => {
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
     for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
+    for (const name of ["beforeprint", "afterprint"]) window.addEventListener(name, () => { printing = name === "beforeprint"; draw(); });
+    if (typeof sumoPage !== "undefined") sumoPage.onTheme(() => draw());
     return { show, stop, draw };
   }
 

@@ -45,7 +45,7 @@ ROWS = (
     Row("position", "RelativeWorldPosition", "refused", ""),
     Row("position", "GeoPosition", "refused", ""),
     Row("shape", "Polyline", "played", "straight; others only as places on them"),
-    Row("shape", "ClothoidSpline", "played", "as places on it; who drives along one that bends is refused"),
+    Row("shape", "ClothoidSpline", "played", "the way of an ego that turns; of others as places on it"),
     Row("shape", "Nurbs", "refused", ""),
     Row("action", "TeleportAction", "played", "before the start"),
     Row("action", "SpeedAction", "played", "step, linear; by rate, time, distance; absolute, or relative to how "
@@ -54,7 +54,8 @@ ROWS = (
     Row("action", "LaneChangeAction", "played", "sinusoidal, linear; by rate (peak speed), time"),
     Row("action", "LaneOffsetAction", "played", "sinusoidal, by maxLateralAcc"),
     Row("action", "LongitudinalDistanceAction", "played", "once, at the start, free space"),
-    Row("action", "FollowTrajectoryAction", "played", "straight, with times or without"),
+    Row("action", "FollowTrajectoryAction", "played", "straight on the map, with times or without; "
+                                                     "the ego's may bend"),
     Row("action", "AssignRouteAction", "played", "a route that goes straight"),
     Row("action", "SynchronizeAction", "played", "planned once; master the ego; AbsoluteSpeed with a steady part"),
     Row("action", "EntityAction", "played", "DeleteEntityAction at the start"),

@@ -55,7 +55,7 @@ def described(read: Read) -> Iterator[str]:
     if read.ignored:
         yield f"  ignored, because they move nobody here: {', '.join(read.ignored)}"
     if first is not None:
-        found = scene(space.file, space.given(first))
+        found = scene(space.file, space.given(first), space.ego)
         yield "  at the first point:" if first else "  its scene:"
         yield f"    the ego at x = {found.ego.x:.3f} m, y = {found.ego.y:.3f} m with {found.ego.speed:.3f} m/s"
         for actor in found.actors:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -37,7 +38,7 @@ from sumo_eval.scenario.openscenario.reading import (
     read_openscenario,
     version_of,
 )  # fmt: skip
-from sumo_eval.scenario.openscenario.scene import Frame, Scene, parameters, scene
+from sumo_eval.scenario.openscenario.scene import EGO, Frame, Scene, parameters, scene
 from sumo_eval.scenario.openscenario.values import Scope, Value, plain
 from sumo_eval.scenario.played import KEEP
 from sumo_eval.scenario.road.table import bend_name, check_line
@@ -86,7 +87,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """What a file spans. file: the scenario file; fixed: what is assigned at every point."""
+    """What a file spans. file: the scenario file; fixed: what is assigned at every point; ego: who is judged."""
 
     name: str
     about: str
@@ -94,6 +95,7 @@ class Space:
     fixed: Assignments
     axes: tuple[Axis, ...]
     version: str
+    ego: str = EGO
 
     def given(self, values: Mapping[str, float]) -> dict[str, Value]:
         """The parameters of the scenario file at a point."""
@@ -249,7 +251,7 @@ class PlacedByFile:
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """The scene at a point."""
-        found = scene(self.space.file, self.space.given(values))
+        found = scene(self.space.file, self.space.given(values), self.space.ego)
         if _shape(found.frame) != _shape(self.road):
             raise InputError(f"{self.space.name}: the road must be the same at all points, got {found.frame.name}.")
         return found.ego, found.actors
@@ -299,7 +301,7 @@ def _refusal(space: Space, road: Frame, point: tuple[tuple[str, float], ...]) ->
         _, broken = parameters(space.file, given)
         if broken:
             return f"= {broken[0]}"
-        found = scene(space.file, given)
+        found = scene(space.file, given, space.ego)
     except InputError as error:
         return str(error)
     if _shape(found.frame) != _shape(road):
@@ -360,7 +362,7 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     for name in options:
         if name not in _OPTIONS:
             raise InputError(f"Unknown option `{name}` of {path.name}.{did_you_mean(name, _OPTIONS)}")
-    whole = read_space(path)
+    whole = replace(read_space(path), ego=options.get("ego", EGO))
     refused: dict[str, int] = {}
     tried = list(_tried(whole, refused))
     if not tried:
@@ -376,6 +378,8 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     space, dropped = _without_doubles(space, scenes)
     names = _road_names(list(roads.values()))
     name = whole.name if len(roads) == 1 else f"{whole.name}_{names[number]}"
+    if whole.ego != EGO:
+        name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', whole.ego)}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
     logical = _logical(space, frame, scenes, name, searched=zones == 1)
     notes = [*_notes(dropped, ignored, refused), *_about_zones(logical, scenes)]
@@ -469,7 +473,7 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
         if parameters(space.file, given)[1]:
             continue
         try:
-            there = scene(space.file, given)
+            there = scene(space.file, given, space.ego)
         except InputError as error:
             first = first or error
             refused[str(error)] = refused.get(str(error), 0) + 1
@@ -532,6 +536,7 @@ def _without_doubles(space: Space, scenes: Sequence[tuple[dict[str, float], Scen
 _BEFORE_END = 5.0  # m that the ego's front is before the road's end when the case ends: at the end SUMO takes it out
 _ONLY = "only"
 _OPTIONS = {
+    "ego": "the entity that is judged, where it is not named `Ego`",
     "road": "which of the file's roads, from 1 on",
     "zones": "1: search zones by ideal braking, which takes seconds a parameter; else everything counts as safe",
 }
@@ -574,6 +579,7 @@ def _logical(
         samples=samples,
         default_sample=samples[0].name if samples else "grid",
         options=(
+            Option("ego", "name", _OPTIONS["ego"]),
             Option("road", "1", _OPTIONS["road"]),
             Option("zones", "1", _OPTIONS["zones"]),
         ),

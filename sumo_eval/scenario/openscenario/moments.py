@@ -242,7 +242,7 @@ class Conditions:
 
     def _travelled(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
         assert one.frame is not None
-        if abs(math.sin(one.frame.heading)) > 1e-9:
+        if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
             raise fault(element, "a distance travelled across the road is not played as a start")
         begin = ((played.X, self._number(one), 0, 0.0), (played.VALUE, 0, 0, one.frame.x))
         return (*begin, (played.SUBTRACT, 0, 0, 0.0), (played.ABSOLUTE, 0, 0, 0.0)), 0.0

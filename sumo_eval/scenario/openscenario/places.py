@@ -44,7 +44,8 @@ class Entity:
     """A vehicle, a person or an object. centre: of its body, ahead of its reference point, m; offset: to the left, m.
 
     way: the points of a trajectory on the map that it follows; times: s at them, where it has any. frame: the centre of
-    its body along and across the road, once the road is known.
+    its body along and across the road, once the road is known. on_map: its line is straight on the map, not along the
+    road, which bends.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Entity:
     way: tuple[tuple[float, float], ...] = ()
     frame: Pose | None = None
     deleted: bool = False
+    on_map: bool = False
 
     def placed(self, asks: Element) -> Spot:
         """Where it is; refused while nobody has said."""
@@ -77,6 +79,11 @@ class Trajectory:
     times: tuple[float, ...]
     begin: Spot
     pieces: tuple[Piece, ...] = ()
+
+    @property
+    def bends(self) -> bool:
+        """Whether it is no straight line."""
+        return any(piece.begin != 0.0 or piece.end != 0.0 for piece in self.pieces)
 
     def at(self, s: float, element: Element, t: float = 0.0) -> Pose:
         """The place s m along it, and t m to its left."""

@@ -26,7 +26,7 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, Brake, EgoBody, LaneChange, Start
 from sumo_eval.scenario.openscenario.catalogs import Catalogs, named_file
 from sumo_eval.scenario.openscenario.moments import NEVER, Conditions, Moment, Span
-from sumo_eval.scenario.openscenario.network import MARKED, WIDEST, Pose, read_network
+from sumo_eval.scenario.openscenario.network import MARKED, WIDEST, Lane, MapRoad, Pose, read_network
 from sumo_eval.scenario.openscenario.places import Entity, Places, Spot, Trajectory, entity_of
 from sumo_eval.scenario.openscenario.reading import (
     Element,
@@ -41,7 +41,7 @@ from sumo_eval.scenario.openscenario.reading import (
 )  # fmt: skip
 from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text
 from sumo_eval.scenario.road.opendrive import beside
-from sumo_eval.scenario.road.reference_line import Piece, frame_places
+from sumo_eval.scenario.road.reference_line import Piece, frame_places, tightest
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
@@ -106,9 +106,12 @@ def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]
     return declared(read_openscenario(path).find("ParameterDeclarations"), given)
 
 
-def scene(path: Path, given: Mapping[str, Value]) -> Scene:
-    """A scenario file with given values of its parameters. Raises InputError with file, line and element."""
-    return _Player(path, given).scene()
+def scene(path: Path, given: Mapping[str, Value], ego: str = EGO) -> Scene:
+    """A scenario file with given values of its parameters. ego: the entity that is judged.
+
+    Raises InputError with file, line and element.
+    """
+    return _Player(path, given, ego).scene()
 
 
 def synchronized(
@@ -172,7 +175,8 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
 class _Player:
     """Walks through a file once."""
 
-    def __init__(self, path: Path, given: Mapping[str, Value]) -> None:
+    def __init__(self, path: Path, given: Mapping[str, Value], ego: str) -> None:
+        self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
             raise fault(self.root, "it must hold a <Storyboard>")
@@ -185,13 +189,15 @@ class _Player:
         entities = [entity_of(part, self.catalogs, self.scope)
                     for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
-        if EGO not in self.entities:
-            raise fault(child(self.root, "Entities"), f"one entity must be named `{EGO}`: it is the one that is judged")
+        if ego not in self.entities:
+            why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
+            raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
         self.places = Places(self.network, self.catalogs, self.entities)
         self.ignored: dict[str, None] = {}
-        self.doing = {name: Doing() for name in self.entities if name != EGO}
+        self.doing = {name: Doing() for name in self.entities if name != self.ego}
         self.ends = math.inf
         self.end_of_way: Pose | None = None
+        self.turning: Trajectory | None = None
 
     def scene(self) -> Scene:
         """All of it."""
@@ -201,11 +207,12 @@ class _Player:
             entity.placed(entity.element)
         self.frame = self._frame()
         for entity in self.entities.values():
+            entity.on_map = self.turning is not None and entity.name != self.ego
             entity.frame = self._framed(entity)
         for distance, entity in self.distances:
             self._keep_distance(distance, entity)
         self._delete_at_once(story)
-        numbers = [name for name in self.entities if name != EGO and not self.entities[name].deleted]
+        numbers = [name for name in self.entities if name != self.ego and not self.entities[name].deleted]
         self.number_of = {name: number for number, name in enumerate(numbers)}
         self.conditions = Conditions(self.entities, self.number_of)
         for name in self.doing:
@@ -214,10 +221,12 @@ class _Player:
             for act in part.iterfind("Act"):
                 self._act(act)
         self._stop(story.find("StopTrigger"))
-        ego = self.entities[EGO]
+        ego = self.entities[self.ego]
         assert ego.frame is not None
         if abs(ego.frame.heading) > 1e-6:
             raise fault(ego.element, "the ego must start along its lane")
+        if self.turning is not None and ego.offset != 0.0:
+            raise fault(ego.element, "the body of an ego that turns must lie over its axle's middle")
         start = Start(ego.frame.x, ego.frame.y, ego.speed)
         actors = tuple(self._actor(self.entities[name]) for name in numbers)
         return Scene(self.frame, start, EgoBody(ego.length, ego.width), actors, self.ends, tuple(self.ignored))
@@ -257,8 +266,10 @@ class _Player:
             inner = only(element)
             if inner.tag == "SpeedAction":
                 dynamics = child(inner, "SpeedActionDynamics")
-                if one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal")) != "step":
-                    raise fault(dynamics, "before the start a speed must be a step")
+                shape = one_of(dynamics, "dynamicsShape", ("step", "linear", "cubic", "sinusoidal"))
+                at_once = dynamics.get("dynamicsDimension") == "time" and number(dynamics, "value", scope) == 0.0
+                if shape != "step" and not at_once:
+                    raise fault(dynamics, "before the start a speed must be a step, or be reached within 0 s")
                 entity.speed = self._target_speed(inner, scope)
             elif inner.tag == "LongitudinalDistanceAction":
                 self.distances.append((inner, entity))
@@ -274,7 +285,7 @@ class _Player:
     def _route_at_start(self, element: Element, entity: Entity) -> None:
         if element.tag == "AssignRouteAction":
             _, end = self.places.route(element, self.scope)
-            if entity.name == EGO:
+            if entity.name == self.ego:
                 self.end_of_way = end.pose
         elif element.tag == "FollowTrajectoryAction":
             trajectory = self._trajectory(element)
@@ -283,12 +294,12 @@ class _Player:
             begin = number(element, "initialDistanceOffset", self.scope, 0.0)
             first = trajectory.begin
             pose = trajectory.at(begin, element)
-            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != EGO)
+            entity.spot = Spot(pose, first.road, first.lane, first.s + begin, first.t, turned=entity.name != self.ego)
             entity.way = ((pose.x, pose.y), *trajectory.rest(begin))
-            if entity.name == EGO:
-                if any(piece.begin != 0.0 or piece.end != 0.0 for piece in trajectory.pieces):
-                    raise fault(element, "an ego that turns at a junction is not played: what others do on a bend is "
-                                         "told along the bend")  # fmt: skip
+            if entity.name == self.ego:
+                if trajectory.bends and begin != 0.0:
+                    raise fault(element, "`initialDistanceOffset` of a trajectory on which the ego turns must be 0")
+                self.turning = trajectory if trajectory.bends else None
                 self.end_of_way = Pose(*trajectory.points[-1], pose.heading)
         else:
             raise not_played(element)
@@ -309,7 +320,9 @@ class _Player:
             if flag(target, "continuous", scope, default=False):
                 raise fault(target, "a speed that is kept relative to another's all the time is not played")
             other = self.places.entity(text(target, "entityRef", scope), target)
-            base = other.speed if other.name == EGO or other.name not in self.doing else self.doing[other.name].speed
+            base = (
+                other.speed if other.name == self.ego or other.name not in self.doing else self.doing[other.name].speed
+            )
             kind = one_of(target, "speedTargetValueType", ("delta", "factor"))
             speed = base + value if kind == "delta" else base * value
         else:
@@ -321,11 +334,13 @@ class _Player:
     # -- the road ------------------------------------------------------------------------------------------------------
 
     def _frame(self) -> Frame:
-        ego = self.entities[EGO]
+        ego = self.entities[self.ego]
         spot = ego.placed(ego.element)
         road, lane = spot.road, spot.lane
         if road is None or lane is None:
             raise fault(ego.element, "the ego must be placed in a lane")
+        if self.turning is not None:
+            return self._turning_frame(road, lane, spot)
         width, centre, lanes = lane.width, lane.centre, 2
         if lane.width > WIDEST:
             width = MARKED
@@ -350,11 +365,46 @@ class _Player:
             length = max(length, self.end_of_way.seen_from(origin).x)
         return Frame(origin, (), lanes, width, length, name, centre, road.name)
 
+    def _turning_frame(self, road: MapRoad, lane: Lane, spot: Spot) -> Frame:
+        """The road of an ego that turns: the way on which it turns, one lane wide, from its own road's beginning on.
+
+        At a junction there is no lane beside a way, and who comes across is told on the map.
+        """
+        assert self.turning is not None
+        origin = road.pose(0.0, spot.t)
+        there = spot.pose.seen_from(origin)
+        if road.bent or abs(there.y) > _ON or abs(there.heading) > _SAME:
+            raise fault(self.entities[self.ego].element, "an ego that turns must begin along a straight road")
+        first = self.turning.pieces[0]
+        run_up = (Piece(there.x),) if there.x > _ON else ()
+        if run_up and first.begin == first.end == 0.0:
+            run_up, pieces = (), (Piece(there.x + first.length), *self.turning.pieces[1:])
+        else:
+            pieces = self.turning.pieces
+        line = (*run_up, *pieces)
+        name = f"{self.network.path.stem}_{road.name}_turn_{tightest(line):g}m"
+        width = MARKED if lane.width > WIDEST else lane.width
+        return Frame(origin, line, 1, width, sum(it.length for it in line), name, spot.t, road.name)
+
+    def _on_map(self, entity: Entity) -> Pose:
+        """The centre of an entity's body on the map, in the axes of the road's beginning, and where it leads there."""
+        pose = entity.placed(entity.element).pose._replace(heading=self._heading(entity))
+        return pose.moved(entity.centre, entity.offset).seen_from(self.frame.origin)
+
+    def _found_in_frame(self, entity: Entity) -> Pose:
+        """The place of an entity in the frame of a road that bends, found from where it is on the map."""
+        at = self._on_map(entity)
+        return Pose(*(float(it) for it in frame_places(self.frame.line, at.x, at.y, at.heading)))
+
     def _framed(self, entity: Entity) -> Pose:
         """The centre of an entity's body along and across the road, and its heading there."""
         spot, frame = entity.placed(entity.element), self.frame
         if not frame.line:
             return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)
+        if entity.on_map:
+            return self._found_in_frame(entity)
+        if self.turning is not None:
+            return spot.pose.moved(entity.centre, entity.offset).seen_from(frame.origin)._replace(y=0.0)
         if spot.road is None or spot.road.name != frame.road:
             raise fault(entity.element, "on a road that bends every place must be told along that road")
         pose = spot.pose.moved(entity.centre, entity.offset)
@@ -379,6 +429,8 @@ class _Player:
         where = one_of(element, "displacement", ("any", "leadingReferencedEntity", "trailingReferencedEntity"), "any")
         assert other.frame is not None
         assert entity.frame is not None
+        if entity.on_map or other.on_map:
+            raise fault(element, "a distance along the road is not played of who drives straight on the map")
         ahead = entity.frame.x >= other.frame.x if where == "any" else where == "leadingReferencedEntity"
         if element.get("timeGap") is not None:
             gap = number(element, "timeGap", scope) * (other.speed if ahead else entity.speed)
@@ -474,7 +526,7 @@ class _Player:
             raise not_played(action)
         if inner.tag in IGNORED_PRIVATE:
             return True
-        if EGO in names:
+        if self.ego in names:
             raise fault(inner, "the ego is driven by the ADS: what it does during the drive cannot be told")
         return False
 
@@ -530,6 +582,8 @@ class _Player:
     def _lateral(self, element: Element, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
                  shape: str) -> Span:  # fmt: skip
         """A move across the road to the offset `to` m from where it started, in `lasts` s."""
+        if entity.on_map:
+            raise fault(element, f"`{entity.name}` drives straight on the map, so it has no lane to move across")
         offset = to - doing.offset
         if abs(offset) <= _ON:
             return Span(begin, begin.time)
@@ -628,10 +682,16 @@ class _Player:
         first = trajectory.points[0]
         if math.hypot(first[0] - pose.x, first[1] - pose.y) > 0.5:
             raise fault(element, f"the trajectory must begin where `{entity.name}` is")
-        if self.frame.line:
-            raise fault(element, "a trajectory, straight on the map, is not played on a road that bends")
+        if trajectory.bends:
+            raise fault(element, "a trajectory that bends is not played")
         entity.way = trajectory.points
-        entity.frame = self._along(entity)
+        if self.frame.line:
+            if entity.speed > 0.0 and not (begin.known and begin.time == 0.0):
+                raise fault(element, "on a road that bends a trajectory is played from the start, or of who stands")
+            entity.on_map = True
+            entity.frame = self._found_in_frame(entity)
+        else:
+            entity.frame = self._along(entity)
         if not trajectory.times:
             return self._add(entity, doing, begin, played.Act(played.KEEP), NEVER)
         timing = element.find("TimeReference/Timing")
@@ -656,13 +716,15 @@ class _Player:
         master = self.places.entity(text(element, "masterEntityRef", scope), element)
         if not begin.known:
             raise fault(element, "a SynchronizeAction that begins by a condition on the drive is not played")
-        if master.name != EGO or master.speed <= 0.0:
+        if master.name != self.ego or master.speed <= 0.0:
             raise fault(element, "it is played for a master that is the ego and moves at the start")
-        goal = self.places.spot(child(element, "TargetPositionMaster"), scope).pose.seen_from(
-            master.placed(element).pose
-        )
+        goal = self.places.spot(child(element, "TargetPositionMaster"), scope).pose
+        way = goal.seen_from(master.placed(element).pose).x
+        if self.turning is not None:  # along the way on which it turns
+            at, begins = (pose.seen_from(self.frame.origin) for pose in (goal, master.placed(element).pose))
+            way = float(frame_places(self.frame.line, at.x, at.y)[0]) - begins.x
         target = self.places.spot(child(element, "TargetPosition"), scope).pose
-        arrives = goal.x / master.speed - begin.time
+        arrives = way / master.speed - begin.time
         steady, final = 0.0, doing.speed
         wanted = element.find("FinalSpeed")
         if wanted is not None:
@@ -707,7 +769,10 @@ class _Player:
             raise fault(entity.element, "a trajectory of more than one straight line is not played")
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
         start = Start(frame.x, frame.y, entity.speed)
-        plain = heading == 0.0 and not any(act.program for act in acts) and self._beside_nothing(frame.y)
+        across = self._on_map(entity) if entity.on_map else None
+        plain = (
+            across is None and heading == 0.0 and not any(act.program for act in acts) and self._beside_nothing(frame.y)
+        )
         changes, brake = [], None
         for act in acts:
             if act.kind == played.COSINE:
@@ -730,6 +795,7 @@ class _Player:
             body=entity.body,
             heading=heading,
             acts=tuple(acts),
+            on_map=None if across is None else (across.x, across.y, across.heading),
         )
 
     def _beside_nothing(self, y: float) -> bool:

@@ -102,7 +102,7 @@ def _buckets(logical: LogicalScenario, points: FloatArray) -> np.ndarray:
 def _resolved(zones: ZonePartition, points: FloatArray) -> float | None:
     if zones.boundary_tree is None:
         return None
-    boundary = np.asarray(zones.boundary_tree.data)
+    boundary = zones.boundary_tree.data
     unit, hazardous = zones.logical.to_unit(points), zones.exactly_hazardous(points)
     if hazardous.all() or not hazardous.any():
         return 0.0

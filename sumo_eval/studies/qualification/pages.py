@@ -8,7 +8,7 @@ from itertools import groupby
 from pathlib import Path
 
 from sumo_eval.errors import InputError
-from sumo_eval.report.html import asset, template
+from sumo_eval.report.page import asset, template
 from sumo_eval.studies.qualification.check import Answer
 from sumo_eval.studies.qualification.qualified import DOMAIN, LIMITS, PURPOSE, Qualification
 

@@ -245,7 +245,9 @@ const sumoDrive = (() => {
       this.latency = [];
       this.judged = 0;
       this.answered = null;
+      const because = this.veil.querySelector(".because");
       if (this.veil.hidden) this.say(this.plainly);
+      else if (because) because.textContent = this.plainly;
     }
 
     /** A sentence over the road, for a while. */
@@ -325,7 +327,6 @@ const sumoDrive = (() => {
       drawing.addEventListener("change", () => {
         this.wish = kept("drawing", drawing.value) || drawing.value;
         this.drawing();
-        because.textContent = this.plainly;
       });
       drawn.append(drawing);
       const how = element("p"), row = element("div", "row"), go = element("button", "main", why === "start" ? "Start" : "Go on");

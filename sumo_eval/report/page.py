@@ -1,0 +1,41 @@
+"""Pages: their templates, the files that go into them as they are, and how one is written."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+
+from sumo_eval.errors import InputError
+
+REPORT = "report.html"
+CONFIDENCE = "confidence.json"  # what the report says of it, for other tools
+_TEMPLATES = "sumo_eval.report"
+
+
+def write_page(path: Path, page: str, what: str) -> Path:
+    """Write a page and return its path. what: it is, as a sentence begins that says that it cannot be written."""
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{what} {path} cannot be written: {error}.") from error
+    return path
+
+
+def template(name: str) -> jinja2.Template:
+    """A page's template."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name)
+
+
+def asset(name: str) -> Markup:
+    """A file of this package that goes into the page as it is."""
+    return Markup((files(_TEMPLATES) / "templates" / name).read_text(encoding="utf-8"))  # noqa: S704

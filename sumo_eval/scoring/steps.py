@@ -1,0 +1,172 @@
+"""The paper's six steps over the recorded facts of a run: zones, drives, D_i, losses and weights, scores, ranking.
+
+Whoever finds the scores of a run kept needs none of this: `sumo_eval.evaluation.score` imports it where it computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.method.plausibility import Quantiles
+from sumo_eval.method.severity import Severity
+from sumo_eval.record.human_reference import LeftOut
+from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.points import choose_points
+from sumo_eval.record.progress import Progress
+from sumo_eval.record.spread import Spread
+from sumo_eval.record.store import Fact, Store
+from sumo_eval.results import ScenarioResult, ZoneResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.confidence.drivers import driver_deviations
+from sumo_eval.scoring.confidence.intervals import ScoreIntervals
+from sumo_eval.scoring.confidence.ranking import rank
+from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.drive_measures import drive_measures
+from sumo_eval.scoring.fingerprint import sources, space_key
+from sumo_eval.scoring.kept_scores import RowWriter, Scores
+from sumo_eval.scoring.likeness import (
+    Comparison,
+    Survey,
+    compare_with_people,
+    plausible_people,
+    reference_notes,
+    references,
+    survey,
+    with_people,
+)
+from sumo_eval.scoring.quantities import (
+    Remarks,
+    combine,
+    describe_zones,
+    drivers_left_out,
+    point_terms,
+    simulated_alone,
+    tabulate,
+)
+from sumo_eval.scoring.requirements import with_counts, with_requirements
+from sumo_eval.scoring.zones import zones_of_entry
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+
+POINTS_AT_ONCE = 512
+"""Concrete scenarios whose cases are in memory at a time while a run is scored."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scoring:
+    """One reading of a run's facts. spread: where D_i are computed. kept: what was computed before."""
+
+    settings: EvaluationSettings
+    source: Path
+    exposures: Mapping[str, Any]
+    severity: Severity
+    store: Store
+    kept: KeptResults
+    spread: Spread
+    progress: Progress
+
+    def scores(self, rows: RowWriter) -> Scores:
+        """The paper's six steps in every scenario, and the ADSs in their order."""
+        zones: list[ZoneResult] = []
+        scores: list[ScenarioResult] = []
+        spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
+        for entry in self.settings.scenario:
+            result, finished, found = self._scenario(entry, rows)
+            zones.append(result)
+            scores += finished
+            spreads |= {(one.ads, one.scenario): spread for one, spread in zip(finished, found, strict=True)}
+        ranking = rank(scores, spreads, self.settings.method.ranking)
+        order = [(one.ads, one.scenario) for one in scores]
+        return Scores(tuple(zones), tuple(scores), ranking, rows.chunks(order))
+
+    def _scenario(
+        self, entry: ScenarioSettings, rows: RowWriter
+    ) -> tuple[ZoneResult, list[ScenarioResult], list[ScoreIntervals | None]]:
+        settings, store, method = self.settings, self.store, self.settings.method
+        logical, points = choose_points(entry, self.source, settings)
+        zones = zones_of_entry(entry, logical, settings, self.source, self.kept)  # step 1: safe and hazardous zones
+        known = survey(logical, zones, store, settings)  # step 2: the ADSs in every concrete scenario
+        nobody = not logical.has_drivers and not known.compared
+        plausible = plausible_people(logical, store, method.plausibility)
+        remarks = {ads.name: Remarks(self.severity) for ads in settings.ads}
+        space = f"{entry.use} {space_key(entry, self.source)} {sources('scenario', 'settings')}"
+        left_out: dict[str, LeftOut] = {}
+        present: dict[str, Sequence[str]] = {}
+        for first in range(0, known.points, POINTS_AT_ONCE):
+            at_once = range(first, min(first + POINTS_AT_ONCE, known.points))
+            people = self._some_points(logical, known, plausible.people, at_once, remarks, rows, space, nobody=nobody)
+            left_out |= people.left_out
+            present |= people.present
+        combined: list[ScenarioResult] = []
+        tables = [rows.rows(ads.name, logical.name) for ads in settings.ads]
+        for ads, table in zip(settings.ads, tables, strict=True):
+            notes = (
+                *drivers_left_out(logical, store),
+                *plausible.notes,
+                *simulated_alone(logical, ads.name, store),
+                *remarks[ads.name].in_blocks,
+                *reference_notes(table),
+                *remarks[ads.name].beyond_range,
+            )
+            scored = combine(  # step 6: C, D, S; A, H, S+
+                ads.name, logical.name, table, method, notes, people=not nobody
+            )
+            combined.append(with_counts(scored, table, logical))
+        finished, found = with_intervals(
+            combined,
+            tables,
+            [known.driven[ads.name] for ads in settings.ads],
+            [driver_deviations(table, left_out, present, settings.drivers, settings.seed) for table in tables],
+            logical.to_unit(points.points),
+            points.method,
+            settings,
+        )
+        return describe_zones(logical, zones, points), finished, found
+
+    def _some_points(
+        self,
+        logical: LogicalScenario,
+        known: Survey,
+        plausible: Quantiles,
+        points: range,
+        remarks: Mapping[str, Remarks],
+        rows: RowWriter,
+        space: str,
+        *,
+        nobody: bool,
+    ) -> Comparison:
+        """Steps 3 to 5 at some points: the rows of every ADS's cases there. space: stands for the scenario's files."""
+        settings, store, method = self.settings, self.store, self.settings.method
+        drives: dict[str, list[Fact]] = {ads.name: [] for ads in settings.ads}
+        for fact in store.facts_at(points, "ads", logical.name):
+            if fact.driver in drives:
+                drives[fact.driver].append(fact)
+        compared = references(store.facts_at(points, "human", logical.name), settings.drivers)
+        judged = {  # step 3: collisions have no D_i
+            name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
+            for name, facts in drives.items()
+        }
+        stage = f"{logical.name}: comparing everybody with the drivers"
+        people = compare_with_people(  # step 4: D_i
+            logical, compared, judged, known, store, settings, self.spread,
+            lambda share: self.progress(stage, points.start + round(share * len(points)), known.points), self.kept,
+        )  # fmt: skip
+        there = point_terms(  # step 5: U, L, Ug, r, and U0 beside the paper
+            known.weights, points, logical, store, self.severity, method.collision
+        )
+        outside = set(self.exposures.get(logical.name, {}).get("outside_support", ()))
+        for name, facts in drives.items():
+            measured = drive_measures(
+                facts, store, plausible, logical, self.kept, space, self.spread
+            )  # beside the paper: TTC, DRAC, PET, plausibility ...
+            inside = known.hazardous[[fact.point for fact in facts]]
+            table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method.collision)
+            if nobody:
+                table = [replace(row, human_likeness=None) for row in table]
+            table = with_people(table, facts, people, compared, outside, settings.drivers)
+            rows.add(logical.name, name, with_requirements(table, facts, logical, store))
+            remarks[name].add(facts)
+        self.progress(stage, points.stop, known.points)
+        return people

@@ -1,0 +1,23 @@
+"""The zones of a run's scenarios, kept in its folder or computed (Eqs. 7-8)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.points import kept_zones
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.fingerprint import sources, space_key
+from sumo_eval.settings import EvaluationSettings, ScenarioSettings
+
+ROOMS_OF_ZONES = ("method", "scenario", "settings")
+"""Rooms of this package that a partition comes from."""
+
+
+def zones_of_entry(
+    entry: ScenarioSettings, logical: LogicalScenario, settings: EvaluationSettings, source: Path, kept: KeptResults
+) -> ZonePartition:
+    """The partition of a scenario, kept or computed."""
+    key = key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
+    return kept_zones(logical, settings.method.zones, kept, key)
