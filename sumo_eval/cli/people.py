@@ -64,6 +64,58 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
     click.echo(f"{scenario}: {found.about}.")
 
 
+@humans.command(epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml")
+@click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--ego", required=True, metavar="VEHICLE", help="In whose place an ADS is to drive.")
+@click.option("--recording", metavar="NAME", help="Which one, where the tables hold several.")
+@click.option("--begin", type=float, help="Begin of the scene, s of the recording (default: the vehicle's own).")
+@click.option("--end", type=float, help="End of the scene, s (default: 30 s after its begin).")
+@click.option("--react", type=click.Choice(["IDM", "EIDM", "Krauss"]), help="SUMO's model by which the others react.")
+@click.option("--beyond", type=float, default=2.0, show_default=True, metavar="M", help="Departure that they react to.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Scenario file to write: .toml.")
+def scene(
+    tables: tuple[Path, ...],
+    ego: str,
+    recording: str | None,
+    begin: float | None,
+    end: float | None,
+    react: str | None,
+    beyond: float,
+    out: Path,
+) -> None:
+    """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as they drove."""
+    from sumo_eval.drivers.recorded.importing import OWN, import_recordings
+    from sumo_eval.rates.recorded_scene import write_scene
+
+    found = write_scene(
+        import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
+    )
+    click.echo(
+        f"{found.others} vehicles around {ego} for {found.seconds:.1f} s; in the file they are {found.error[0]:.3f} m "
+        f"(root mean square; at most {found.error[1]:.2f} m) from where they were recorded."
+    )
+    if found.continued:
+        click.echo(
+            f"{found.continued} of them were not recorded throughout: before and after, they keep speed and lane."
+        )
+    for reason, number in found.left_out.items():
+        click.echo(f"Left out: {number} vehicles, {reason}.")
+    click.echo(f"Scene: {found.path}")
+
+
+@humans.command(epilog="Example: sumo-eval humans departure results/scene")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="HTML file for the page (default: RUN/departure.html).")
+def departure(run: Path, out: Path | None) -> None:
+    """How far the ADSs of RUN departed from the vehicle that was recorded in their place."""
+    from sumo_eval.rates.departures import PAGE, write_departures
+
+    path = run / PAGE if out is None else out
+    for one in write_departures(run, path):
+        click.echo(f"{one.sentence()}.")
+    click.echo(f"Page: {path}")
+
+
 @humans.command(epilog="Example: sumo-eval humans coverage evaluation.toml")
 @click.argument("evaluation", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file: a row a safe concrete scenario.")

@@ -75,7 +75,7 @@ class OnTraci:
         self._calls.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else concrete.ego.speed)
         for actor in concrete.actors:
             self._calls.setLaneChangeMode(actor.name, 0)
-            if actor.model is not None:  # it drives by itself
+            if actor.follows_at_once:  # it drives by itself
                 continue
             self._calls.setSpeedMode(actor.name, EXACT_SPEED_MODE)
             self._calls.setSpeed(actor.name, actor.start.speed)

@@ -1,9 +1,9 @@
 """Cases beside each other of which each can end and begin anew by itself, for learning.
 
 The ego is moved by the vehicle model, the others by their scripts and by SUMO, contact and ends are found by the
-functions that every evaluation uses (`cosim.step_rules`). libsumo holds one simulation in a process, so one pack at a time
-is in it. A pack without SUMO has the others where their scripts have them, which is where SUMO has to show them in an
-evaluation: a drive is the same to rounding, and there may be as many such packs in a process as one likes.
+functions that every evaluation uses (`cosim.step_rules`). libsumo holds one simulation in a process, so one pack is
+in it at a time. A pack without SUMO has the others where their scripts have them, which is where SUMO has to show them
+in an evaluation: a drive is the same to rounding, and there may be as many such packs in a process as one likes.
 """
 
 from __future__ import annotations

@@ -245,7 +245,7 @@ def simulate_together(
         body = (
             concrete.scenario, concrete.road, concrete.ego_body, concrete.time_limit, concrete.standstill_time,
             len(concrete.actors),
-            tuple([(actor.body, actor.model is None) for actor in concrete.actors]) if concrete.lively else (),
+            tuple([(it.body, it.model is None, it.follows_at_once) for it in concrete.actors if concrete.lively]),
         )  # fmt: skip
         return (*body, riders.kind(index))
 

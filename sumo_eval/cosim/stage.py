@@ -99,7 +99,7 @@ class Stage:
                 world.fail(case, "sim_error", str(error))
                 continue
             starts = [concrete.ego, *(actor.start for actor in concrete.actors)]
-            models = [False, *(actor.model is not None for actor in concrete.actors)]
+            models = [False, *(actor.follows_at_once for actor in concrete.actors)]
             for name, start, is_model in zip(self.names[case], starts, models, strict=True):
                 calls.setLaneChangeMode(name, 0)
                 if is_model:  # it drives by itself

@@ -21,6 +21,7 @@ from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
 from sumo_eval.scenario.bodies import VULNERABLE
+from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -28,6 +29,7 @@ _ASIDE = -500.0  # m, y of a shadow that nobody is to see
 _AS_TOLD = 0.05  # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
 _AS_TOLD_ON_A_BEND = 0.1  # m: on top of that, lanes are polygons of 1 m
 _DEGREES = 180.0 / math.pi
+_ITS_OWN_SPEED_MODE = 31  # SUMO's default: as its model says
 
 
 def _of_all(world: World, number: NDArray[np.intp], name: str) -> Any:
@@ -47,9 +49,9 @@ class Traffic(Stage):
     """The running simulation of the cases of a world in which vehicles react."""
 
     def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
-        self._models = [[actor.model is not None for actor in case.actors] for case in world.cases]
         self._on_foot = [[False, *(actor.body in VULNERABLE for actor in case.actors)] for case in world.cases]
         self._road = world.cases[0].road
+        self._handed: set[str] = set()  # those that SUMO drives from within the case on
         self._shadows = not as_read and self._road.lanes > 1
         super().__init__(traci, world, asked=asked, as_read=as_read)
         self._tolerance = _AS_TOLD
@@ -57,24 +59,51 @@ class Traffic(Stage):
     def keep(self, world: World) -> None:
         """From now on these rows, in this order."""
         cases = world.rows.tolist()
-        reacting = [
-            (row, j, self.names[case][1 + j])
-            for row, case in enumerate(cases)
-            for j, is_model in enumerate(self._models[case])
-            if is_model
-        ]
-        rows, columns = [row for row, *_ in reacting], [j for _, j, *_ in reacting]
-        self._reacting = np.array(rows, dtype=np.intp), np.array(columns, dtype=np.intp)
-        self._reacting_names = np.array([name for *_, name in reacting], dtype=object)
+        self._count_reacting(world)
         self._walks = np.array([walks for case in cases for walks in self._on_foot[case]])
         self._shadow_of = [
             shadow_name(self.names[case][j]) if self._shadows and has_shadow(world.cases[case], j) else ""
             for case in cases
-            for j in range(1 + len(self._models[case]))
+            for j in range(len(self._on_foot[case]))
         ]
         self._has_shadow = np.array([bool(name) for name in self._shadow_of])
         super().keep(world)
         self._lanes = [[f"{edge}_{lane}" for lane in range(self._road.lanes)] for edge in self._edge]
+
+    def _count_reacting(self, world: World) -> None:
+        """Whom SUMO drives by now."""
+        assert world.players is not None
+        rows, columns = np.nonzero(world.players.plays["model"])
+        self._reacting = rows, columns
+        names = [self.names[case][1 + j] for case, j in zip(world.rows[rows].tolist(), columns.tolist(), strict=True)]
+        self._reacting_names = np.array(names, dtype=object)
+
+    def _hand_over(self, world: World) -> None:
+        """Let SUMO drive those from here on that have begun to follow in the last step."""
+        assert world.players is not None
+        others = world.others
+        there = (others["present"] == 1) & (world.egos["live"] == 1)[:, None]
+        late = np.argwhere((world.players.plays["model"] == HANDED_OVER) & there).tolist()
+        began = [(row, j) for row, j in late if self._flat[row * self._width + 1 + j] not in self._handed]
+        if not began:
+            return
+        self._count_reacting(world)
+        calls, road = self.calls, self._road
+        for row, j in began:
+            number, other = row * self._width + 1 + j, others[row, j]
+            name, speed = self._flat[number], max(float(other["speed"]) * math.cos(float(other["heading"])), 0.0)
+            self._handed.add(name)
+            lane = min(max(round(float(other["y"]) / road.lane_width), 0), road.lanes - 1)
+            calls.setSpeedMode(name, _ITS_OWN_SPEED_MODE)
+            if not self.as_read:
+                if self._shadow_of[number] in self._seen:
+                    self._hide(self._shadow_of[number])
+                inner = 1.0 - float(curvatures(road.line, other["x"])) * float(other["y"]) if self._bent else 1.0
+                calls.moveTo(name, self._lanes[row][lane], float(other["x"]) + 0.5 * float(other["length"]) / inner)
+                calls.setLateralLanePosition(name, float(other["y"]) - road.lane_width * lane)
+            calls.setPreviousSpeed(name, speed)
+            calls.setSpeed(name, -1.0)
+            self._told.pop(name, None)
 
     def take_charge(self, world: World) -> None:
         """Make SUMO obey where it does not drive itself."""
@@ -99,6 +128,7 @@ class Traffic(Stage):
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: so many rows of `world.tell`."""
+        self._hand_over(world)
         if self.as_read:
             super().tell(world, count)
             return

@@ -36,8 +36,18 @@ from sumo_eval.cosim.records import (
 )
 from sumo_eval.cosim.step_rules import begin_rows, map_played_rows, tell_played_rows
 from sumo_eval.cosim.vehicle_model import count_clip
-from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way
-from sumo_eval.scenario.played import DEEPEST, WAITS, Players, begin_play_rows, play_rows, players, wake_rows
+from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Way, departures
+from sumo_eval.scenario.played import (
+    BEGUN,
+    DEEPEST,
+    FOLLOW,
+    WAITS,
+    Players,
+    begin_play_rows,
+    play_rows,
+    players,
+    wake_rows,
+)
 from sumo_eval.scenario.road.reference_line import curvatures, knots_of, map_places
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
@@ -201,7 +211,8 @@ class World:
         reason = REASONS[int(ego["reason"])]
         assert reason is not None
         if self.players is not None and reason in TO_ITS_END:
-            waiting = self.players.acts["state"][row] == WAITS
+            acts = self.players.acts[row]
+            waiting = (acts["state"] == WAITS) & (acts["kind"] != FOLLOW)  # nobody has to depart from a recording
             used = np.arange(waiting.shape[1]) < self.players.plays["acts"][row][:, None]
             if count := int((waiting & used).sum()):
                 self.note(case, "trigger_never_fired", float(count), 0.0)
@@ -212,6 +223,8 @@ class World:
             self.note(case, "goal_missed", float(way["by"]), float(ego["y"]))
         concrete, vehicle = self.cases[case], self.settings.vehicle
         actors = concrete.actors
+        if concrete.ego.recorded:
+            self._note_departure(row, case)
         hit = self._collision(row, actors) if reason == "contact" else None
         if hit is not None and hit.side == "rear" and actors[int(ego["struck"])].model is not None:
             self.note(case, "struck_from_behind", hit.relative_speed, self._in_its_lane_for(row))
@@ -225,6 +238,22 @@ class World:
             self._clips(row, case),
         )
         return case
+
+    def _note_departure(self, row: int, case: int) -> None:
+        """Put on record how far the ego was from where the recorded one was, and who reacted to it from when on."""
+        count = int(self.egos["samples"][row])
+        time, x, y = self.samples[row, 0, :count, :3].T
+        apart = departures(self.cases[case].ego.recorded, time, x, y)
+        most = int(apart.argmax())
+        self.note(case, "departed", float(apart[most]), float(apart[-1]))
+        self.notes[case]["departed"].first = float(time[most])
+        if self.players is None:
+            return
+        acts = self.players.acts[row]
+        begins = acts["begin"][(acts["kind"] == FOLLOW) & (acts["state"] == BEGUN)]
+        if len(begins):
+            self.note(case, "handed_over", float(begins.min()), float(begins.max()))
+            self.notes[case]["handed_over"].count, self.notes[case]["handed_over"].first = len(begins), begins.min()
 
     def _in_its_lane_for(self, row: int) -> float:
         """How long the middle of the ego has been in the lane in which it now is, s."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
@@ -20,6 +23,7 @@ from sumo_eval.report.page_data import (
     encode_trajectories,
 )
 from sumo_eval.report.words import point
+from sumo_eval.scenario.concrete import RECORDED_EVERY
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.trajectory import Trajectory
 
@@ -42,6 +46,10 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
             if driver.status == "ok":
                 ghosts.append(len(trajectories))
                 trajectories.append(store.trajectory(driver.case))
+    concrete = logical.concrete(**fact.values)
+    if concrete.ego.recorded:
+        ghosts.append(len(trajectories))
+        trajectories.append(recorded_ego(concrete.ego.recorded))
     road = logical.road
     data = {
         "channels": CHANNEL_STEPS,
@@ -49,7 +57,7 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
             "left": road.left_edge, "right": road.right_edge, "lanes": road.lanes, "laneWidth": road.lane_width,
             "line": drawn_line(road), **drawn_shape(road),
         },
-        "bodies": drawn_bodies(logical.concrete(**fact.values)),
+        "bodies": drawn_bodies(concrete),
         "views": views,
         "ghosts": ghosts,
         "trajectories": encode_trajectories(trajectories),
@@ -61,6 +69,12 @@ def write_replay(run: Path, logical: LogicalScenario, fact: Fact, path: Path, *,
         page_js=asset("page.js"), replay_page_js=asset("replay_page.js"), data=packed_json(data),
     )  # fmt: skip
     return write_page(path, page, "The replay")
+
+
+def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
+    """Who was recorded in the ego's place. places: as in `Start`."""
+    at = np.array(places)
+    return Trajectory(np.arange(len(at)) * RECORDED_EVERY, at[:, 0], at[:, 1])
 
 
 def known_case(run: Path, key: str) -> Fact:

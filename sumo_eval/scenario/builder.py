@@ -181,6 +181,7 @@ class _Builder:
                 lane_width=road.lane_width,
                 goal=self._goal(road),
                 line=road.line,
+                recorded=self._recorded_ego(),
             ),
             approach=None if searched or margin or table.zone == "none" else self._zone(definitions, vehicles),
             search=self._search(definitions, vehicles) if searched and not margin and table.zone != "none" else None,
@@ -302,6 +303,14 @@ class _Builder:
             tuple(table.only.items()),
         )
 
+    def _recorded_ego(self) -> tuple[tuple[float, float], ...]:
+        places = self.table.ego.recorded
+        if len(places) == 1:
+            raise must_be("`recorded`", f"[ego] of {self.where}", "two places or more", "1")
+        if not all(math.isfinite(number) for place in places for number in place):
+            raise must_be("`recorded`", f"[ego] of {self.where}", "finite", "a number that is not")
+        return places
+
     def _body(self) -> EgoBody | None:
         ego = self.table.ego
         if (ego.length is None) != (ego.width is None):
@@ -405,8 +414,14 @@ class _Builder:
         lively = item.heading is not None or item.lateral_speed is not None or any(move.lively for move in moves)
         if sum(move.do == "brake" for move in moves) > 1 and not lively:
             raise InputError(f"{what.capitalize()} of {self.where} must brake at most once.")
-        if any(move.do == "follow" for move in moves) and (len(moves) > 1 or item.heading or item.lateral_speed):
-            raise InputError(f"{what.capitalize()} of {self.where} must do nothing else where it does `follow`.")
+        if any(move.do == "follow" for move in moves[:-1]):
+            raise InputError(f"{what.capitalize()} of {self.where} must do nothing after it does `follow`.")
+        at_once = any(move.do == "follow" and move.when is None for move in moves)
+        if at_once and (len(moves) > 1 or item.heading or item.lateral_speed):
+            raise InputError(
+                f"{what.capitalize()} of {self.where} must do nothing else where it does `follow` from the start: "
+                "`when` says from when on it does."
+            )
         if item.heading is not None and item.lateral_speed is not None:
             raise InputError(f"{what.capitalize()} of {self.where} must have either heading or lateral_speed.")
         value = places[chosen[0]]
@@ -451,12 +466,16 @@ class _Builder:
                 numbers.append((key, replace(quantity, above=above, endless=endless, at_least=least)))
         if item.do == "sinus" and item.cycles is None:
             numbers.append(("cycles", self._quantity(1.0, f"cycles of {name}")))
-        if item.do == "follow" and (item.when is not None or item.begin != 0.0):
-            raise InputError(f"{name} in {self.where} has no `{'begin' if item.when is None else 'when'}`: "
-                             "a vehicle follows from the start.")  # fmt: skip
+        if item.do == "follow" and item.when is None and item.begin != 0.0:
+            raise InputError(
+                f"{name} in {self.where} has no `begin` without a `when`: a vehicle follows from the start."
+            )
         when = None
         if item.when is not None:
-            when = trigger(item.when, f"{name} in {self.where}", self.known, self.numbers_of, self.moves_of)
+            departs = item.do == "follow" and bool(self.table.ego.recorded)
+            when = trigger(
+                item.when, f"{name} in {self.where}", self.known, self.numbers_of, self.moves_of, departs=departs
+            )
         table, by_place = self._table(item, name)
         return Move(item.do, tuple(numbers), table, by_place, when, item.name, item.model or "")
 

@@ -7,7 +7,7 @@ line, headings from the road's direction. On a road that bends x is the distance
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,6 +98,7 @@ class Road:
 
 CHANGE_TIME = 4.0
 """s at the ego's first speed that the lane change of a way takes: its lateral acceleration then peaks at 1.26 m/s2."""
+RECORDED_EVERY = 0.1  # s between two places of a recorded ego
 LEAST_CHANGE = 20.0  # m of road that it takes at least
 
 
@@ -123,7 +124,8 @@ class Start:
     """Where a vehicle begins: centre (x, y) m and speed m/s, heading along the road.
 
     lateral_speed: m/s to the left, below `speed`, with which the ego begins; it then heads that way. way: the lane
-    change that the ego has to make.
+    change that the ego has to make. recorded: where somebody was who drove here in its place, x and y of the centre, m,
+    every `RECORDED_EVERY` s from the start on.
     """
 
     x: float
@@ -131,6 +133,7 @@ class Start:
     speed: float
     lateral_speed: float = 0.0
     way: Way | None = None
+    recorded: tuple[tuple[float, float], ...] = ()
 
     def y_at(self, x: ArrayLike) -> FloatArray:
         """y of its way at x (any shape), m: the lane that it starts in, the fixed lane change, the other lane."""
@@ -144,6 +147,17 @@ class Start:
     def heading(self) -> float:
         """Where it heads, rad to the left of the road."""
         return math.asin(self.lateral_speed / self.speed) if self.lateral_speed else 0.0
+
+
+def departures(recorded: Sequence[tuple[float, float]], time: ArrayLike, x: ArrayLike, y: ArrayLike) -> FloatArray:
+    """How far places x, y (n,) m are from where a recorded ego was at times (n,) s since the start, m.
+
+    recorded: as in `Start`. After its end its last place counts.
+    """
+    places, at = np.array(recorded, dtype=np.float64), np.asarray(time, dtype=np.float64)
+    known = np.arange(len(places)) * RECORDED_EVERY
+    ahead = np.asarray(x) - np.interp(at, known, places[:, 0])
+    return np.asarray(np.hypot(ahead, np.asarray(y) - np.interp(at, known, places[:, 1])))
 
 
 def smooth_step(share: FloatArray | float) -> FloatArray:
@@ -326,7 +340,8 @@ class Actor:
     otherwise it points where it goes. body: what it is (`scenario.bodies`).
 
     One with `acts` or a heading at the start, rad to the left of the road, is played (`scenario.played`): what it does
-    may depend on what happens. One with a `model` is driven by SUMO. Of both the methods below know the start alone.
+    may depend on what happens. One with a `model` is driven by SUMO, from the start on or from when its act `FOLLOW`
+    begins. Of all these the methods below know the start alone.
 
     on_map: of a played one on a road that bends, x m, y m and heading rad of its start on the map, from where its line
     leads straight on the map, and not along the road: who comes across the way of an ego that turns. None: its line is
@@ -359,6 +374,11 @@ class Actor:
                 kind, rate = played.CONSTANT, move.acceleration
                 found.append(Act(kind, move.begin, move.duration, move.speed, move.offset, rate))
         return tuple(found)
+
+    @property
+    def follows_at_once(self) -> bool:
+        """Whether SUMO drives it from the start on."""
+        return self.model is not None and not self.acts
 
     @property
     def lively(self) -> bool:

@@ -135,7 +135,7 @@ _BESIDE = 300.0  # m beside the road at which somebody may still be who comes fr
 
 def _reach(actor: Actor, furthest: float) -> float:
     """How far beside the lanes a vehicle may be, m: not at all where SUMO drives it, or its script knows time alone."""
-    return furthest if actor.body in VULNERABLE or (actor.lively and actor.model is None) else 0.0
+    return furthest if actor.body in VULNERABLE or (actor.lively and not actor.follows_at_once) else 0.0
 
 
 def _check_place(logical: LogicalScenario, ego: Start, actors: Sequence[Actor], label: str) -> None:

@@ -18,6 +18,7 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.bodies import BODIES
 from sumo_eval.scenario.concrete import (
     LEAST_CHANGE,
+    RECORDED_EVERY,
     Actor,
     Brake,
     ConstantLateral,
@@ -243,11 +244,13 @@ class Place:
     lane_width: float = 3.5
     goal: Goal | None = None
     line: tuple[Piece, ...] = ()
+    recorded: tuple[tuple[float, float], ...] = ()
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
         """Where everybody starts and what everybody does."""
         known = self.definitions.at(values)
-        ego = Start(self.ego_x.at(known), self.ego_y.at(known), self.ego_speed.at(known), self.ego_lateral.at(known))
+        x, y, speed, lateral = (it.at(known) for it in (self.ego_x, self.ego_y, self.ego_speed, self.ego_lateral))
+        ego = Start(x, y, speed, lateral, recorded=self.recorded)
         if ego.lateral_speed and not abs(ego.lateral_speed) < ego.speed:
             raise must_be(
                 "`lateral_speed`", self.ego_lateral.owner, f"below the ego's speed {ego.speed:g} m/s", ego.lateral_speed
@@ -286,10 +289,10 @@ class Place:
         start = Start(x, item.y.at(known), speed)
         if item.on_map:
             s, d, turned = (float(it) for it in frame_places(self.line, start.x, start.y, heading))
-            actor = _played(item, Start(s, d, speed), turned, known)
+            actor = _played(item, Start(s, d, speed), turned, known, self.recorded)
             return replace(actor, on_map=(start.x, start.y, heading))
         if item.lively:
-            return _played(item, start, heading, known)
+            return _played(item, start, heading, known, self.recorded)
         moves: list[LaneChange | ConstantLateral] = []
         brake = None
         for move in item.moves:
@@ -310,14 +313,25 @@ def _model_numbers(numbers: Mapping[str, float]) -> tuple[tuple[str, float], ...
     return tuple((names[key], numbers[key]) for key in names if key in numbers)
 
 
-def _played(item: Vehicle, start: Start, heading: float, known: Mapping[str, float]) -> Actor:
-    """A vehicle whose moves depend on what happens, at a point."""
+def _played(
+    item: Vehicle,
+    start: Start,
+    heading: float,
+    known: Mapping[str, float],
+    recorded: tuple[tuple[float, float], ...],
+) -> Actor:
+    """A vehicle whose moves depend on what happens, at a point. recorded: places of the recorded ego."""
     acts: list[played.Act] = [] if item.moves else [played.Act(played.KEEP)]
     model = None
     for move in item.moves:
         numbers = {key: quantity.at(known) for key, quantity in move.numbers}
         if move.do == "follow":
             model = Model(move.model, numbers.get("speed", start.speed), _model_numbers(numbers))
+            if move.when is not None:
+                program = move.when.at(known)
+                acts.append(
+                    played.Act(played.FOLLOW, numbers["begin"], RECORDED_EVERY, table=recorded, program=program)
+                )
             continue
         act = _act(move.do, numbers, by_place=move.by_place)
         table = tuple((one.at(known), two.at(known)) for one, two in move.table)

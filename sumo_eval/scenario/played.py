@@ -23,13 +23,15 @@ Records = NDArray[Any]
 
 SMOOTH, CONSTANT, SINUS, COSINE = 0, 1, 2, 3  # kinds of moves across the line, as in `scenario.motion`
 SPEED, BY_TIME, BY_PLACE, PATH, KEEP = 10, 11, 12, 13, 14  # kinds of moves along it
+FOLLOW = 15  # from its begin on SUMO drives the vehicle
 WAITS, KNOWN, BEGUN = 0, 1, 2  # what has become of a move: its begin is not known, is to come, has been
 ALWAYS, EGO = -1, -1
+AT_ONCE, HANDED_OVER = 1, 2  # since when SUMO drives a vehicle
 
 (
     VALUE, TIME, X, Y, ALONG, ACROSS, GAP, DISTANCE, TTC, THW, ENDED, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, SMALLER,
-    LARGER, ABSOLUTE, BELOW, AT_MOST, AND, OR,
-) = range(23)  # fmt: skip
+    LARGER, ABSOLUTE, BELOW, AT_MOST, AND, OR, DEPARTED,
+) = range(24)  # fmt: skip
 """What a step of a condition's program does, on a stack."""
 DEEPEST = 24  # values on the stack of a condition
 
@@ -44,7 +46,7 @@ lateral move its own. first, count: its places in `TABLE`; program, steps: of it
 PIECE = np.dtype([(name, "f8") for name in ("duration", "acceleration", "jerk", "speed")])
 """A piece of motion: acceleration at its begin, jerk, and the speed at its end."""
 TABLE = np.dtype([("one", "f8"), ("two", "f8")])
-"""Points of a path (x, y), or knots of a profile (time or place, speed)."""
+"""Points of a path (x, y), knots of a profile (time or place, speed), or where a recorded ego was (x, y)."""
 PROGRAM = np.dtype([("value", "f8"), ("op", "i8"), ("one", "i8"), ("two", "i8")])
 PLAY = np.dtype(
     [
@@ -55,7 +57,7 @@ PLAY = np.dtype(
 """How a vehicle drives at the moment. x, y, heading: where its line begins and leads; on_map: 1 if that is said on the
 map of a road that bends, and not along and across it. line_s, line_time: what it had
 driven by then, and when. since, s, v: from when its pieces count, what it had driven, how fast it was. first_begin:
-when its first move began, s. model: 1 if SUMO drives it."""
+when its first move began, s. model: `AT_ONCE` if SUMO drives it from the start, `HANDED_OVER` if it does by now."""
 
 
 class Act(NamedTuple):
@@ -270,7 +272,7 @@ def _compare(stack: Any, k: int, margin_before: float, margin: float, equal: int
 
 @kernel
 def holds_from(
-    program: Any, act: Any, ego: Any, others: Any, acts: Any, now: float, before: float, stack: Any
+    program: Any, act: Any, ego: Any, others: Any, acts: Any, table: Any, now: float, before: float, stack: Any
 ) -> float:
     """Share of the step from `before` to `now` at which a condition came to hold, 0 if it held before; -1: it does not.
 
@@ -296,6 +298,10 @@ def holds_from(
         elif op <= THW:
             k += 1
             _pair(stack, k, op, it, ego, others)
+        elif op == DEPARTED:
+            k += 1
+            stack[k, 0] = departed(act, table, ego.before.x, ego.before.y, before)
+            stack[k, 1] = departed(act, table, ego.x, ego.y, now)
         elif op == ENDED:
             k += 1
             end = acts[it.one][it.two].end
@@ -316,6 +322,21 @@ def holds_from(
             for end in range(2):
                 stack[k, end] = _arithmetic(op, stack[k, end], stack[k + 1, end])
     return float(stack[0, 2]) if stack[0, 1] > 0.0 else -1.0
+
+
+@kernel
+def departed(act: Any, table: Any, x: float, y: float, time: float) -> float:
+    """How far a place is from where the recorded ego was at a time, m; the end of its recording counts after it.
+
+    act: a move whose places in `table` are those of the recorded ego, `duration` s apart.
+    """
+    at = min(max(time / act.duration, 0.0), act.count - 1.0)
+    first = min(int(at), act.count - 2)
+    share = at - first
+    one, two = table[act.first + first], table[act.first + first + 1]
+    dx = x - (one.one + share * (two.one - one.one))
+    dy = y - (one.two + share * (two.two - one.two))
+    return math.sqrt(dx * dx + dy * dy)
 
 
 @kernel
@@ -411,6 +432,10 @@ def _begin(play: Any, act: Any, pieces: Any, table: Any) -> None:
     if act.kind <= COSINE:
         act.end = act.begin + act.duration
         return
+    if act.kind == FOLLOW:
+        play.model = HANDED_OVER
+        act.end = math.inf
+        return
     s, v, _ = driven(play, pieces, act.begin)
     if act.kind == PATH:
         x, y, heading = on_line(play, table, s)
@@ -476,7 +501,7 @@ def wake(
         for q in range(plays[j].acts):
             act = acts[j][q]
             if act.state == WAITS:
-                share = holds_from(program[j], act, ego, others, acts, now, before, stack)
+                share = holds_from(program[j], act, ego, others, acts, table[j], now, before, stack)
                 if share >= 0.0:
                     act.begin = before + share * (now - before) + act.delay
                     act.state = KNOWN
@@ -568,7 +593,7 @@ def players(cases: Sequence[Sequence[Any]]) -> Players:
             pose = (start.x, start.y, actor.heading) if actor.on_map is None else actor.on_map
             found.plays[i, j] = (
                 *pose, 0.0, 0.0, 0.0, 0.0, start.speed, math.inf, len(actor.script), 0, 0, 0,
-                actor.slides, actor.model is not None, actor.on_map is not None,
+                actor.slides, AT_ONCE if actor.follows_at_once else 0, actor.on_map is not None,
             )  # fmt: skip
             first = step = 0
             for q, act in enumerate(actor.script):

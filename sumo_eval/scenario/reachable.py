@@ -56,7 +56,7 @@ def _may_hold(
             stack.append((value, value))
         elif op == played.ENDED:
             stack.append((0.0, 0.0 if (one, two) in endless else 1.0))
-        elif op in (played.DISTANCE, played.TTC, played.THW):
+        elif op in (played.DISTANCE, played.TTC, played.THW, played.DEPARTED):
             stack.append(_NOT_NEGATIVE)
         elif op == played.TIME or op <= played.GAP:
             stack.append(known.get((op, one), _ANY))

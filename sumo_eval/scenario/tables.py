@@ -89,6 +89,14 @@ class EgoTable(Checked):
         Positive,
         About("by which it must; default: where its lane ends or the ramp of the other begins", "m"),
     ] = None
+    recorded: Annotated[
+        tuple[tuple[float, float], ...],
+        About(
+            "where somebody was who drove here in its place: its centre along and across the road, every 0.1 s from "
+            "the start on; `departed` in a condition is the ego's distance from it",
+            "m",
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +120,8 @@ class ManoeuvreTable(Checked):
             "keep_speed; brake to a standstill; change_lane smoothly in `duration`; change_lane_cosine along half a "
             "cosine, OpenSCENARIO's sinusoidal; move_sideways at `speed`; "
             "accelerate to `speed`; speed_profile through `speeds` at `times` or `places`; sinus, a swing to both "
-            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts"
+            "sides; path through `points` or `lanes` at `places`; follow, as a model of SUMO's that reacts, from the "
+            "start on or, as the last of several, from `when` on"
         ),
     ]
     name: Annotated[str, About("name, for `ended(vehicle, name)` in a condition")] = ""

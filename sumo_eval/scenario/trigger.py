@@ -1,7 +1,8 @@
 """Conditions on what happens: `ttc(ego, child) < 2 and y(child) > 1`, made into steps that a kernel can do.
 
 Numbers of the point (parameters, definitions, options) may stand in one beside numbers of the moment: `time`, s since
-the start, and the functions below. What it says in plain numbers is worked out once for a case.
+the start, `departed`, m between the ego and where the recorded one was at the time, and the functions below. What it
+says in plain numbers is worked out once for a case.
 """
 
 from __future__ import annotations
@@ -57,18 +58,25 @@ class Trigger:
 
 
 def trigger(
-    text: str, owner: str, known: Iterable[str], vehicles: Mapping[str, int], moves: Mapping[str, Mapping[str, int]]
+    text: str,
+    owner: str,
+    known: Iterable[str],
+    vehicles: Mapping[str, int],
+    moves: Mapping[str, Mapping[str, int]],
+    *,
+    departs: bool = False,
 ) -> Trigger:
     """The condition in a text.
 
     known: names of the point's numbers. vehicles: numbers of the others by name. moves: of each vehicle, numbers of
-    its manoeuvres by name. Raises InputError naming what is wrong, and the nearest word.
+    its manoeuvres by name. departs: whether it may ask how far the ego is from a recorded one. Raises InputError naming
+    what is wrong, and the nearest word.
     """
     try:
         tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError(f"Condition `{text[:200]}` of {owner} cannot be read.") from None
-    steps = _Writer(text, owner, list(known), dict(vehicles), moves).condition(tree)
+    steps = _Writer(text, owner, list(known), dict(vehicles), moves, departs).condition(tree)
     if len(steps) > 4 * played.DEEPEST:
         raise InputError(f"Condition `{text[:200]}` of {owner} is too long.")
     return Trigger(text, tuple(steps))
@@ -81,6 +89,7 @@ class _Writer:
     known: list[str]
     vehicles: dict[str, int]
     moves: Mapping[str, Mapping[str, int]]
+    departs: bool = False
 
     def condition(self, node: ast.expr, depth: int = 0) -> list[Step]:
         """Steps that leave on the stack whether it holds."""
@@ -128,6 +137,13 @@ class _Writer:
         match node:
             case ast.Name(id="time"):
                 return [_step(played.TIME)]
+            case ast.Name(id="departed"):
+                if not self.departs:
+                    raise InputError(
+                        f"`departed` in the condition `{self.text[:200]}` of {self.owner} may stand in one of a "
+                        "`follow` alone, where [ego] has `recorded` places."
+                    )
+                return [_step(played.DEPARTED)]
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return [*self.number(operand, depth + 1), _step(played.NEGATE)]
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
@@ -154,7 +170,7 @@ class _Writer:
 
     def _of_the_moment(self, node: ast.expr) -> bool:
         for part in ast.walk(node):
-            if isinstance(part, ast.Name) and part.id == "time" and "time" not in self.known:
+            if isinstance(part, ast.Name) and part.id in ("time", "departed") and part.id not in self.known:
                 return True
             if isinstance(part, ast.Call) and not (
                 isinstance(part.func, ast.Name) and part.func.id in ("min", "max", "abs", "sqrt", "exp", "log", "tanh")

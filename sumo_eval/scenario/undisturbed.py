@@ -14,8 +14,10 @@ import numpy as np
 from sumo_eval.kernels import kernel, rows
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.played import (
+    AT_ONCE,
     BEGUN,
     DEEPEST,
+    HANDED_OVER,
     Players,
     Records,
     begin_due,
@@ -134,8 +136,11 @@ def _look(
         last = other.before
         last.x, last.y, last.heading = other.x, other.y, other.heading
         last.speed, last.across = other.speed, other.across
-        if play.model:
+        if play.model == AT_ONCE:
             other.x = play.x + play.v * now
+            continue
+        if play.model == HANDED_OVER:  # it keeps the speed that it had then
+            other.x, other.heading, other.across = other.x + other.speed * (now - before), 0.0, 0.0
             continue
         begin_due(play, acts[j], pieces[j], table[j], now)
         place(other, play, acts[j], pieces[j], table[j], now, line)

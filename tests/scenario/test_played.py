@@ -150,7 +150,8 @@ def test_a_move_begins_when_another_has_ended_and_a_delay_is_over() -> None:
         ({"do": "path", "deceleration": None, "points": [[10.0, 400.0]]}, "must be on the map"),
         ({"do": "path", "deceleration": None, "lanes": [7], "places": [10.0]}, "within 0..1"),
         ({"do": "follow", "deceleration": None}, "must have `model`"),
-        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "time > 1"}, "follows from the start"),
+        ({"do": "follow", "deceleration": None, "model": "IDM", "begin": 1.0}, "follows from the start"),
+        ({"do": "follow", "deceleration": None, "model": "IDM", "when": "departed > 1"}, "has `recorded` places"),
     ],
 )  # fmt: skip
 def test_every_mistake_is_a_sentence_that_names_the_nearest_word(change: dict[str, Any], sentence: str) -> None:

@@ -26,6 +26,10 @@ _WORDS = {
     "touched_vehicle": "writes to other vehicles",
     "stepped_the_clock": "steps SUMO's clock, which is left out",
     "trigger_never_fired": "a condition of a script never held ({requested:.0f} in all)",
+    "departed": "the ego was up to {requested:.2f} m from where the recorded one was at the time, "
+    "{applied:.2f} m at the end",
+    "handed_over": "the ego departed from the recorded one: others reacted to it from {requested:.2f} s on, "
+    "the last from {applied:.2f} s",
     "goal_missed": "the lane change that the ego had to make was not made by x = {requested:.0f} m",
     "struck_from_behind": "a vehicle that reacts ran into the ego from behind at {requested:.2f} m/s, "
     "{applied:.2f} s after the ego had come into that lane",

@@ -65,7 +65,7 @@ def has_shadow(concrete: ConcreteScenario, vehicle: int) -> bool:
     if vehicle == 0:
         return True
     actor = concrete.actors[vehicle - 1]
-    return actor.model is None and actor.body not in VULNERABLE
+    return not actor.follows_at_once and actor.body not in VULNERABLE
 
 
 def shadow_name(name: str) -> str:

@@ -1,0 +1,132 @@
+"""A recorded scene with an ADS in the place of one of its vehicles: others as they drove, or reacting to it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sumo_eval.cosim import simulate
+from sumo_eval.drivers.recorded.recordings import Recordings, canonical
+from sumo_eval.errors import InputError
+from sumo_eval.rates.departures import Departure
+from sumo_eval.rates.recorded_scene import FAR, NEVER, fit_speeds, thinned, write_scene
+from sumo_eval.scenario.concrete import departures, smooth_step
+from sumo_eval.scenario.file import read_scenario, scenario_from
+
+TIME = np.round(np.arange(0.0, 20.05, 0.1), 1)
+
+
+def recorded() -> Recordings:
+    """Four in two lanes: the ego, one behind it, one that changes from the left lane to behind that, one far away."""
+    changing = 3.6 * (1.0 - smooth_step((TIME - 4.0) / 5.0))
+    tracks = {
+        "ego": (200.0 + 25.0 * TIME, 0.0 * TIME),
+        "rear": (160.0 + 25.0 * TIME + 0.5 * np.sin(TIME), 0.1 * np.sin(TIME / 3.0)),
+        "side": (110.0 + 25.0 * TIME, changing),
+        "left": (230.0 + 28.0 * TIME, 3.6 + 0.0 * TIME),
+        "far": (900.0 + 28.0 * TIME, 3.6 + 0.0 * TIME),
+    }
+    rows = [
+        pd.DataFrame({"recording": "r", "vehicle": name, "t": TIME + 100.0, "x": x, "y": y, "length": 4.4, "width": 1.8,
+                      "class": "car", "speed": np.gradient(x, TIME), "heading": 0.0, "lane": np.round(y / 3.6)})
+        for name, (x, y) in tracks.items()
+    ]  # fmt: skip
+    return canonical(pd.concat(rows, ignore_index=True))
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    found = write_scene(recorded(), path, "ego", end=120.0, model="IDM", beyond=2.0)
+    assert found.left_out == {FAR: 1}
+    assert (found.others, found.continued, found.seconds) == (3, 0, 20.0)
+    assert found.error[1] < 0.1
+    return path
+
+
+def test_where_nobody_departs_everybody_drives_as_recorded(scene: Path) -> None:
+    logical = read_scenario(scene)
+    found = simulate(logical.concrete(react_beyond=2.0), "no_reaction")  # the recorded ego kept its speed, too
+    (clip,) = [one for one in found.clips if one.what == "departed"]
+    assert clip.requested < 0.01
+    assert not any(one.what in ("handed_over", "trigger_never_fired") for one in found.clips)
+    truth = recorded().table
+    for name in ("rear", "side", "left"):
+        drive, rows = found.actors[f"v{name}"], truth[truth["vehicle"] == name]
+        shift = found.ego.x[0] - 200.0
+        x = np.interp(drive.time, TIME, rows["x"]) + shift
+        assert np.abs(drive.x - x).max() < 0.1
+        assert np.abs(drive.y - np.interp(drive.time, TIME, rows["y"])).max() < 0.1
+
+
+def brakes(observation: object) -> float:
+    return -3.0 if observation.time >= 12.0 else 0.0  # type: ignore[attr-defined]
+
+
+def test_others_react_from_the_departure_on_and_else_drive_into_whoever_brakes(scene: Path) -> None:
+    logical = read_scenario(scene)
+    reacting, blind = (simulate(logical.concrete(react_beyond=beyond), brakes) for beyond in (2.0, NEVER))
+    # 2 m = 3.0 / 2 t^2 after t = 1.155 s; the acceleration builds up within the vehicle's own jerk.
+    (over,) = [one for one in reacting.clips if one.what == "handed_over"]
+    assert over.count == 3
+    assert 13.1 < over.requested < 13.7
+    before = min(over.requested, 13.0)
+    for name, drive in reacting.actors.items():
+        seen = drive.time <= before
+        assert np.array_equal(drive.x[seen], blind.actors[name].x[: seen.sum()])
+    assert reacting.collision is None
+    assert blind.collision is not None
+    assert (blind.collision.other, blind.collision.side) == ("vrear", "rear")
+
+
+def test_distance_from_a_recorded_ego_by_hand() -> None:
+    # at 0.05 s it was half-way between (0, 0) and (3, 4); after 0.1 s it stays at (3, 4)
+    found = departures(((0.0, 0.0), (3.0, 4.0)), [0.0, 0.05, 9.0], [0.0, 1.5, 0.0], [0.0, 0.0, 0.0])
+    assert found == pytest.approx([0.0, 2.0, 5.0])
+    told = Departure("mine", "scene", "react_beyond=2", np.array([0.0, 0.05, 9.0]), found, (1.2, 2), "time_limit")
+    assert "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on" in told.sentence()
+
+
+def test_speeds_that_drive_a_way_and_points_that_make_a_line() -> None:
+    time = np.arange(0.0, 4.01, 0.1)
+    knots, speeds = fit_speeds(time, 10.0 * time + 0.5 * 2.0 * time**2)
+    assert speeds == pytest.approx(10.0 + 2.0 * knots, abs=1e-6)
+    _, standing = fit_speeds(time, np.zeros(len(time)))
+    assert standing == pytest.approx(0.0, abs=1e-9)
+    x = np.arange(5.0)
+    assert thinned(x, np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 0.1) == [0, 1, 2, 3, 4]
+    assert thinned(x, 0.3 * x, 0.1) == [0, 4]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"ego": "eg"}, "Unknown vehicle of the recording `eg`. Did you mean `ego`"),
+        ({"ego": "ego", "end": 300.0}, "within its recording, 100 to 120 s"),
+        ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
+        ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
+    ],
+)
+def test_a_scene_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path, given: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
+
+
+def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego() -> None:
+    follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
+    content = {
+        "name": "t", "parameter": [{"name": "far", "unit": "m", "values": [1.0, 2.0]}], "zone": "none",
+        "ego": {"speed": 20.0, "recorded": [[50.0, 0.0], [52.0, 0.0]]},
+        "vehicle": [{"name": "a", "gap": 30.0, "speed": 20.0, "manoeuvre": [follow]}],
+    }  # fmt: skip
+    assert scenario_from(content, "t", Path()).concrete(far=1.0).reacts
+    content["vehicle"][0]["manoeuvre"] = [follow, {"do": "brake", "deceleration": 2.0}]
+    with pytest.raises(InputError, match="must do nothing after it does `follow`"):
+        scenario_from(content, "t", Path())
+    content["vehicle"][0]["manoeuvre"] = [follow]
+    del content["ego"]["recorded"]
+    with pytest.raises(InputError, match="has `recorded` places"):
+        scenario_from(content, "t", Path())
