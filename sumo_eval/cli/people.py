@@ -91,8 +91,8 @@ def scene(
         import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
     )
     click.echo(
-        f"{found.others} vehicles around {ego} for {found.seconds:.1f} s; in the file they are {found.error[0]:.3f} m "
-        f"(root mean square; at most {found.error[1]:.2f} m) from where they were recorded."
+        f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
+        f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where they were recorded."
     )
     if found.continued:
         click.echo(

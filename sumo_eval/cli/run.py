@@ -11,7 +11,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.stopping import Stopping
+from sumo_eval.cli.stopping import Heard, Stopping
 from sumo_eval.cli.tools import refuse_a_bare_file
 
 LIMIT = click.FloatRange(min=0, min_open=True)
@@ -55,11 +55,12 @@ def run(
 
     if evaluation is not None:
         read_evaluation(evaluation)  # a mistake in it is told at once
-    warm_up()  # before the imports below, which take a second
-    from sumo_eval.evaluation import let_go
-    from sumo_eval.evaluation import score as score_run
-    from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
-    from sumo_eval.record.run_folder import refuse_foreign
+    with Heard():
+        warm_up()  # before the imports below, which take a second
+        from sumo_eval.evaluation import let_go
+        from sumo_eval.evaluation import score as score_run
+        from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
+        from sumo_eval.record.run_folder import refuse_foreign
 
     part = WHOLE if shard is None else parse_shard(shard)
     for locator in ads:

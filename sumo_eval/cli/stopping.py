@@ -17,6 +17,27 @@ GRACE = 10.0  # s for running cases after SIGTERM
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
+class Heard:
+    """A context for imports, at whose end a Ctrl-C that came meanwhile is raised: amid an import it could fall into a
+    callback of Python's own, which drops what is raised there.
+    """
+
+    def __init__(self) -> None:
+        self._before: Any = None
+        self._heard = False
+
+    def __enter__(self) -> None:
+        self._before = signal.signal(signal.SIGINT, self._hear)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        signal.signal(signal.SIGINT, self._before)
+        if self._heard and error is None:
+            raise KeyboardInterrupt
+
+    def _hear(self, number: int, frame: FrameType | None) -> None:
+        self._heard = True
+
+
 class Stopping:
     """A context that gives the function to ask whether to stop; the second signal raises KeyboardInterrupt."""
 

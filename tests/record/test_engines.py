@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from sumo_eval.cli.stopping import Heard
 from sumo_eval.cosim import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case, Outcome, Setup
@@ -209,6 +210,22 @@ def test_warming_up_begins_the_process_that_makes_the_children_and_they_come_fro
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "a child\n"), done.stderr
+
+
+def imported(error: type[Exception] | None = None) -> None:
+    """Imports amid which a Ctrl-C comes."""
+    with Heard():
+        os.kill(os.getpid(), signal.SIGINT)
+        if error is not None:
+            raise error
+
+
+def test_a_ctrl_c_that_comes_amid_imports_is_raised_when_they_are_done():
+    with pytest.raises(KeyboardInterrupt):
+        imported()
+    with pytest.raises(ImportError):  # what goes wrong by itself comes first
+        imported(ImportError)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere children are spawned")
