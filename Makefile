@@ -36,7 +36,7 @@ campaign: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m campaign
 
 coverage: $(VENV)/.installed-dev
-	$(BIN)/python -m coverage run -m pytest
+	$(BIN)/python -m coverage run -m pytest -n auto --dist loadfile
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
