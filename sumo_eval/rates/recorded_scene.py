@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import tomli_w
 
-from sumo_eval.drivers.recorded.recordings import INTERVAL, Recordings
+from sumo_eval.drivers.recorded.recordings import INTERVAL, STANDARD_LANE, Recordings
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.undisturbed import tracks
@@ -168,7 +168,7 @@ def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:
     middles = np.sort(rows.groupby("lane")["y"].median().to_numpy())
     gaps = np.diff(middles)
     gaps = gaps[(gaps > 2.5) & (gaps < 4.5)]
-    width = round(float(np.median(gaps)), 2) if len(gaps) else 3.5
+    width = round(float(np.median(gaps)), 2) if len(gaps) else STANDARD_LANE
     return float(middles[0]), width, max(round(float(middles[-1] - middles[0]) / width) + 1, 1)
 
 

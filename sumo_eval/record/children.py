@@ -118,7 +118,7 @@ def is_gone(process: Any, within: float) -> bool:
 
 def wake_forkserver() -> None:
     """Let the process that makes the children go on, should users' code have stopped it."""
-    _signal_forkserver(signal.SIGCONT)
+    _signal_forkserver("SIGCONT")
 
 
 def forkserver() -> tuple[int | None, set[int | None]]:
@@ -130,21 +130,19 @@ def forkserver() -> tuple[int | None, set[int | None]]:
 
 def _end_forkserver() -> None:
     """Let the next child come from a new one. Children that are there go on: they hang on their leashes."""
-    if _KIND != "forkserver":
-        return
-    pid = _signal_forkserver(signal.SIGKILL)
+    pid = _signal_forkserver("SIGKILL")
     if pid:
         with suppress(OSError):
             os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # whoever begins the next one takes its end in
 
 
-def _signal_forkserver(number: signal.Signals) -> int:
-    """Send it a signal; its process id, or 0 where there is none."""
-    pid: int | None = multiprocessing.forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]  # shown nowhere else
-    if pid is None or _KIND != "forkserver":
+def _signal_forkserver(name: str) -> int:
+    """Send it a signal, by a name that not every system knows; its process id, or 0 where there is none."""
+    pid, _ = forkserver()
+    if pid is None:
         return 0
     with suppress(OSError):
-        os.kill(pid, number)
+        os.kill(pid, signal.Signals[name])
     return pid
 
 

@@ -63,9 +63,7 @@ def drive_measures(
     """
     lane_width = logical.road.lane_width
     evaluated = [fact for fact in facts if fact.status in EVALUATED]
-    keys = [
-        key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources()) for fact in evaluated
-    ]  # fmt: skip
+    keys = [key_of("drive", store.case_hash(fact.case), lane_width, space, method_sources()) for fact in evaluated]
     found = {
         fact.case: data
         for fact, key in zip(evaluated, keys, strict=True)

@@ -15,7 +15,7 @@ Readings, where the standard leaves one or the world here is narrower:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -217,10 +217,8 @@ class _Player:
         self.conditions = Conditions(self.entities, self.number_of)
         for name in self.doing:
             self.doing[name].speed = self.entities[name].speed
-        for part in story.iterfind("Story"):
-            scope = within(self.scope, part.find("ParameterDeclarations"))
-            for act in part.iterfind("Act"):
-                self._act(act, scope)
+        for act, scope in self._acts(story):
+            self._act(act, scope)
         self._stop(story.find("StopTrigger"))
         ego = self.entities[self.ego]
         assert ego.frame is not None
@@ -442,13 +440,17 @@ class _Player:
 
     # -- the story -----------------------------------------------------------------------------------------------------
 
+    def _acts(self, story: Element) -> Iterator[tuple[Element, Scope]]:
+        """Every act of the stories, and what is known in it."""
+        for part in story.iterfind("Story"):
+            scope = within(self.scope, part)
+            for act in part.iterfind("Act"):
+                yield act, scope
+
     def _delete_at_once(self, story: Element) -> None:
         """Entities that are deleted at the start are not there."""
         conditions = Conditions(self.entities, {})
-        for act in story.iterfind("Story/Act"):
-            around = act.getparent()
-            assert around is not None
-            scope = within(self.scope, around.find("ParameterDeclarations"))
+        for act, scope in self._acts(story):
             for event in act.iterfind("ManeuverGroup/Maneuver/Event"):
                 deleted = event.findall("Action/GlobalAction/EntityAction")
                 if not any(part.find("DeleteEntityAction") is not None for part in deleted):
@@ -479,7 +481,7 @@ class _Player:
                 maneuver, scope = self.catalogs.entry(part, around)
                 ends.append(self._maneuver(maneuver, scope, names, begin))
             elif part.tag == "Maneuver":
-                scope = within(around, part.find("ParameterDeclarations"))
+                scope = within(around, part)
                 ends.append(self._maneuver(part, scope, names, begin))
         return max(ends)
 

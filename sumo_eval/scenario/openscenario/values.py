@@ -178,12 +178,15 @@ def compared(rule: str, one: Value, two: Value, element: Element) -> bool:
     return (str(one) == str(two)) == (rule == "equalTo")
 
 
-def declared(parent: Element | None, given: Mapping[str, Value]) -> tuple[Scope, list[str]]:
+def declared(
+    parent: Element | None, given: Mapping[str, Value], around: Scope | None = None
+) -> tuple[Scope, list[str]]:
     """The declared parameters at given values, in the order of the file, and the constraints that do not hold.
 
-    Raises InputError for a given value that nobody declares.
+    around: what is known there besides; a parameter of the same name takes its place. Raises InputError for a given
+    value that nobody declares.
     """
-    scope = Scope({})
+    scope = Scope({} if around is None else dict(around.values))
     broken: list[str] = []
     found = [] if parent is None else [part for part in children(parent) if part.tag == "ParameterDeclaration"]
     names = [attribute(part, "name") for part in found]
@@ -191,8 +194,8 @@ def declared(parent: Element | None, given: Mapping[str, Value]) -> tuple[Scope,
         if name not in names:
             place = "The file" if parent is None else where(parent)
             raise InputError(f"{place}: parameter `{name}` is not declared.{did_you_mean(name, names)}")
-    for part, name in zip(found, names, strict=True):
-        if name in scope.values:
+    for earlier, (part, name) in enumerate(zip(found, names, strict=True)):
+        if name in names[:earlier]:
             raise fault(part, f"parameter `{name}` is declared twice")
         scope.values[name] = given[name] if name in given else worked_out(str(part.get("value", "")), scope, part)
     for part, name in zip(found, names, strict=True):
@@ -200,19 +203,11 @@ def declared(parent: Element | None, given: Mapping[str, Value]) -> tuple[Scope,
     return scope, broken
 
 
-def within(outer: Scope, parent: Element | None) -> Scope:
-    """What a part of a file knows: all that is around it, and what its own <ParameterDeclarations> add or replace."""
-    if parent is None:
-        return outer
-    scope, own = Scope(dict(outer.values)), set[str]()
-    for part in parent.iterfind("ParameterDeclaration"):
-        name = attribute(part, "name")
-        if name in own:
-            raise fault(part, f"parameter `{name}` is declared twice")
-        own.add(name)
-        scope.values[name] = worked_out(str(part.get("value", "")), scope, part)
-        if broken := _broken(part, name, scope):
-            raise fault(part, f"a constraint does not hold: {broken[0]}")
+def within(outer: Scope, part: Element) -> Scope:
+    """What a story or a manoeuvre knows: all around it, and what its own <ParameterDeclarations> add or replace."""
+    scope, broken = declared(part.find("ParameterDeclarations"), {}, outer)
+    if broken:
+        raise fault(part, f"a constraint does not hold: {broken[0]}")
     return scope
 
 
