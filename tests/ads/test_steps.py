@@ -146,7 +146,7 @@ def test_the_clearance_of_bodies_on_the_map_by_hand():
     ego = Trajectory(time, np.zeros(2), np.zeros(2), speed=np.zeros(2))
     across = Trajectory(time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.5 * np.pi), speed=np.zeros(2))
     assert clearance(Recording(ego, {"across": across}, None, "road_end"), ROAD) == pytest.approx(10.0 - 0.9 - 2.25)
-    # turned by 45 degrees, a corner is (2.25 + 0.9) / sqrt 2 nearer and (2.25 - 0.9) / sqrt 2 to the side of the ego's axis
+    # turned by 45 degrees: a corner (2.25 + 0.9) / sqrt 2 nearer, (2.25 - 0.9) / sqrt 2 to the side of the ego's axis
     askew = Trajectory(time, np.full(2, 10.0), np.zeros(2), heading=np.full(2, 0.25 * np.pi), speed=np.zeros(2))
     found = clearance(Recording(ego, {"askew": askew}, None, "road_end"), ROAD)
     assert found == pytest.approx(np.hypot(10.0 - 2.25 - 3.15 / np.sqrt(2.0), 1.35 / np.sqrt(2.0) - 0.9))
