@@ -126,8 +126,8 @@ def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
     """Points whose outcome at 0.05 s is not that at 0.005 s, and by how much more than a graze one run is clear, m."""
     cases = drawn(name, count)
     (coarse, hit, gap), (fine, hit_fine, gap_fine) = (outcomes(cases, ads, step) for step in (0.05, 0.005))
-    near = (gap_fine < 0.5) & ~hit & ~hit_fine
-    moves = np.abs(gap - gap_fine)[near] if near.any() else np.zeros(1)
+    near = (gap_fine < 0.5) & (gap < np.inf) & ~hit & ~hit_fine
+    moves = np.abs(gap[near] - gap_fine[near]) if near.any() else np.zeros(1)
     flips = [
         (cases[row].label, clearance((fine if hit[row] else coarse)[row], cases[row].road))
         for row in np.flatnonzero(hit != hit_fine)
