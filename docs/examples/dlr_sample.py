@@ -51,4 +51,4 @@ def write_sample(folder: Path, seconds: int) -> Path:
 
 
 if __name__ == "__main__":
-    print(write_sample(Path(sys.argv[1]), int(sys.argv[2])))
+    sys.stdout.write(f"{write_sample(Path(sys.argv[1]), int(sys.argv[2]))}\n")
