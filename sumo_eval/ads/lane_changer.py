@@ -10,6 +10,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import JUMP, first_instant
 from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
+from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import path_at, rear_axle_next, steering
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
@@ -20,10 +21,6 @@ from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.kernels import kernel, rows
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
-CYCLE = 0.05
-"""s from one decision to the next, or a step where that is longer. Beside a lead that it passes the rule brakes or does
-not: who is just clear is let go, and is not clear any more. In continuous time that has no limit, so the rule has a
-clock of its own, as a control unit has."""
 
 _MEMORY = np.dtype(
     [
@@ -139,6 +136,7 @@ def lane_changer(
 ) -> tuple[float, float]:  # fmt: skip
     """Acceleration, m/s2, and steering wheel angle, rad: decide once a cycle, then steer along the path decided on.
 
+    Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is not clear any more.
     way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a cycle as its step.
     """
     if memory.steps == 0:
@@ -188,9 +186,7 @@ class LaneChanger(Compiled):
         """Memory, what is remembered of the others, room for where they are foreseen to be, habits, parameters and what
         a cycle is.
         """
-        count, step = len(together), float(scenario["step"][0])
-        cycles = np.repeat(scenario, count)
-        cycles["step"] = max(round(CYCLE / step), 1) * step
+        count = len(together)
         return (
             np.zeros(count, _MEMORY),
             unknown(count, others, SIGHTING),
@@ -199,5 +195,5 @@ class LaneChanger(Compiled):
             unknown(count, others, WATCHED),
             records([each.habits for each in together], HABITS),
             records([each.parameters for each in together], PARAMETERS),
-            cycles,
+            cycles_of(scenario, count),
         )
