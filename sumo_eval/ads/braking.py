@@ -80,16 +80,24 @@ def mean_level(level: float, mean: float, rate: float, step: float) -> float:
 
 
 @kernel
-def released_level(level: float, lost: float, rate: float, step: float) -> float:
-    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are open.
+def released_level(level: float, lost: float, rate: float, step: float, most: float) -> float:
+    """What to tell brakes that are at `level`, m/s2, so that they lose `lost` m/s until they are open; up to `most`.
 
-    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after it:
+    They go at `rate` j to the told level c, hold it to the end of the step h, and go on to 0 after it. Where they only
+    open:
 
         lost = level^2 / (2 j) + c (h - (level - c) / j)
+
+    and where they brake harder first, as far as they come within the step:
+
+        lost = c (h + level / j) - level^2 / (2 j)
     """
+    square = level * level / rate
+    if lost > level * step + 0.5 * square:
+        return min((lost + 0.5 * square) / (step + level / rate), level + rate * step, max(most, level))
     spare = step - level / rate
-    square = spare * spare + 4.0 * (lost - 0.5 * level * level / rate) / rate
-    told = 0.5 * rate * (math.sqrt(square) - spare) if square > 0.0 else 0.0
+    inside = spare * spare + 4.0 * (lost - 0.5 * square) / rate
+    told = 0.5 * rate * (math.sqrt(inside) - spare) if inside > 0.0 else 0.0
     return min(max(told, 0.0), level)
 
 
@@ -118,11 +126,11 @@ def path_command(
     if releases and before == 0.0 and lost == 0.0:
         path.owed = 0.0
         return 0.0
+    most = min(strongest, vehicle.max_deceleration) if rise < fall else vehicle.max_deceleration
     if releases:
         until_open = lost + path.owed + 0.5 * path.level * path.level / fall
-        told = released_level(before, until_open, fall, step)
+        told = released_level(before, until_open, fall, step, most)
     else:
-        most = min(strongest, vehicle.max_deceleration) if rise < fall else vehicle.max_deceleration
         told = min(max(mean_level(before, (lost + path.owed) / step, fall, step), 0.0), most)
     takes = moved(before, told, fall, step)
     path.brakes = takes.level

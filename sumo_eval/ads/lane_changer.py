@@ -10,6 +10,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import JUMP, first_instant
 from sumo_eval.ads.car_following import PARAMETERS, IdmParameters, free_acceleration
+from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import path_at, rear_axle_next, steering
 from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabits, overtake
 from sumo_eval.ads.pedals import PEDALS, gained_towards, pedal_command
@@ -20,19 +21,16 @@ from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.kernels import kernel, rows
 
 SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, duration=8.0)
-CYCLE = 0.05
-"""s from one decision to the next, or a step where that is longer. Beside a lead that it passes the rule brakes or does
-not: who is just clear is let go, and is not clear any more. In continuous time that has no limit, so the rule has a
-clock of its own, as a control unit has."""
 
 _MEMORY = np.dtype(
     [
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
-        *fields("desired_speed", "told"), *flags("steps"),
+        *fields("desired_speed", "told", "steered"), *flags("steps"),
     ]
 )  # fmt: skip
 """decided: what it is about. tried: what it would be about at some instant of the cycle. then: where the ego is at it,
-as far as can be foreseen. told: acceleration, m/s2. steps: how many there have been."""
+as far as can be foreseen. told: acceleration, m/s2. steered: steering wheel angle, rad. steps: how many there have
+been."""
 
 
 @kernel
@@ -137,8 +135,9 @@ def lane_changer(
     me: Any, others: Any, memory: Any, sightings: Any, watched: Any, later: Any, tried: Any, habits: Any, p: Any,
     way: Any, cycle: Any, scenario: Any,
 ) -> tuple[float, float]:  # fmt: skip
-    """Acceleration, m/s2, and steering wheel angle, rad: decide once a cycle, then steer along the path decided on.
+    """Acceleration, m/s2, and steering wheel angle, rad: decided once a cycle, along the path decided on.
 
+    Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is not clear any more.
     way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a cycle as its step.
     """
     if memory.steps == 0:
@@ -147,9 +146,10 @@ def lane_changer(
         for j in range(len(others)):
             sight(sightings[j], others[j], cycle.step)
         memory.told = _decide((me, memory, sightings, watched, later, tried, habits, p, way, cycle))
+        y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, cycle))
+        memory.steered = steering(memory.decided, me, y, slope, bend, cycle)
     memory.steps += 1
-    y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, scenario))
-    return memory.told, steering(memory.decided, me, y, slope, bend, scenario)
+    return memory.told, memory.steered
 
 
 @rows
@@ -188,9 +188,7 @@ class LaneChanger(Compiled):
         """Memory, what is remembered of the others, room for where they are foreseen to be, habits, parameters and what
         a cycle is.
         """
-        count, step = len(together), float(scenario["step"][0])
-        cycles = np.repeat(scenario, count)
-        cycles["step"] = max(round(CYCLE / step), 1) * step
+        count = len(together)
         return (
             np.zeros(count, _MEMORY),
             unknown(count, others, SIGHTING),
@@ -199,5 +197,5 @@ class LaneChanger(Compiled):
             unknown(count, others, WATCHED),
             records([each.habits for each in together], HABITS),
             records([each.parameters for each in together], PARAMETERS),
-            cycles,
+            cycles_of(scenario, count),
         )

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import is_visible, lateral_overlap
 from sumo_eval.ads.r157 import (
@@ -29,7 +30,7 @@ from sumo_eval.ads.r157 import (
     within_headway,
 )
 from sumo_eval.cosim.compiled import Compiled, records, unknown
-from sumo_eval.cosim.records import MOVER, Records, fields
+from sumo_eval.cosim.records import MOVER, Records, fields, flags
 from sumo_eval.errors import must_be
 from sumo_eval.kernels import kernel, rows
 
@@ -68,6 +69,8 @@ def critical_ttc(closing_speed: float) -> float:
 
 _PARAMETERS = fields("margin", "lead_braking", "standstill_gap")
 _GRANTED = fields("braking", "response", "build_up")
+_MEMORY = [("safety", SAFETY_MEMORY), *fields("told"), *flags("steps")]
+"""safety: its brakes, and where the ego is. told: the acceleration told in this cycle, m/s2. steps: driven so far."""
 
 
 @kernel
@@ -97,29 +100,38 @@ def reg157_demand(scene: Any, after: float) -> float:
 
 @kernel
 def reg157(
-    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, granted: Any, scenario: Any, time: float
-) -> float:
-    """Braking while a vehicle ahead demands it, else the speed is kept, as an acceleration, m/s2."""
-    sight_all(memory, me, others, sightings, scenario.step)
-    scene = (memory.me, memory.then, sightings, later, p, granted, scenario)
-    jerk = granted.braking / granted.build_up if granted.build_up > 0.0 else math.inf
-    return -follow_demand(
-        memory.braking, reg157_demand, scene, time, granted.response, granted.braking, jerk, scenario.vehicle,
-        scenario.step,
-    )  # fmt: skip
+    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, granted: Any, cycle: Any, scenario: Any,
+    time: float,
+) -> float:  # fmt: skip
+    """Braking while a vehicle ahead demands it, else the speed is kept, as an acceleration, m/s2; decided once a cycle.
+
+    cycle: the scenario, with a cycle as its step.
+    """
+    if memory.steps % round(cycle.step / scenario.step) == 0:
+        safety = memory.safety
+        sight_all(safety, me, others, sightings, cycle.step)
+        scene = (safety.me, safety.then, sightings, later, p, granted, cycle)
+        jerk = granted.braking / granted.build_up if granted.build_up > 0.0 else math.inf
+        memory.told = -follow_demand(
+            safety.braking, reg157_demand, scene, time, granted.response, granted.braking, jerk, cycle.vehicle,
+            cycle.step,
+        )  # fmt: skip
+    memory.steps += 1
+    return float(memory.told)
 
 
 @rows
 def reg157_rows(
     egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, parameters: Records,
-    granted: Records, scenario: Records, time: float,
+    granted: Records, cycles: Records, scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`reg157` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             egos[i].command.acceleration = reg157(
-                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], granted[i], scenario[0], time
-            )
+                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], granted[i], cycles[i],
+                scenario[0], time,
+            )  # fmt: skip
             egos[i].command.steering = lane_kept(egos[i], scenario[0])
 
 
@@ -145,11 +157,13 @@ class Reg157(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters."""
+        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters, what is granted
+        and what a cycle is.
+        """
         count = len(together)
         granted = records([each.last_moment for each in together], _GRANTED)
         later = np.zeros((count, others), MOVER)
         return (
-            np.zeros(count, SAFETY_MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS),
-            granted,
+            np.zeros(count, _MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS),
+            granted, cycles_of(scenario, count),
         )  # fmt: skip

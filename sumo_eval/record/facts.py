@@ -38,6 +38,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.openscenario.collections import expanded
+from sumo_eval.scenario.road.table import check_line
 from sumo_eval.scenario.sampling.adaptive import size_of_round
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_evaluation, settings_from
@@ -163,7 +164,7 @@ def record_facts(
     refuse_engine(evaluation.run)
     if evaluation.run.qualification and not run_folder.is_run(folder):
         read_qualification(evaluation.run.qualification, source)
-    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
+    _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
@@ -191,6 +192,13 @@ def record_facts(
             store.seal()
             store.note(run_folder.COMPLETE, "yes")
             return _counted(store, folder, shard)
+
+
+def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
+    """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is compiled or driven."""
+    for name, logical in scenarios_of(evaluation, source).items():
+        road = logical.road
+        check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", evaluation.simulation.vehicle)
 
 
 def in_rounds(settings: EvaluationSettings, folder: Path | None) -> EvaluationSettings:
@@ -309,7 +317,7 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     )
     evaluation = replace(evaluation, scenario=entries)
     refuse_engine(evaluation.run)
-    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
+    _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)

@@ -1,5 +1,8 @@
 """Told levels take off, by way of the vehicle model's brakes, the speed that braking in continuous time would."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from road_scenes import fresh
@@ -10,6 +13,7 @@ from sumo_eval.ads.braking import (
     follow_demand,
     mean_level,
     moved,
+    path_command,
     released_level,
     switched,
 )
@@ -69,11 +73,20 @@ def test_law_a_mean_is_met_where_the_brakes_can(step):
 def test_law_a_release_takes_off_what_it_is_to(step):
     for level, share, _ in draws(100):
         level *= 9.0
-        least, most = 0.5 * level * level / RATE, level * step + 0.5 * level * level / RATE
+        least, most = (lost(level, [(told, step), (0.0, 1.0)]) for told in (0.0, level + RATE * step))
         wanted = least + share * (most - least)
-        told = released_level(level, wanted, RATE, step)
+        told = released_level(level, wanted, RATE, step, 99.0)
         assert lost(level, [(told, step), (0.0, 1.0)]) == pytest.approx(wanted, abs=1e-9)
-    assert released_level(5.0, 0.0, RATE, step) == 0.0
+    assert released_level(5.0, 0.0, RATE, step, 9.0) == 0.0
+    assert released_level(5.0, 99.0, RATE, step, 5.1) == 5.1
+    assert released_level(5.0, 99.0, RATE, step, 99.0) == 5.0 + RATE * step
+
+
+def test_law_a_demand_that_ends_within_every_step_is_braked_for_all_the_same():
+    # As one does that ends when the ego stands: 0.2 m/s2 on the mean of 40 steps are 0.4 m/s, owed for a step at most.
+    path = SimpleNamespace(level=0.0, brakes=0.0, owed=0.0)
+    told = [(path_command(path, 0.01, True, math.inf, 6.0, VEHICLE, 0.05), 0.05) for _ in range(40)]
+    assert lost(0.0, told) == pytest.approx(0.4, abs=0.01)
 
 
 def test_the_instant_of_a_change_is_found():
