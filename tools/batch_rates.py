@@ -2,11 +2,16 @@
 
 python tools/batch_rates.py engines [CASES] [tcp://SCHEDULER]     # default 1,000 cases
 python tools/batch_rates.py sizes [CASES ...]                     # default 100 1000 10000
+python tools/batch_rates.py scheduler [BATCHES ...]               # default 200 400 800 1600
 
 engines: `careful_driver` in the cut-in of UN R157 through every engine, as ratios to a bare `simulate_many` over the
 same cases in the same round: of wall time (what more processes gain; it hangs on what else the machine does) and of
 processor time, children's included. Each is the median of the rounds with the least and the most. Of a cluster's
 workers the processor time is not known here. The last line is what two workers gain over one.
+
+scheduler: what Dask itself costs a batch, by how many there are: batches of 100 cases go out as the engine sends them
+and come back empty. Scheduler, worker and client share this process, so it is the sum of all three. The slope, not the
+first figure, says what 10^7 cases would cost.
 
 sizes: whole runs (`record_facts`, resume, score, report) of so many points, without human drivers, each in a process of
 its own: cost per case and peak memory of the process that collects.
@@ -24,6 +29,8 @@ import time
 from collections.abc import Callable, Sequence
 from multiprocessing import forkserver
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Any
 
 from sumo_eval.cosim import simulate_many
 from sumo_eval.record.cases import Case, Setup
@@ -126,8 +133,6 @@ def engines(number: int, scheduler: str) -> None:
 
 def size(number: int) -> None:
     """One whole run, in this process; a line of what it cost."""
-    from resource import RUSAGE_SELF, getrusage
-
     from sumo_eval.evaluation import score
     from sumo_eval.record.facts import record_facts
     from sumo_eval.report.assessed import write_assessed_report
@@ -167,6 +172,50 @@ def size(number: int) -> None:
         print(f"; report {peak()}", flush=True)
 
 
+def scheduler(numbers: Sequence[int]) -> None:
+    """Print what a batch of no work costs, and what all batches of 10^7 cases would."""
+    import distributed
+
+    from sumo_eval.record.cluster import BATCH
+
+    setup = Setup(SIMULATION, RunSettings(), Path())
+    concretes = cut_ins(BATCH)
+    batch = [Case(point, concrete, "ads", ADS, ADS) for point, concrete in enumerate(concretes[:BATCH])]
+    dask: Any = distributed  # has no types
+    machine = dask.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp", dashboard_address=None
+    )
+    with machine, dask.Client(machine, set_as_default=False) as client:
+        spent = []
+        for number in (20, *numbers):
+            began, wall = time.process_time(), time.perf_counter()
+            under_way = dask.as_completed(loop=client.loop)
+            sent = 0
+            for _ in range(min(6, number)):
+                under_way.add(client.submit(nothing, batch, setup, sent, pure=False))
+                sent += 1
+            for future in under_way:
+                future.result()
+                future.release()
+                if sent < number:
+                    under_way.add(client.submit(nothing, batch, setup, sent, pure=False))
+                    sent += 1
+            spent.append((number, time.process_time() - began))
+            peak = getrusage(RUSAGE_SELF).ru_maxrss // 1024
+            print(
+                f"{number} batches: {1e3 * spent[-1][1] / number:.2f} ms of processor time each, "
+                f"{1e3 * (time.perf_counter() - wall) / number:.2f} ms of wall time; {peak} MB", flush=True,
+            )  # fmt: skip
+    (few, least), (many, most) = spent[1], spent[-1]
+    each = (most - least) / max(many - few, 1)
+    print(f"slope {1e3 * each:.2f} ms a batch: {1e7 / BATCH * each:.0f} s of processor time for 10^7 cases")
+
+
+def nothing(batch: Sequence[Case], setup: Setup, number: int) -> list[int]:
+    """A batch whose cases are not driven."""
+    return [number] * len(batch)
+
+
 def main() -> None:
     """Do what the command line asks for."""
     what, *rest = sys.argv[1:] or ["engines"]
@@ -175,6 +224,8 @@ def main() -> None:
     elif what == "sizes":
         for number in map(int, rest or ["100", "1000", "10000"]):
             subprocess.run([sys.executable, __file__, "size", str(number)], check=True)
+    elif what == "scheduler":
+        scheduler([int(number) for number in rest or ["200", "400", "800", "1600"]])
     elif what == "size":
         size(int(rest[0]))
     else:

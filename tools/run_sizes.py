@@ -3,6 +3,8 @@
     python tools/run_sizes.py make FOLDER POINTS [DRIVERS]     a run of POINTS cut-ins with made-up drives, 3 drivers
                                                                where it is safe: no simulation
     python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
+    python tools/run_sizes.py compared CASES [CASES ...]       two runs of so many made-up rows, nothing recorded, side
+                                                               by side: each size in a process of its own
 
 Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
 depend on that. Seconds are of processor time, children included.
@@ -10,11 +12,17 @@ depend on that. Seconds are of processor time, children included.
 
 from __future__ import annotations
 
+import math
 import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import fields, replace
 from pathlib import Path
+from resource import RUSAGE_SELF, getrusage
+from typing import Any
 
 import numpy as np
 
@@ -22,13 +30,30 @@ from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Case, Outcome, Role
 from sumo_eval.record.facts import space_of
 from sumo_eval.record.kept import KeptRecording, keep
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.recording import Space
 from sumo_eval.record.store import open_store
-from sumo_eval.settings import AdsSettings, DriverSettings, EvaluationSettings, SamplingSettings, ScenarioSettings
+from sumo_eval.report.comparison import compare
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.gates import judge
+from sumo_eval.report.terminal import comparison_lines
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.kept_scores import RowWriter
+from sumo_eval.scoring.quantities import combine
+from sumo_eval.scoring.steps import POINTS_AT_ONCE
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    MethodSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
+MADE_UP = EvaluationSettings("made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),))
 
 
 def drive(speed: float, offset: float) -> KeptRecording:
@@ -121,9 +146,72 @@ def measure(folder: Path) -> None:
         )
 
 
+def compared(cases: int) -> None:
+    """Compare two runs of one ADS whose rows are made up; every hundredth case changed."""
+    began, row = time.process_time(), made_up_row()
+    runs = []
+    with tempfile.TemporaryDirectory() as place:
+        for name in ("base", "new"):
+            folder = Path(place) / name
+            folder.mkdir()
+            kept = KeptResults(folder)
+            writer = RowWriter(kept, name.encode())
+            for first in range(0, cases, POINTS_AT_ONCE):
+                rows = [another(row, number, changed=name == "new") for number in range(first, min(first + 512, cases))]
+                writer.add(row.scenario, row.ads, rows)
+            kept_rows = writer.rows(row.ads, row.scenario)
+            score = combine(row.ads, row.scenario, kept_rows[:2], MethodSettings())
+            runs.append(Evaluation(name, folder, MADE_UP, {}, (), (score,), kept_rows))
+        made, before = time.process_time(), getrusage(RUSAGE_SELF).ru_maxrss
+        base, new = runs
+        found = compare(base, new, GateSettings())
+        lines = comparison_lines(found, judge(new, found, GateSettings()), new)
+        took, peak = time.process_time() - made, getrusage(RUSAGE_SELF).ru_maxrss
+    print(
+        f"{cases} cases a run: compared in {took:.2f} s of processor time, {peak // 1024} MB at most "
+        f"({before // 1024} MB before, {made - began:.1f} s to make the rows); {len(lines)} lines",
+        flush=True,
+    )
+
+
+def made_up_row() -> CaseResult:
+    """A safe case without a contact."""
+    given: dict[str, Any] = {item.name: None for item in fields(CaseResult)}
+    return CaseResult(
+        **given | {
+            "case": "cut_in-0000-first", "scenario": "cut_in", "ads": "first",
+            "values": {"gap": 0.0, "ego_speed": 30.0}, "wall_time": 0.01, "zone": "safe", "exposure": 1.0,
+            "status": "ok", "end_reason": "time_limit",
+            "simulated_time": 6.0, "collided": False, "ideal_severity": 0.0, "no_reaction_severity": 0.0, "weight": 1.0,
+            "beats_ideal": False, "index_note": (), "clips": "", "bimodal": False, "manoeuvre": "", "exposure_note": "",
+            "error_place": "", "struck_from_behind": False,
+        }
+    )  # fmt: skip
+
+
+def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
+    """Another case, by its number; every hundredth may be changed."""
+    likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
+    if changed and number % 100 == 0:
+        likeness, hit = likeness - 0.1, not hit
+    return replace(
+        row, case=f"cut_in-{number:07d}-first", values={"gap": 0.001 * number, "ego_speed": 20.0 + number % 17},
+        zone="hazardous" if number % 3 == 0 else "safe", collided=hit, status="collision" if hit else "ok",
+        severity=5.0 + math.cos(number) if hit else None, no_reaction_severity=12.0 if number % 3 == 0 else 0.0,
+        weight=1.0 + 0.5 * math.cos(number), index=None if hit else likeness, human_likeness=None if hit else likeness,
+    )  # fmt: skip
+
+
 if __name__ == "__main__":
     task, place, *rest = sys.argv[1:]
     if task == "make":
         make(Path(place), int(rest[0]), int(rest[1]) if len(rest) > 1 else 3)
-    else:
+    elif task == "measure":
         measure(Path(place))
+    elif task == "compared":
+        for size in (place, *rest):
+            subprocess.run([sys.executable, __file__, "compared-in-this-process", size], check=True)
+    elif task == "compared-in-this-process":
+        compared(int(place))
+    else:
+        raise SystemExit(__doc__)

@@ -20,7 +20,14 @@ from sumo_eval.text import clean, clean_log
 
 TASKS: Final = {
     "Evaluate": {"run": "run", "score": "run", "merge": "run", "verify": "run"},
-    "Look at a run": {"report": "look", "explain": "look", "replay": "look", "plot": "look", "export": "look"},
+    "Look at a run": {
+        "report": "look",
+        "explain": "look",
+        "find": "look",
+        "replay": "look",
+        "plot": "look",
+        "export": "look",
+    },
     "Compare runs": {"compare": "compare", "nightly": "compare", "trend": "compare"},
     "Look into a space": {"scenarios": "space", "partition": "space", "sample": "space", "boundary": "space"},
     "Drive yourself": {"drive": "drive"},
@@ -40,6 +47,7 @@ MEANT: Final = {
     "verify": "reproduce repeat again rerun",
     "report": "html page show open result results",
     "explain": "why case ledger arithmetic",
+    "find": "parameters nearest locate lookup",
     "replay": "watch view animate animation gui video play",
     "plot": "figure figures chart svg pdf png picture",
     "export": "evidence csv parquet table tables dump xosc sumocfg",

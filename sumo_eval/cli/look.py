@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
 
 
@@ -38,6 +39,23 @@ def explain(run: Path, case: str | None) -> None:
         evaluation = score(run, progress=progress)
     lines = ledger_lines(evaluation) if case is None else explain_case(evaluation, zone_partitions(evaluation), case)
     for line in lines:
+        click.echo(line)
+
+
+@click.command(epilog="Example: sumo-eval find results/first ego_speed=30 gap=25 --ads idm")
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("values", nargs=-1, required=True, metavar="NAME=VALUE...")
+@click.option("--ads", help="Cases of this ADS only (default: of all).")
+@click.option("--scenario", help="The logical scenario (default: the first that has these parameters).")
+@click.option("--most", type=click.IntRange(min=1), default=5, show_default=True, help="Cases to name for each ADS.")
+def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | None, most: int) -> None:
+    """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these parameters."""
+    from sumo_eval.evaluation import score
+    from sumo_eval.report.found_cases import nearest_cases
+
+    with Progress() as progress:
+        evaluation = score(run, progress=progress)
+    for line in nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most):
         click.echo(line)
 
 

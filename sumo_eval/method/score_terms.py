@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +20,19 @@ from sumo_eval.settings import ScoreSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 
+class Counts(Protocol):
+    """How often each of n cases stands in each of m samples, (m, n): an array, or what sums terms as one does."""
+
+    def __matmul__(self, terms: FloatArray, /) -> FloatArray:
+        """Sums of terms (n,) over every sample, (m,)."""
+
+
 def once(n: int) -> FloatArray:
     """The counts, (1, n), of the evaluation itself: each of n cases stands in it once."""
     return np.ones((1, n))
 
 
-def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: FloatArray) -> FloatArray:
+def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
 
     values: (n,), a case whose value is nan has no part. weights: (n,), at least 0. counts: (m, n).
@@ -46,7 +54,7 @@ def ideal_ratio(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
 
 
 def collision_avoidance(
-    ratio: ArrayLike, weight: ArrayLike, collided: ArrayLike, evaluated: ArrayLike, counts: FloatArray
+    ratio: ArrayLike, weight: ArrayLike, collided: ArrayLike, evaluated: ArrayLike, counts: Counts
 ) -> FloatArray:
     """Eq. 17: C = sum(r_i Ug_i / U_i) / sum(r_i) over the collisions of every sample, (m,).
 
@@ -64,7 +72,7 @@ def collision_avoidance(
     return np.where(np.isnan(c) & without, 1.0, c)
 
 
-def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: FloatArray) -> FloatArray:
+def exposure_mean(values: ArrayLike, exposure: ArrayLike, counts: Counts) -> FloatArray:
     """Eq. 13: D = sum(p_i D_i) / sum(p_i) in every sample, (m,); H likewise. nan where no case with exposure has one.
 
     values: D_i (or the human-likeness of a case), (n,), nan where there is none. exposure: p_i, (n,), at least 0.
@@ -127,7 +135,7 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
 
 
 def avoided_share(
-    severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: FloatArray
+    severity: ArrayLike, ideal: ArrayLike, unreacting: ArrayLike, weights: ArrayLike, counts: Counts
 ) -> FloatArray:
     """A = 1 - sum(w_i max(0, U_i - Ug_i)) / sum(w_i max(0, U0_i - Ug_i)) over all evaluated points of samples, (m,).
 
@@ -184,7 +192,7 @@ def product_losses(factors: FloatArray) -> FloatArray:
     return losses
 
 
-def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: FloatArray) -> FloatArray:
+def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i max(0, U_i - Ug_i)) / sum(w_i) over all evaluated points of every sample, m/s, (m,).
 
     The arguments are those of `avoided_share`. Where all weights of a sample are 0, every point weighs the same; nan
@@ -204,7 +212,7 @@ def score_plus(avoided: ArrayLike, human_likeness: ArrayLike, a: float, b: float
     return combined(np.where(np.isnan(share), np.nan, np.maximum(share, 0.0)), human_likeness, a, b)
 
 
-def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, counts: FloatArray) -> FloatArray:
+def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, counts: Counts) -> FloatArray:
     """sum(w_i v_i) over the known cases of every sample, (m,); of v_i alone where all their weights are 0."""
     weight = np.where(known, np.asarray(weights, dtype=np.float64), 0.0)
     found = np.where(known, values, 0.0)
@@ -212,7 +220,7 @@ def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, coun
     return np.where(weighs, counts @ (weight * found), counts @ found)
 
 
-def _drawn(flags: ArrayLike, counts: FloatArray) -> BoolArray:
+def _drawn(flags: ArrayLike, counts: Counts) -> BoolArray:
     """Which samples hold a flagged case, (m,)."""
     return np.asarray(counts @ np.asarray(flags, dtype=np.float64) > 0.0)
 

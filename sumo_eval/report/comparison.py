@@ -1,15 +1,17 @@
 """Two runs side by side, case by case: what flipped, what got harsher, softer, less human, and how sure that is.
 
-Cases are paired by logical scenario and parameter values, never by their order.
+Cases are paired by logical scenario and parameter values, never by their order. What is compared is read as columns,
+and a row only where somebody looks at it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Final, Literal
+from dataclasses import dataclass, field, fields
+from typing import Final, Literal, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
@@ -17,8 +19,12 @@ from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
-from sumo_eval.results import CaseResult, Evaluation
-from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.results import EVALUATED, CaseResult, Evaluation
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms
+from sumo_eval.scoring.kept_rows import Column, arrays
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+IntArray = NDArray[np.intp]
 
 Change = Literal[
     "new collision", "left the road", "not evaluated any more", "harsher", "less human",
@@ -52,6 +58,119 @@ class ChangedCase:
         return self.change in WORSE
 
 
+_ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paired:
+    """Cases of both runs at the same points: which row of either run each pair is, (n,)."""
+
+    base: Sequence[CaseResult]
+    new: Sequence[CaseResult]
+    base_rows: IntArray
+    new_rows: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes(Sequence[ChangedCase]):
+    """Changed cases, the worst first, each read where it is asked for.
+
+    kinds: places in `WORSE` and `BETTER` together, (c,), ascending. which: pairs, (c,). by: see `ChangedCase`, nan for
+    None, (c,). moved: what moved in each, by name, nan where it did not, (c,).
+    """
+
+    paired: Paired
+    kinds: IntArray
+    which: IntArray
+    by: FloatArray
+    moved: Mapping[str, FloatArray]
+
+    def of(self, change: Change) -> Changes:
+        """Those of one kind."""
+        kind = _ORDER.index(change)
+        return self[int(np.searchsorted(self.kinds, kind)) : int(np.searchsorted(self.kinds, kind, side="right"))]
+
+    @property
+    def worse(self) -> Changes:
+        """Those in which the new run did worse."""
+        return self[: int(np.searchsorted(self.kinds, len(WORSE)))]
+
+    @property
+    def better(self) -> Changes:
+        """Those in which the new run did better."""
+        return self[int(np.searchsorted(self.kinds, len(WORSE))) :]
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    @overload
+    def __getitem__(self, place: int) -> ChangedCase: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Changes: ...
+
+    def __getitem__(self, place: int | slice) -> ChangedCase | Changes:
+        if isinstance(place, slice):
+            moved = {name: values[place] for name, values in self.moved.items()}
+            return Changes(self.paired, self.kinds[place], self.which[place], self.by[place], moved)
+        pair, by = int(self.which[place]), float(self.by[place])
+        return ChangedCase(
+            _ORDER[int(self.kinds[place])],
+            self.paired.base[int(self.paired.base_rows[pair])],
+            self.paired.new[int(self.paired.new_rows[pair])],
+            None if np.isnan(by) else by,
+            {name: float(values[place]) for name, values in self.moved.items() if np.isfinite(values[place])},
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InTurn(Sequence[ChangedCase]):
+    """Changed cases of several ADSs and scenarios, one after the other."""
+
+    parts: tuple[Changes, ...]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.parts))
+
+    @overload
+    def __getitem__(self, place: int) -> ChangedCase: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[ChangedCase]: ...
+
+    def __getitem__(self, place: int | slice) -> ChangedCase | Sequence[ChangedCase]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        left = place + len(self) if place < 0 else place
+        for part in self.parts:
+            if left < len(part):
+                return part[left]
+            left -= len(part)
+        raise IndexError(place)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InPlaces(Sequence[CaseResult]):
+    """Chosen rows of a run, (n,), each read where it is asked for."""
+
+    cases: Sequence[CaseResult]
+    rows: IntArray
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, place: int) -> CaseResult: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[CaseResult]: ...
+
+    def __getitem__(self, place: int | slice) -> CaseResult | Sequence[CaseResult]:
+        if isinstance(place, slice):
+            return InPlaces(self.cases, self.rows[place])
+        return self.cases[int(self.rows[place])]
+
+
 @dataclass(frozen=True, slots=True)
 class QuantityChange:
     """A quantity in both runs. low, high: interval of the DIFFERENCE; None where the quantity is missing in a run."""
@@ -79,6 +198,8 @@ class AdsComparison:
 
     pairs: cases that both runs have. changed: the worst first. quantities: those of `bootstrap.COMPARED` over the
     pairs. unpaired: cases that only one of the runs has. undecided: pairs without an outcome in at least one run.
+    counts: how many pairs are collisions and the like, in the base and in the new run. moved_zone: pairs that lie in
+    another zone than in the base. new_cases: all pairs in the new run.
     """
 
     ads: str
@@ -87,14 +208,15 @@ class AdsComparison:
     pairs: int
     unpaired: int
     undecided: int
-    changed: tuple[ChangedCase, ...]
+    changed: Changes
     quantities: Mapping[str, QuantityChange]
-    base_cases: tuple[CaseResult, ...]
-    new_cases: tuple[CaseResult, ...]
+    counts: Mapping[str, tuple[int, int]]
+    moved_zone: int
+    new_cases: Sequence[CaseResult]
 
     def count(self, change: Change) -> int:
         """Number of cases with a change."""
-        return sum(item.change == change for item in self.changed)
+        return len(self.changed.of(change))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +234,14 @@ class Comparison:
     notes: tuple[str, ...]
 
     @property
-    def worse(self) -> tuple[ChangedCase, ...]:
+    def worse(self) -> Sequence[ChangedCase]:
         """Every case in which the new run did worse."""
-        return tuple(item for one in self.ads for item in one.changed if item.worse)
+        return InTurn(tuple(one.changed.worse for one in self.ads))
 
     @property
-    def better(self) -> tuple[ChangedCase, ...]:
+    def better(self) -> Sequence[ChangedCase]:
         """Every case in which the new run did better."""
-        return tuple(item for one in self.ads for item in one.changed if not item.worse)
+        return InTurn(tuple(one.changed.better for one in self.ads))
 
 
 def compare(
@@ -152,11 +274,7 @@ def compare(
     unpaired = sum(one.unpaired for one in compared)
     if unpaired:
         notes.append(f"{count(unpaired, 'case')} exist in one run only and are left out; every value is over the rest.")
-    moved = sum(
-        before.zone != after.zone
-        for one in compared
-        for before, after in zip(one.base_cases, one.new_cases, strict=True)
-    )
+    moved = sum(one.moved_zone for one in compared)
     if moved:
         notes.append(f"{count(moved, 'case')} lie in another zone than in the base.")
     return Comparison(
@@ -197,80 +315,149 @@ def _partners(base: Evaluation, new: Evaluation, pairs: Mapping[str, str]) -> tu
 def _compare_ads(
     base: Evaluation, new: Evaluation, base_ads: str, ads: str, scenario: str, settings: GateSettings
 ) -> AdsComparison | None:
-    before, after = _by_point(base, base_ads, scenario), _by_point(new, ads, scenario)
-    both = [key for key in after if key in before]
-    if not both:
+    paired, unpaired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
+    if not len(paired.new_rows):
         return None
-    old, now = [before[key] for key in both], [after[key] for key in both]
-    lost = [_lost(cases, run) for cases, run in ((old, base), (now, new))]
-    changed = [
-        replace(change, moved=_moved(change, *regrets))
-        for before_now, regrets in zip(zip(old, now, strict=True), zip(*lost, strict=True), strict=True)
-        if (change := _change(*before_now, settings)) is not None
-    ]
-    order: tuple[Change, ...] = (*WORSE, *BETTER)
-    changed.sort(key=lambda item: (order.index(item.change), -abs(item.by or 0.0), item.new.case))
+    terms = _terms(paired.base, paired.base_rows, base), _terms(paired.new, paired.new_rows, new)
+    changed, counts, undecided, moved_zone = _changes(paired, terms, settings)
     return AdsComparison(
         ads=ads,
         base_ads=base_ads,
         scenario=scenario,
-        pairs=len(both),
-        unpaired=len(before) + len(after) - 2 * len(both),
-        undecided=sum(not (one.evaluated and other.evaluated) for one, other in zip(old, now, strict=True)),
-        changed=tuple(changed),
-        quantities=_quantity_changes(old, now, base, new, settings),
-        base_cases=tuple(old),
-        new_cases=tuple(now),
+        pairs=len(paired.new_rows),
+        unpaired=unpaired,
+        undecided=undecided,
+        changed=changed,
+        quantities=_quantity_changes(*terms, base, new, settings),
+        counts=counts,
+        moved_zone=moved_zone,
+        new_cases=InPlaces(paired.new, paired.new_rows),
     )
 
 
-def _by_point(evaluation: Evaluation, ads: str, scenario: str) -> dict[tuple[tuple[str, float], ...], CaseResult]:
-    return {tuple(sorted(case.values.items())): case for case in evaluation.cases_of(ads, scenario)}
+def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> tuple[Paired, int]:
+    """The cases at points that both runs have, in the order of the new run, and how many points only one of them has.
+
+    Of several cases at one point the last one counts.
+    """
+    nobody = np.empty(0, dtype=np.intp)
+    if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
+        return Paired(base, new, nobody, nobody), len(base) + len(new)
+    names = [f"values.{name}" for name in sorted(new[0].values)]
+    before, after = arrays(base, *names), arrays(new, *names)
+    point = np.zeros(len(base) + len(new), dtype=np.intp)  # a number for each point, the same in both runs
+    for name in names:
+        values = np.unique(np.concatenate([before[name], after[name]]), return_inverse=True)[1]
+        point = np.unique(point * (int(values.max()) + 1) + values, return_inverse=True)[1]
+    old, now = point[: len(base)], point[len(base) :]
+    places = int(point.max()) + 1
+    last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
+    last_old[old] = np.arange(len(old))
+    last_now[now] = np.arange(len(now))
+    first_now[now[::-1]] = np.arange(len(now))[::-1]
+    both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
+    both = both[np.argsort(first_now[both], kind="stable")]
+    return Paired(base, new, last_old[both], last_now[both]), places - len(both)
 
 
-def _change(base: CaseResult, new: CaseResult, settings: GateSettings) -> ChangedCase | None:
-    """What is different in one concrete scenario, None for nothing that counts."""
-    flips: tuple[tuple[bool, bool, Change, Change], ...] = (
-        (not base.evaluated, not new.evaluated, "not evaluated any more", "evaluated again"),
-        (base.collided, new.collided, "new collision", "collision gone"),
-        (base.status == "off_road", new.status == "off_road", "left the road", "back on the road"),
+@dataclass(frozen=True, slots=True, eq=False)
+class _Table:
+    """What changes are found by, of every pair in one run, (n,). counts: how many pairs are what."""
+
+    safe: BoolArray
+    evaluated: BoolArray
+    collided: BoolArray
+    off_road: BoolArray
+    severity: FloatArray
+    human_likeness: FloatArray
+    index: FloatArray
+    counts: Mapping[str, int]
+
+    @classmethod
+    def of(cls, cases: Sequence[CaseResult], rows: IntArray) -> _Table:
+        names = (
+            "zone", "status", "collided", "severity", "human_likeness", "index", "ideal_severity",
+            "no_reaction_severity", "requirements_missed",
+        )  # fmt: skip
+        found = {name: column[rows] for name, column in arrays(cases, *names).items()}
+        safe, status = found["zone"] == "safe", found["status"]
+        collided, evaluated = found["collided"] == 1.0, np.isin(status, EVALUATED)
+        avoidable = collided & (found["ideal_severity"] == 0.0)
+        kinds = {
+            "collisions": collided,
+            "avoidable_collisions": avoidable,
+            "unavoidable_collisions": collided & (np.nan_to_num(found["ideal_severity"]) != 0.0),
+            "caused_collisions": avoidable & (found["no_reaction_severity"] == 0.0),
+            "safe_collisions": collided & safe,
+            "off_road": status == "off_road",
+            "not_evaluated": ~evaluated,
+            "requirements_missed": _texts(found["requirements_missed"]) != "",
+        }
+        return cls(
+            safe, evaluated, collided, kinds["off_road"], found["severity"], found["human_likeness"], found["index"],
+            {name: int(flags.sum()) for name, flags in kinds.items()},
+        )  # fmt: skip
+
+
+def _texts(column: Column) -> Column:
+    """A column of texts; "" throughout where it has none."""
+    return column if column.dtype.kind == "U" else np.full(len(column), "")
+
+
+def _terms(cases: Sequence[CaseResult], rows: IntArray, run: Evaluation) -> CaseTerms:
+    """The terms of chosen cases."""
+    terms = case_terms(cases, run.settings.method)
+    return CaseTerms(**{item.name: getattr(terms, item.name)[rows] for item in fields(terms)})
+
+
+def _changes(
+    paired: Paired, terms: tuple[CaseTerms, CaseTerms], settings: GateSettings
+) -> tuple[Changes, dict[str, tuple[int, int]], int, int]:
+    """What is different in each concrete scenario: of all that is, what stands first below. Beside it counts of both
+    runs, and of pairs that are undecided and that lie in another zone.
+    """
+    old, now = _Table.of(paired.base, paired.base_rows), _Table.of(paired.new, paired.new_rows)
+    kind, by = np.full(len(old.safe), -1, dtype=np.intp), np.full(len(old.safe), np.nan)
+
+    def found(flags: BoolArray, change: Change, size: FloatArray | None = None) -> None:
+        fresh = flags & (kind < 0)
+        kind[fresh] = _ORDER.index(change)
+        if size is not None:
+            by[fresh] = size[fresh]
+
+    flips: tuple[tuple[BoolArray, BoolArray, Change, Change], ...] = (
+        (~old.evaluated, ~now.evaluated, "not evaluated any more", "evaluated again"),
+        (old.collided, now.collided, "new collision", "collision gone"),
+        (old.off_road, now.off_road, "left the road", "back on the road"),
     )
     for before, after, worse, better in flips:
-        if before != after:
-            return ChangedCase(worse if after else better, base, new, None)
-    if base.severity is not None and new.severity is not None:
-        by = new.severity - base.severity
-        if abs(by) > settings.harsher_by:
-            return ChangedCase("harsher" if by > 0.0 else "softer", base, new, by)
-    for before_value, after_value in ((base.human_likeness, new.human_likeness), (base.index, new.index)):
-        if before_value is not None and after_value is not None:
-            by = after_value - before_value
-            if abs(by) > settings.less_human_by:
-                return ChangedCase("less human" if by < 0.0 else "more human", base, new, by)
-    return None
-
-
-def _lost(cases: Sequence[CaseResult], run: Evaluation) -> list[float]:
-    """max(0, U - Ug) of cases, m/s; nan where one of both is not known."""
-    terms = case_terms(cases, run.settings.method)
-    return [float(value) for value in excess(terms.severity, terms.ideal)]
-
-
-def _moved(change: ChangedCase, regret_before: float, regret_now: float) -> dict[str, float]:
-    pairs = {
-        "regret": (regret_before, regret_now),
-        "H_i": (change.base.human_likeness, change.new.human_likeness),
-        "D_i": (change.base.index, change.new.index),
+        found(after & ~before, worse)
+        found(before & ~after, better)
+    harsher = now.severity - old.severity
+    found(harsher > settings.harsher_by, "harsher", harsher)
+    found(harsher < -settings.harsher_by, "softer", harsher)
+    liked, index = now.human_likeness - old.human_likeness, now.index - old.index
+    for more in (liked, index):
+        found(more < -settings.less_human_by, "less human", more)
+        found(more > settings.less_human_by, "more human", more)
+    regret = excess(terms[1].severity, terms[1].ideal) - excess(terms[0].severity, terms[0].ideal)
+    which = np.flatnonzero(kind >= 0)
+    names = arrays(paired.new, "case")["case"][paired.new_rows[which]] if len(which) else np.empty(0)
+    order = np.lexsort((names, -np.abs(np.nan_to_num(by[which])), kind[which]))
+    moved = {
+        name: np.where(values != 0.0, values, np.nan)[which][order]
+        for name, values in (("regret", regret), ("H_i", liked), ("D_i", index))
     }
-    moved = {name: now - before for name, (before, now) in pairs.items() if before is not None and now is not None}
-    return {name: by for name, by in moved.items() if np.isfinite(by) and by}
+    changes = Changes(paired, kind[which][order], which[order], by[which][order], moved)
+    counts = {name: (then, now.counts[name]) for name, then in old.counts.items()}
+    undecided = int(np.sum(~(old.evaluated & now.evaluated)))
+    return changes, counts, undecided, int(np.sum(old.safe != now.safe))
 
 
 def _quantity_changes(
-    old: Sequence[CaseResult], now: Sequence[CaseResult], base: Evaluation, new: Evaluation, settings: GateSettings
+    before: CaseTerms, after: CaseTerms, base: Evaluation, new: Evaluation, settings: GateSettings
 ) -> dict[str, QuantityChange]:
-    before, after = case_terms(old, base.settings.method), case_terms(now, new.settings.method)
-    once = np.ones((1, len(old)))
+    once = np.ones((1, len(before.collided)))
     values = quantities(before, once, base.settings.method), quantities(after, once, new.settings.method)
     drawn = paired_differences(
         before, after, base.settings.method, new.settings.method, resamples=settings.resamples, seed=settings.seed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sumo_eval.report.comparison import AdsComparison, Change, Comparison, QuantityChange
+from sumo_eval.report.comparison import AdsComparison, Change, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gate_settings import (
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
@@ -27,6 +27,7 @@ _DIGITS: dict[Quantity, int] = {
     "A": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
 }  # fmt: skip
 MOST_NAMED = 5  # cases in a sentence
+MOST_KEYS = 1_000  # cases that a failed limit names by key
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ class GateResult:
     """One limit applied to one ADS in one logical scenario.
 
     passed None: the limit is about a change, and there is nothing to compare with. threshold: the value of the new run
-    at which it would fail, for drawing. cases: keys of the cases that a failed limit is about.
+    at which it would fail, for drawing. cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
     """
 
     quantity: Quantity
@@ -80,8 +81,8 @@ def _judge(
             continue
         ok = sign * (value - bound) >= 0.0
         sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
-        keys = tuple(key for key, _ in changed)
-        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, () if ok else keys)
+        keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
+        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, keys)
     for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
         if bound is not None:
             yield _judge_change(limit, score, compared, bound, percent, confidence)
@@ -160,42 +161,22 @@ def _quantity_change(quantity: Quantity, compared: AdsComparison) -> QuantityCha
     """A quantity in both runs; counts have no interval."""
     if quantity in compared.quantities:
         return compared.quantities[quantity]
-    base, new = (
-        float(
-            sum(
-                {
-                    "collisions": case.collided,
-                    "avoidable_collisions": case.avoidable,
-                    "unavoidable_collisions": case.unavoidable,
-                    "caused_collisions": case.caused,
-                    "safe_collisions": case.collided and case.zone == "safe",
-                    "off_road": case.status == "off_road",
-                    "not_evaluated": not case.evaluated,
-                }[quantity]
-                for case in cases
-            )
-        )
-        for cases in (compared.base_cases, compared.new_cases)
-    )
+    base, new = map(float, compared.counts[quantity])
     return QuantityChange(base, new, new - base, None, None)
 
 
-def _cases(quantity: Quantity, compared: AdsComparison | None) -> list[tuple[str, str]]:
-    """(key, words) of the cases that a limit on a change is about."""
+def _cases(quantity: Quantity, compared: AdsComparison | None) -> Sequence[ChangedCase]:
+    """The cases that a limit on a change is about."""
     if compared is None or quantity not in _CHANGES:
-        return []
-    return [
-        (item.new.case, f"{item.new.case} ({point(item.new.values)})")
-        for item in compared.changed
-        if item.change == _CHANGES[quantity]
-    ]
+        return ()
+    return compared.changed.of(_CHANGES[quantity])
 
 
-def _named(cases: Sequence[tuple[str, str]]) -> str:
-    if not cases:
+def _named(cases: Sequence[ChangedCase]) -> str:
+    if not len(cases):
         return ""
     more = len(cases) - MOST_NAMED
-    named = ", ".join(words for _, words in cases[:MOST_NAMED])
+    named = ", ".join(f"{item.new.case} ({point(item.new.values)})" for item in cases[:MOST_NAMED])
     return f": {named} and {count(more, 'other')}" if more > 0 else f": {named}"
 
 

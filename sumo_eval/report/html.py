@@ -14,10 +14,11 @@ from plotly.offline import get_plotlyjs
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page import REPORT, asset, template, write_page
-from sumo_eval.report.page_data import choose_view, page_data
+from sumo_eval.report.page_data import View, choose_view, page_data
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
+from sumo_eval.report.shown_cases import Shown, density_maps, shown_cases
 from sumo_eval.report.words import (
     FACTORS,
     GLOSSARY,
@@ -58,6 +59,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
+MOST_LISTED = 500  # rows of a table of collisions, or of cases that could not be evaluated
 
 
 def write_report(
@@ -80,7 +82,8 @@ def term(name: str, shown: str = "") -> Markup:
 def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
     settings = evaluation.settings
     missing = unevaluated(evaluation)
-    data = page_data(evaluation, partitions)
+    in_page = shown_cases(evaluation)
+    data = page_data(evaluation, partitions, in_page)
     shared = {
         "case_page": "",
         "name": evaluation.name,
@@ -92,7 +95,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),
         "groups": [
-            _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario])
+            _group(index, zone, entry.sampling, evaluation, partitions[zone.scenario], in_page[zone.scenario])
             for index, (zone, entry) in enumerate(zip(evaluation.zones, settings.scenario, strict=True))
         ],
         "looks": LOOKS,
@@ -109,8 +112,9 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         },
         "missing": [
             {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
-            for case, sentence in missing
+            for case, sentence in missing[:MOST_LISTED]
         ],
+        "all_missing": len(missing),
         "index_notes": index_notes(evaluation),
         "synthetic": drivers_are_synthetic(settings) or nobody_recorded(evaluation),
         "exposure_known": evaluation.exposure_known(),
@@ -175,7 +179,12 @@ def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, s
 
 
 def _group(
-    index: int, zone: ZoneResult, sampling: SamplingSettings, evaluation: Evaluation, zones: ZonePartition
+    index: int,
+    zone: ZoneResult,
+    sampling: SamplingSettings,
+    evaluation: Evaluation,
+    zones: ZonePartition,
+    shown: Shown,
 ) -> dict[str, Any]:
     """Everything the page says of one logical scenario."""
     logical = zones.logical
@@ -200,6 +209,7 @@ def _group(
         "outcomes": [found for found in OUTCOMES if found in {outcome(case) for case in cases}],
         "has_collisions": any(case.collided for case in cases),
         "has_index": any(case.index is not None for case in cases),
+        **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),
         "dangerous": [
@@ -213,6 +223,19 @@ def _group(
         ],
         "sampling": _sampling(sampling, logical),
     }
+
+
+def _left_out(logical: LogicalScenario, evaluation: Evaluation, shown: Shown, view: View) -> dict[str, Any]:
+    """What the page says and draws of a scenario of which it does not have all cases."""
+    if shown.places is None:
+        return {"left_out": 0, "densities": []}
+    everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
+    there = sum(len(shown.among(evaluation.cases_of(ads, logical.name))) for ads in everybody)
+    densities = [] if view.y is None else [
+        (ads, density_maps(logical, evaluation.cases_of(ads, logical.name), view.x, view.y)) for ads in everybody
+    ]  # fmt: skip
+    find = " ".join(f"{item.name}={(item.low + item.high) / 2.0:g}" for item in logical.parameters)
+    return {"find": find, "left_out": shown.of - there, "there": there, "densities": densities}
 
 
 def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
@@ -240,6 +263,7 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
     settings = evaluation.settings
     cases = cases_of(evaluation, score)
     means, likeness = factor_means(cases), likeness_means(cases)
+    hits = collision_shares(cases, settings)
     losses = dict(zip((case.case for case in cases), share_lost(cases, settings), strict=True))
     return {
         "notes": [score_note(note) for note in score.notes],
@@ -268,7 +292,8 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "likened_hits": sum(case.human_likeness is not None and case.collided for case in cases),
         "has_index": any(case.index is not None for case in cases),
         "indexed": sum(case.index is not None and case.zone == "safe" for case in cases),
-        "collisions": [_collision(share, losses[share.case.case]) for share in collision_shares(cases, settings)],
+        "collisions": [_collision(share, losses[share.case.case]) for share in hits[:MOST_LISTED]],
+        "more_collisions": max(len(hits) - MOST_LISTED, 0),
     }
 
 

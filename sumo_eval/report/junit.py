@@ -70,9 +70,10 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
         ]
     }
     for one in comparison.ads if comparison else ():
-        changed = {item.new.case: item for item in one.changed}
+        changed = {one.changed.which[place]: place for place in range(len(one.changed))}
         suites[f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"] = [
-            _change_test(case, changed.get(case.case)) for case in one.new_cases
+            _change_test(case, one.changed[changed[place]] if place in changed else None)
+            for place, case in enumerate(one.new_cases)
         ]
     return suites
 

@@ -24,6 +24,7 @@ from sumo_eval.record.store import EGO, Store, open_store
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import LEVEL, packed_bytes
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
+from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     MEASURES,
     CollisionShare,
@@ -78,8 +79,10 @@ GATHERED_PANELS = 6
 SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases projected onto it
 
 
-def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -> dict[str, Any]:
-    """Everything the page draws, as plain JSON values."""
+def page_data(
+    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], shown: Mapping[str, Shown]
+) -> dict[str, Any]:
+    """Everything the page draws, as plain JSON values. shown: which cases it has, by scenario."""
     anthropomorphic = evaluation.settings.method.anthropomorphic
     reasons = {case.case: sentence for case, sentence in unevaluated(evaluation)}
     shares = {
@@ -98,9 +101,19 @@ def page_data(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]) -
     with open_store(evaluation.folder / FACTS) as store:
         runs = MOST_BYTES // BYTES_OF_A_RUN
         while True:
-            embedded = worth_embedding(evaluation, store, runs)
+            embedded = worth_embedding(evaluation, store, runs, shown)
             scenarios = [
-                _scenario(evaluation, partitions[zone.scenario], store, embedded, reasons, shares, taken, judged)
+                _scenario(
+                    evaluation,
+                    partitions[zone.scenario],
+                    store,
+                    embedded,
+                    reasons,
+                    shares,
+                    taken,
+                    judged,
+                    shown[zone.scenario],
+                )
                 for zone in evaluation.zones
             ]
             sent = [scenario["trajectories"] for scenario in scenarios]
@@ -134,6 +147,7 @@ def _scenario(
     shares: Mapping[str, CollisionShare],
     taken: Mapping[str, float | None],
     judged: Mapping[str, Verdict],
+    shown: Shown,
 ) -> dict[str, Any]:
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
@@ -145,7 +159,8 @@ def _scenario(
         if fact.collision is not None:
             hits[fact.case] = fact.collision
     rows = []
-    for case in cases:
+    everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
+    for case in (case for ads in everybody for case in shown.among(evaluation.cases_of(ads, logical.name))):
         number = points[case.case]
         here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
@@ -161,6 +176,7 @@ def _scenario(
     drivers: dict[int, list[int]] = {}
     compared = [fact for fact in store.each_fact("human", logical.name) if fact.status == "ok"]  # D_i is made of these
     numbers = Counter(fact.point for fact in compared)
+    here_too = {row["key"] for row in rows}
     for row in rows:
         row["drivers"] = numbers[row["point"]]
     for fact in compared:
@@ -203,7 +219,7 @@ def _scenario(
                 "ads": group.ads,
                 "kind": group.kind,
                 "words": group.words,
-                "cases": list(group.cases),
+                "cases": [key for key in group.cases if key in here_too],
                 "ranges": {name: list(range_) for name, range_ in group.ranges.items()},
             }
             for group in failure_groups(logical, cases)
@@ -470,7 +486,7 @@ def _levels(y: FloatArray) -> str:
 # --- trajectories -----------------------------------------------------------------------------------------------------
 
 
-def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Embedded:
+def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int, shown: Mapping[str, Shown]) -> Embedded:
     """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
 
     Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
@@ -480,7 +496,11 @@ def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int) -> Emb
     own = Counter(points.values())
     humans = Counter((fact.scenario, fact.point) for fact in store.each_fact("human"))
     tells: dict[Point, float] = {}
-    for case in evaluation.cases:
+    for case in (
+        case
+        for score in evaluation.scores
+        for case in shown[score.scenario].among(evaluation.cases_of(score.ads, score.scenario))
+    ):
         matters = case.collided or not case.evaluated
         tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
         tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)

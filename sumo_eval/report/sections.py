@@ -76,7 +76,8 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
     comparison = beside.comparison
     if comparison is None and not beside.gates and not beside.notes:
         return None
-    changed = (*comparison.worse, *comparison.better) if comparison else ()
+    changed = [*comparison.worse[:MOST_CHANGED], *comparison.better[:MOST_CHANGED]] if comparison else []
+    of = len(comparison.worse) + len(comparison.better) if comparison else 0
     return {
         "verdict": verdict_of(comparison, beside.gates, evaluation),
         "failed": any(gate.passed is False for gate in beside.gates),
@@ -101,7 +102,7 @@ def change_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any] 
         if comparison
         else [],
         "cases": [_changed(item) for item in changed[:MOST_CHANGED]],
-        "more": max(0, len(changed) - MOST_CHANGED),
+        "more": max(0, of - MOST_CHANGED),
     }
 
 

@@ -59,7 +59,7 @@ def score_table(evaluation: Evaluation, width: int = 200) -> Group:
 
     A score's interval stands below it. width: of the terminal, characters.
     """
-    parts: list[Table | Text] = [Text(_one_line(evaluation.name)), Text()]
+    parts: list[Table | Text] = [Text(one_line(evaluation.name)), Text()]
     for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
         scores = [score for score in evaluation.scores if score.scenario == scenario]
         for place, columns in enumerate(_parts(scores, width)):
@@ -92,14 +92,14 @@ def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str)
         title=Text(title, "bold") if title else None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1),
         collapse_padding=True, pad_edge=False, show_edge=False,
     )  # fmt: skip
-    longest = max(len(_one_line(score.ads)) for score in scores)
+    longest = max(len(one_line(score.ads)) for score in scores)
     table.add_column("ADS", overflow="fold", min_width=min(longest, LONGEST_NAME), max_width=LONGEST_NAME)
     for heading in columns:
         table.add_column(HEADINGS.get(heading, heading), justify="right", no_wrap=True)
     for score in scores:
         cells = _cells(score, coarser=1)
         # Text, because an ADS may be called `[red]`: rich would read that as a colour.
-        table.add_row(Text(_one_line(score.ads)), *(_styled(*cells[heading], heading) for heading in columns))
+        table.add_row(Text(one_line(score.ads)), *(_styled(*cells[heading], heading) for heading in columns))
     return table
 
 
@@ -185,15 +185,15 @@ def _of_a_kind(kind: Sequence[tuple[CaseResult, str]]) -> str:
     """The first case of a kind and its sentence, how many more there are, and where in the ADS's code it happened."""
     case, sentence = kind[0]
     more = f" and {len(kind) - 1} more" if len(kind) > 1 else ""
-    place = f" At {_one_line(case.error_place)}." if case.error_place else ""
-    return f"{_one_line(case.case)}{more}: {_shortened(_one_line(sentence))}{place}"
+    place = f" At {one_line(case.error_place)}." if case.error_place else ""
+    return f"{one_line(case.case)}{more}: {_shortened(one_line(sentence))}{place}"
 
 
 def row_of(score: ScenarioResult) -> list[str]:
     """The cells of `COLUMNS` for one ADS in one logical scenario, intervals behind their scores."""
     cells = _cells(score)
     joined = [f"{value} ({interval})" if interval else value for value, interval in map(cells.__getitem__, COLUMNS[2:])]
-    return [_one_line(cell) for cell in (score.ads, score.scenario, *joined)]
+    return [one_line(cell) for cell in (score.ads, score.scenario, *joined)]
 
 
 def _cells(score: ScenarioResult, coarser: int = 0) -> dict[str, tuple[str, str]]:
@@ -225,7 +225,7 @@ def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 2]} …"
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """Without line breaks and without control characters, which would repaint a terminal."""
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
@@ -243,15 +243,15 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
     above = ""
     for one in ranking.ads:
         if one.place is None or one.s_plus is None:
-            lines.append(f"  not ranked: {_one_line(one.ads)} has no S+ in some scenario")
+            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
             continue
         interval = interval_words(one.interval, 1)
-        words = f"  {one.place}. {_one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
+        words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
         if above:
             pair = ranking.pair(above, one.ads)
             ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
             told = "" if pair.told_apart else ": not told apart, the place is shared"
-            words += f"  {number(-pair.difference, 1)}{ends} to {_one_line(above)}{told}"
+            words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}{told}"
         lines.append(words)
         above = one.ads
     return lines
@@ -267,19 +267,19 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evalua
     """What changed between two runs: verdict first, then what flipped, then the quantities, then the gates."""
     lines = [verdict_of(comparison, gates, evaluation)]
     lines += [
-        f"{'DIFFERS' if other.decides else 'differs'}: {_one_line(other.words)}" for other in comparison.differences
+        f"{'DIFFERS' if other.decides else 'differs'}: {one_line(other.words)}" for other in comparison.differences
     ]
-    lines += [_one_line(note) for note in comparison.notes]
+    lines += [one_line(note) for note in comparison.notes]
     for one in comparison.ads:
-        lines.append(f"{_one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side")
+        lines.append(f"{one_line(one.ads)} in {one.scenario}: {count(one.pairs, 'case')} side by side")
         for kind in (*WORSE, *BETTER):
-            found = [item for item in one.changed if item.change == kind]
-            if not found:
+            found = one.changed.of(kind)
+            if not len(found):
                 continue
             lines.append(f"  {kind}: {len(found)}")
             for item in found[:MOST_CHANGES]:
                 by = "".join(f", {words}" for words in moved_words(item))
-                lines.append(f"    {_one_line(item.new.case)}: {_one_line(point(item.new.values))}{by}")
+                lines.append(f"    {one_line(item.new.case)}: {one_line(point(item.new.values))}{by}")
             if len(found) > MOST_CHANGES:
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
@@ -301,7 +301,7 @@ def moved_words(item: ChangedCase) -> list[str]:
 def gate_lines(gates: Sequence[GateResult]) -> list[str]:
     """A line for each gate that failed or could not be judged, and the number of those that passed."""
     lines = [
-        f"gate FAILED: {_one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
+        f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
         for gate in gates
         if gate.passed is False
     ]
@@ -310,7 +310,7 @@ def gate_lines(gates: Sequence[GateResult]) -> list[str]:
         if gate.passed is None:
             unjudged.setdefault(gate.sentence.partition(": ")[2] or gate.sentence, []).append(gate)
     for reason, alike in unjudged.items():
-        first = f"{_one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
+        first = f"{one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
         lines.append(
             f"{count(len(alike), 'gate')} not judged: {reason}" if len(alike) > 1 else f"gate not judged: {first}"
         )
@@ -370,13 +370,13 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
 
 def _ledger_lines(found: Ledger) -> list[str]:
     total = f"{found.total:z.2f}"
-    lines = [f"{_one_line(found.ads)} in {found.scenario}: {found.name} = {total}"]
+    lines = [f"{one_line(found.ads)} in {found.scenario}: {found.name} = {total}"]
     for line in found.lines:
         cases = f", {count(line.cases, 'case')}" if line.entries else ""
         equation = f"Eq. {line.equation}: " if line.equation else ""
         lines.append(f"  {line.points:+z8.2f}  {line.term} {line.index:+z.4f}  {equation}{line.words}{cases}")
         lines += [
-            f"            {entry.points:+z8.2f}  {_one_line(entry.case.case)}: {_one_line(point(entry.case.values))}"
+            f"            {entry.points:+z8.2f}  {one_line(entry.case.case)}: {one_line(point(entry.case.values))}"
             for entry in line.entries[:MOST_ENTRIES]
             if entry.points < 0.0
         ]

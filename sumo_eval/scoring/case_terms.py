@@ -110,7 +110,7 @@ def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> F
     return score_terms.ideal_ratio(severity, ideal)
 
 
-def scores_of(terms: CaseTerms, counts: FloatArray, method: MethodSettings) -> dict[str, FloatArray]:
+def scores_of(terms: CaseTerms, counts: score_terms.Counts, method: MethodSettings) -> dict[str, FloatArray]:
     """Every score of `SCORES` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
 
     Whether a collision in the safe zone leaves no D is a fact of all cases, and not drawn again with a sample.

@@ -15,18 +15,22 @@ from dataclasses import dataclass, fields
 from typing import Any, Final, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import CaseResult, ThinReference
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 _RECORDS = {one.__name__: one for one in (ThinReference, IndexNote)}
 _FIELDS: Final = tuple(field.name for field in fields(CaseResult))
 _HEADER = struct.Struct("<I")
 _HELD = 32  # chunks of rows that are in memory at a time
 _REAL, _LISTED = "real", "listed"
+
+Column = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,42 @@ def _columns(data: bytes, *only: str) -> tuple[int, dict[str, list[Any]]]:
     return count, found
 
 
+def _arrays(data: bytes, names: Sequence[str]) -> dict[str, Column]:
+    """Columns as arrays (n,), by `as_array`, without a Python object for each number."""
+    (size,) = _HEADER.unpack_from(data)
+    count, header = json.loads(data[_HEADER.size : _HEADER.size + size])
+    found, at = {}, _HEADER.size + size
+    for name, kind, length in header:
+        if name in names:
+            body = zlib.decompress(data[at : at + length])
+            if kind == _REAL:
+                numbers, missing = _numbers(body, count)
+                found[name] = np.where(missing, np.nan, numbers)
+            else:
+                listed = as_array(decoded(body[4 * count :], _RECORDS))
+                found[name] = listed[np.frombuffer(body[: 4 * count], dtype="<u4")]
+        at += length
+    return found
+
+
+def as_array(values: Sequence[Any]) -> Column:
+    """Values as an array (n,): numbers and truth values as numbers, None as nan; texts as texts, None as ""."""
+    if any(isinstance(value, str) for value in values):
+        return np.array(["" if value is None else value for value in values], dtype=np.str_)
+    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def arrays(cases: Sequence[CaseResult], *names: str) -> dict[str, Column]:
+    """Fields of rows as arrays (n,), by `as_array`; of kept rows nothing else is read. `values.NAME`: a parameter's."""
+    if isinstance(cases, KeptRows):
+        return cases.arrays(*names)
+    found = {}
+    for name in names:
+        head, _, parameter = name.partition(".")
+        found[name] = as_array([case.values[parameter] if parameter else getattr(case, head) for case in cases])
+    return found
+
+
 def _encode(values: list[Any]) -> tuple[str, bytes]:
     """Numbers as their bits, the missing ones marked; anything else as what occurs, and which of it each row has."""
     if all(value is None or isinstance(value, float) for value in values):
@@ -93,15 +133,21 @@ def _encode(values: list[Any]) -> tuple[str, bytes]:
 
 def _decode(body: bytes, kind: str, count: int) -> list[Any]:
     if kind == _REAL:
-        marks = (count + 7) // 8
-        missing = np.unpackbits(np.frombuffer(body[:marks], dtype=np.uint8), count=count)
-        planes = np.frombuffer(body[marks:], dtype=np.uint8).reshape(8, count)
-        values: list[Any] = np.ascontiguousarray(planes.T).view("<f8").reshape(count).tolist()
+        numbers, missing = _numbers(body, count)
+        values: list[Any] = numbers.tolist()
         for place in np.flatnonzero(missing).tolist():
             values[place] = None
         return values
     listed = decoded(body[4 * count :], _RECORDS)
     return [listed[place] for place in np.frombuffer(body[: 4 * count], dtype="<u4").tolist()]
+
+
+def _numbers(body: bytes, count: int) -> tuple[FloatArray, BoolArray]:
+    """The numbers of a column, (count,), and which of them are missing."""
+    marks = (count + 7) // 8
+    missing = np.unpackbits(np.frombuffer(body[:marks], dtype=np.uint8), count=count).astype(np.bool_)
+    planes = np.frombuffer(body[marks:], dtype=np.uint8).reshape(8, count)
+    return np.ascontiguousarray(planes.T).view("<f8").reshape(count), missing
 
 
 class KeptRows(Sequence[CaseResult]):
@@ -132,6 +178,14 @@ class KeptRows(Sequence[CaseResult]):
         for chunk in self._chunks:
             found = _columns(self._data(chunk), *names)[1]
             yield from zip(*(found[name] for name in names), strict=True)
+
+    def arrays(self, *names: str) -> dict[str, Column]:
+        """These fields of all rows as arrays (n,); `values.NAME` is a parameter's."""
+        parts: dict[str, list[Column]] = {name: [] for name in names}
+        for chunk in self._chunks:
+            for name, part in _arrays(self._data(chunk), names).items():
+                parts[name].append(part)
+        return {name: np.concatenate(found) if found else np.empty(0) for name, found in parts.items()}
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""

@@ -52,6 +52,7 @@ def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_sta
     )
 
 
+@pytest.mark.campaign
 def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_the_same_bytes(run, tmp_path):
     stops = iter([False] * 4 + [True] * 50)
     settings, _ = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1)
@@ -68,6 +69,7 @@ def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_th
     assert "resumed" not in read_manifest(run.folder)
 
 
+@pytest.mark.campaign
 def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_path):
     entry = read_settings(run.folder).scenario[0]
     reached = replace(entry, sampling=replace(entry.sampling, count=72, until=100.0))

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import builders
 import pytest
 from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.terminal import moved_words
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.kept_rows import KeptRows
+from sumo_eval.scoring.kept_scores import RowWriter
 from sumo_eval.settings import AdsSettings
 
 GATE = GateSettings(resamples=200)
@@ -92,6 +96,42 @@ def test_a_change_below_the_tolerance_is_none(evaluation: Evaluation) -> None:
     other = with_case(evaluation, struck.case, lambda case: replace(case, severity=(case.severity or 0.0) + 0.05))
     assert changes(compare(evaluation, other, GATE)) == []
     assert changes(compare(evaluation, other, replace(GATE, harsher_by=0.04))) == [("harsher", struck.case)]
+
+
+def test_kept_rows_compare_as_rows_in_memory_do(evaluation: Evaluation, tmp_path: Path) -> None:
+    """Columns that are read in arrays have every number, missing ones too, that the rows have."""
+    changed = with_case(evaluation, pick(evaluation, collided=False).case, hit)
+    kept, runs = KeptResults(tmp_path), []
+    for key, run in ((b"base", evaluation), (b"new", changed)):
+        writer = RowWriter(kept, key)
+        pairs = [(score.ads, score.scenario) for score in run.scores]
+        for ads, scenario in pairs:
+            cases = run.cases_of(ads, scenario)
+            writer.add(scenario, ads, cases[:3])  # in chunks of their own
+            writer.add(scenario, ads, cases[3:])
+        runs.append(replace(run, cases=KeptRows(kept, key, writer.chunks(pairs))))
+    found, known = compare(*runs, GATE), compare(evaluation, changed, GATE)
+    kept.close()
+    assert changes(known)
+    assert [(one.quantities, one.counts, one.pairs, one.moved_zone) for one in found.ads] == [
+        (one.quantities, one.counts, one.pairs, one.moved_zone) for one in known.ads
+    ]
+
+
+def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) -> None:
+    for one in compare(evaluation, evaluation, GATE).ads:
+        rows = list(one.new_cases)
+        expected = {
+            "collisions": sum(case.collided for case in rows),
+            "avoidable_collisions": sum(case.avoidable for case in rows),
+            "unavoidable_collisions": sum(case.unavoidable for case in rows),
+            "caused_collisions": sum(case.caused for case in rows),
+            "safe_collisions": sum(case.collided and case.zone == "safe" for case in rows),
+            "off_road": sum(case.status == "off_road" for case in rows),
+            "not_evaluated": sum(not case.evaluated for case in rows),
+            "requirements_missed": sum(bool(case.requirements_missed) for case in rows),
+        }
+        assert one.counts == {name: (number, number) for name, number in expected.items()}
 
 
 def test_cases_are_paired_by_their_values_not_by_their_order_or_number(evaluation: Evaluation) -> None:

@@ -1,0 +1,51 @@
+"""Cases of a run by their parameters: those nearest to what somebody asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from sumo_eval.errors import InputError, unknown
+from sumo_eval.record.points import scenarios_of
+from sumo_eval.report.terminal import one_line
+from sumo_eval.report.words import count, outcome, point
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.kept_rows import arrays
+
+
+def nearest_cases(
+    evaluation: Evaluation, values: Mapping[str, float], ads: str | None, scenario: str | None, most: int
+) -> Iterator[str]:
+    """Lines on the `most` cases of each ADS that are nearest to parameter values, nearest first.
+
+    Distance: in the unit box, over the parameters that are given. ads, scenario: only those; None: every ADS, and the
+    first scenario that has all of these parameters. Raises InputError for one that the run does not have.
+    """
+    scenarios = scenarios_of(evaluation.settings, Path(str(evaluation.manifest.get("source_folder", "."))))
+    if scenario is not None and scenario not in scenarios:
+        raise unknown("scenario of this run", scenario, scenarios)
+    everybody = list(dict.fromkeys(score.ads for score in evaluation.scores))
+    if ads is not None and ads not in everybody:
+        raise unknown("ADS of this run", ads, everybody)
+    having = [name for name, logical in scenarios.items() if values.keys() <= set(logical.names)]
+    name = scenario or (having[0] if having else next(iter(scenarios)))
+    logical = scenarios[name]
+    for parameter in values:
+        if parameter not in logical.names:
+            raise unknown(f"parameter of scenario `{name}`", parameter, logical.names)
+        if not np.isfinite(values[parameter]):
+            raise InputError(f"`{parameter}` must be a finite number, got {values[parameter]}.")
+    for one in everybody if ads is None else [ads]:
+        cases = evaluation.cases_of(one, name)
+        read = arrays(cases, *(f"values.{parameter}" for parameter in values))
+        distance = np.zeros(len(cases))
+        for parameter, wanted in values.items():
+            item = logical.parameters[logical.column(parameter)]
+            distance += ((read[f"values.{parameter}"] - wanted) / (item.high - item.low)) ** 2
+        order = np.argsort(distance, kind="stable")[:most].tolist()
+        yield f"{one_line(one)} in {name}, {count(len(cases), 'case')}:"
+        for place in order:
+            case = cases[place]
+            yield f"  {one_line(case.case)}: {point(case.values)}; {outcome(case)}, {case.zone} zone"

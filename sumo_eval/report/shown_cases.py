@@ -1,0 +1,119 @@
+"""Which cases a page has where a run has more than a page can hold, and where all of them lie: density and shares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from sumo_eval.results import EVALUATED, CaseResult, Evaluation
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.trajectory import FloatArray
+
+MOST_SHOWN = 5_000  # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
+TILES = 40  # on each axis
+_SIDE = 6  # of a tile, px
+_LOST, _HIT = 4.0, 2.0  # how much a case tells that was not evaluated, or collided; others at most 1
+_FAINTEST = 0.12  # how dark a tile is that holds the least
+
+IntArray = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """Which cases of a scenario the page has. places: of each ADS's cases, in their order; None: all. of: how many
+    there are.
+    """
+
+    places: IntArray | None
+    of: int
+
+    def among(self, cases: Sequence[CaseResult]) -> list[CaseResult]:
+        """Those of one ADS."""
+        return (
+            list(cases) if self.places is None else [cases[int(place)] for place in self.places if place < len(cases)]
+        )
+
+
+def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
+    """By scenario. Half of those that the page has tell most: not evaluated, collisions by U, the least human-like; the
+    other half lie evenly among the rest. The ADSs of a scenario are shown at the same points.
+    """
+    every = {
+        zone.scenario: [one for one in evaluation.scores if one.scenario == zone.scenario] for zone in evaluation.zones
+    }
+    numbers = {name: sum(len(evaluation.cases_of(one.ads, name)) for one in scores) for name, scores in every.items()}
+    if sum(numbers.values()) <= MOST_SHOWN:
+        return {name: Shown(None, number) for name, number in numbers.items()}
+    quota = max(MOST_SHOWN // max(len(evaluation.scores), 1), 2)
+    found = {}
+    for name, scores in every.items():
+        told = [_telling(evaluation.cases_of(one.ads, name)) for one in scores]
+        tells = np.zeros(max(map(len, told), default=0))
+        for one in told:
+            tells[: len(one)] = np.maximum(tells[: len(one)], one)
+        if len(tells) <= quota:
+            found[name] = Shown(None, numbers[name])
+            continue
+        order = np.argsort(-tells, kind="stable")
+        most, rest = order[: quota // 2], np.sort(order[quota // 2 :])
+        evenly = rest[np.arange(quota - quota // 2) * len(rest) // (quota - quota // 2)]
+        found[name] = Shown(np.sort(np.concatenate([most, evenly])), numbers[name])
+    return found
+
+
+def _telling(cases: Sequence[CaseResult]) -> FloatArray:
+    """How much each case tells, (n,)."""
+    read = arrays(cases, "status", "collided", "severity", "human_likeness")
+    tells = np.nan_to_num(1.0 - read["human_likeness"])
+    hit = read["collided"] == 1.0
+    severity = np.nan_to_num(read["severity"])
+    tells[hit] = _HIT + severity[hit] / max(float(severity.max(initial=0.0)), 1.0)
+    return np.where(np.isin(read["status"], EVALUATED), tells, _LOST)
+
+
+def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, y: int) -> list[tuple[str, Markup]]:
+    """Pictures of where all cases of an ADS lie in two parameters, with what each shows: how many there are in each
+    part of the plane, and which share of them collided. x, y: columns of the parameters.
+    """
+    across, up = (logical.parameters[column] for column in (x, y))
+    read = arrays(cases, f"values.{across.name}", f"values.{up.name}", "collided")
+    tile = []
+    for item in (across, up):
+        share = (read[f"values.{item.name}"] - item.low) / (item.high - item.low)
+        tile.append(np.clip((share * TILES).astype(np.intp), 0, TILES - 1))
+    place = tile[1] * TILES + tile[0]
+    number = np.bincount(place, minlength=TILES * TILES)
+    hits = np.bincount(place, read["collided"] == 1.0, TILES * TILES)
+    share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
+    axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g} {item.unit})" for item in (up, across))
+    most = int(number.max(initial=0))
+    return [
+        (f"how many cases, up to {most:,} in a tile; {axes}", _tiles(number / max(most, 1), number, "--c", axes)),
+        (
+            f"share of them that collided, up to {share.max(initial=0.0):.0%}; {axes}",
+            _tiles(share, hits, "--hit", axes),
+        ),
+    ]
+
+
+def _tiles(shade: FloatArray, number: FloatArray | IntArray, colour: str, axes: str) -> Markup:
+    size = TILES * _SIDE
+    made = [
+        Markup('<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:.2f}"/>').format(
+            place % TILES * _SIDE,
+            size - _SIDE - place // TILES * _SIDE,
+            _SIDE,
+            _SIDE,
+            colour,
+            _FAINTEST + (1.0 - _FAINTEST) * float(shade[place]),
+        )
+        for place in np.flatnonzero(number > 0).tolist()
+    ]
+    return Markup('<svg class="density" role="img" aria-label="{}" viewBox="0 0 {} {}">{}</svg>').format(
+        axes, size, size, Markup().join(made)
+    )

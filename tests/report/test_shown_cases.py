@@ -1,0 +1,93 @@
+"""A page of more cases than it can hold: what it leaves out, what it shows of all, and how a case is found."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import builders
+import numpy as np
+import pytest
+from packed_pages import unpacked
+
+from sumo_eval.errors import InputError
+from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.report import shown_cases as module
+from sumo_eval.report.found_cases import nearest_cases
+from sumo_eval.report.html import write_report
+from sumo_eval.report.shown_cases import TILES, density_maps, shown_cases
+from sumo_eval.results import Evaluation
+
+
+def test_a_page_that_holds_all_cases_leaves_none_out(evaluation: Evaluation) -> None:
+    assert all(one.places is None for one in shown_cases(evaluation).values())
+
+
+def test_half_of_the_cases_that_are_shown_tell_most_and_the_others_lie_evenly(
+    evaluation: Evaluation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
+    for name, shown in shown_cases(evaluation).items():
+        assert shown.places is not None
+        assert len(shown.places) == len(set(shown.places.tolist())) == 4
+        everybody = [evaluation.cases_of(one.ads, name) for one in evaluation.scores if one.scenario == name]
+        tells = np.max([[2.0 * (case.collided or not case.evaluated) for case in cases] for cases in everybody], axis=0)
+        assert sum(tells[shown.places] > 0.0) >= min(2, sum(tells > 0.0))
+        assert [case.case for case in shown.among(everybody[0])] == [everybody[0][k].case for k in shown.places]
+
+
+def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(module, "MOST_SHOWN", 4 * len(evaluation.scores))
+    shutil.copytree(evaluation.folder, tmp_path / "run")
+    page = write_report(replace(evaluation, folder=tmp_path / "run"), partitions).read_text()
+    data = json.loads(unpacked(page, "report-data"))
+    of = len(evaluation.cases)
+    assert sum(len(scenario["cases"]) for scenario in data["scenarios"]) == 4 * len(evaluation.scores)
+    told = re.findall(r"This page has (\d+) of (\d+) cases", page)
+    assert sum(int(number) for number, _ in told) == 4 * len(evaluation.scores)
+    assert sum(int(number) for _, number in told) == of
+    assert page.count('<svg class="density"') == 2 * len(evaluation.scores)
+
+
+def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
+    evaluation: Evaluation, partitions: dict[str, ZonePartition]
+) -> None:
+    name = builders.SCENARIOS[1]
+    logical, cases = partitions[name].logical, evaluation.cases_of(builders.HOSTILE, name)
+    places = {
+        tuple(np.clip((logical.to_unit(logical.row(case.values))[[0, 1]] * TILES).astype(int), 0, TILES - 1))
+        for case in cases
+    }
+    (words, number), (share_words, share) = density_maps(logical, cases, 0, 1)
+    assert number.count("<rect") == len(places)
+    assert 0 < share.count("<rect") <= sum(case.collided for case in cases)
+    assert words.startswith("how many cases, up to ")
+    assert share_words.startswith("share of them that collided, up to ")
+
+
+def test_a_case_is_found_by_some_of_its_parameters(evaluation: Evaluation) -> None:
+    case = [one for one in evaluation.cases if one.ads == builders.CALM][2]
+    some = dict(list(case.values.items())[:2])
+    head, first, *_ = nearest_cases(evaluation, some, case.ads, case.scenario, 3)
+    assert head.startswith(f"{case.ads} in {case.scenario}, ")
+    assert all(f"{name}={value:g}" in first for name, value in some.items())
+    lines = nearest_cases(evaluation, dict(case.values), None, case.scenario, 1)
+    assert case.case in {line.split(":")[0].strip() for line in lines}
+
+
+@pytest.mark.parametrize(
+    ("values", "ads", "words"),
+    [
+        ({"gapp": 1.0}, None, "gapp"),
+        ({"ego_speed": 1.0}, "nobody", "Unknown ADS"),
+        ({"ego_speed": np.nan}, None, "finite"),
+    ],
+)
+def test_what_the_run_does_not_have_is_said(evaluation: Evaluation, values: dict, ads: str | None, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        list(nearest_cases(evaluation, values, ads, None, 1))
