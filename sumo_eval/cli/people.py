@@ -145,18 +145,30 @@ def coverage(evaluation: Path, out: Path | None) -> None:
 @click.argument("tables", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--drivers", type=click.IntRange(min=10), default=200, show_default=True, help="Synthetic drivers.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--recording", metavar="NAME", help="Only the people of this one of the recordings.")
+@click.option("--set", "changes", multiple=True, metavar="NAME=VALUE", help="One of [drivers.population]'s settings.")
 @click.option("--out", type=click.Path(path_type=Path), help="CSV file for the table.")
-def population(tables: tuple[Path, ...], drivers: int, seed: int, out: Path | None) -> None:
+def population(
+    tables: tuple[Path, ...], drivers: int, seed: int, recording: str | None, changes: tuple[str, ...], out: Path | None
+) -> None:
     """Compare the synthetic population with the people in imported TABLES."""
+    from sumo_eval.cli.named_values import named_values
     from sumo_eval.drivers.recorded.events import extract_events
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.drivers.recorded.population_check import compare_population
+    from sumo_eval.settings.config import population_from
     from sumo_eval.studies.tables import comparison_lines, write_rows
 
-    found = extract_events(import_recordings(OWN, tables))
+    people = population_from(named_values(changes, "--set"))
+    recordings = import_recordings(OWN, tables)
+    found = extract_events(recordings if recording is None else recordings.only(recording))
     with Progress() as progress:
         rows = compare_population(
-            found, drivers=drivers, seed=seed, progress=lambda done, total: progress("synthetic drivers", done, total)
+            found,
+            drivers=drivers,
+            seed=seed,
+            population=people,
+            progress=lambda done, total: progress("synthetic drivers", done, total),
         )
     for line in comparison_lines(rows):
         click.echo(line)

@@ -50,6 +50,11 @@ class Held:
     log_likelihood: float
     kolmogorov: Mapping[str, float]
 
+    @property
+    def named(self) -> tuple[JointKind, float | None]:
+        """Kind and bandwidth of the model by its name, `copula 0.27` or `kde`; None: Scott's."""
+        return _named(self.model)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learnt:
@@ -162,9 +167,9 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
         even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
         places, rows = places[even], rows[even]
     who = encounters.who.iloc[places]
-    models = _held_out(rows, free, (low, high), _folds(who))
+    models = choose_model(rows, free, (low, high), fold_of(who))
     best = models[0]
-    kind, factor = _named(best.model)
+    kind, factor = best.named
     _write_events(table, who, free, rows)
     content["joint"] = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
     _write(path, content)
@@ -197,7 +202,7 @@ def _range(values: FloatArray, floor: float | None) -> tuple[float, float]:
 # --- held out ---------------------------------------------------------------------------------------------------------
 
 
-def _folds(who: Any) -> FloatArray:
+def fold_of(who: Any) -> FloatArray:
     """The fold of each event, by the vehicle that met it: no vehicle is in two."""
     keys = (who["recording"].astype(str) + "/" + who["ego"].astype(str)).tolist()
     return np.array([zlib.crc32(key.encode()) % FOLDS for key in keys])
@@ -213,7 +218,7 @@ def _named(model: str) -> tuple[JointKind, float | None]:
     return ("kde" if kind == "kde" else "copula"), float(factor) if factor else None
 
 
-def _held_out(
+def choose_model(
     rows: FloatArray, names: Sequence[str], box: tuple[Sequence[float], Sequence[float]], folds: FloatArray
 ) -> tuple[Held, ...]:
     """Every model on vehicles that it was not fitted to, the best first, the even density last.

@@ -202,7 +202,8 @@ def end_reason(case: CaseResult) -> str:
 class PeopleBehind:
     """How many recorded people stand behind the D_i and H of a scenario.
 
-    points: safe concrete scenarios; with_people: of these, with recorded people; drives: of theirs, over all of these.
+    points: safe concrete scenarios; with_people: of these, with recorded people whom D_i compares with; drives: of
+    theirs, over all of these. Where references that are too thin are left out, their people stand behind nothing.
     """
 
     scenario: str
@@ -213,14 +214,17 @@ class PeopleBehind:
 
 def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
     """The recorded people of every scenario; empty where the evaluation asks for none."""
-    if evaluation.settings.drivers.source != "recorded":
+    drivers = evaluation.settings.drivers
+    if drivers.source != "recorded":
         return []
+    fewest = drivers.least if drivers.too_thin == "leave_out" else 1
     found: dict[str, dict[tuple[float, ...], int]] = {}
     for case in evaluation.cases:
         if case.zone == "safe":
             points = found.setdefault(case.scenario, {})
             here = tuple(case.values.values())
-            points[here] = max(points.get(here, 0), case.recorded_drivers or 0)
+            people = case.recorded_drivers or 0
+            points[here] = max(points.get(here, 0), people if people >= fewest else 0)
     return [
         PeopleBehind(name, len(points), sum(number > 0 for number in points.values()), sum(points.values()))
         for name, points in found.items()
@@ -244,8 +248,10 @@ def people_sentence(evaluation: Evaluation) -> str:
     points = sum(one.points for one in behind)
     if nobody_recorded(evaluation):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
+        who = "nobody" if fills else f"nowhere as many as {settings.drivers.least} people"
+        was = "was" if fills else "were"
         return (
-            f"No recorded person stands behind D and H: nobody in {source} was recorded in anything like these "
+            f"No recorded person stands behind D and H: {who} in {source} {was} recorded in anything like these "
             f"{count(points, 'safe concrete scenario')}; {instead}. `sumo-eval humans coverage` says where they are."
         )
     rest = "synthetic drivers fill up" if fills else "the others are left out"

@@ -13,7 +13,7 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, did_you_mean, nearest, unknown
-from sumo_eval.settings import Checked, EvaluationSettings
+from sumo_eval.settings import Checked, EvaluationSettings, PopulationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
 
@@ -71,6 +71,11 @@ def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     settings = _validated(with_suites(content, where), EvaluationSettings, where)
     check_evaluation(settings, where)
     return settings
+
+
+def population_from(content: Mapping[str, float]) -> PopulationSettings:
+    """A synthetic population that differs in what is named. Raises InputError for what there is not, or cannot be."""
+    return _validated(content, PopulationSettings, "the population")
 
 
 def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:

@@ -93,6 +93,15 @@ def test_how_many_recorded_people_stand_behind_the_scores_is_said_everywhere(run
     assert sentence in (out / "report.html").read_text()
 
 
+def test_people_of_references_that_are_left_out_stand_behind_nothing(runs):
+    out, _, rows = runs["leave_out"]
+    behind = {(row["ego_speed"], row["lead_speed"]): row for row in rows if row["zone"] == "safe"}
+    compared = [int(row["recorded_drivers"]) for row in behind.values() if int(row["recorded_drivers"]) >= 4]
+    assert any(0 < int(row["recorded_drivers"]) < 4 for row in behind.values())
+    (told,) = json.loads((out / "scores.json").read_text())["recorded_people"]
+    assert (told["with_people"], told["drives"]) == (len(compared), sum(compared))
+
+
 def test_coverage_says_the_same_before_anything_is_driven(runs):
     out, _, rows = runs["fill"]
     result = CliRunner().invoke(

@@ -16,10 +16,10 @@ from scipy import stats
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.drivers.synthetic.driver import synthetic_reference
-from sumo_eval.drivers.synthetic.population import draw_driver
+from sumo_eval.drivers.synthetic.population import AS_RECORDED, draw_driver
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.settings import PopulationSettings, SimulationSettings
 from sumo_eval.trajectory import FloatArray, Recording
 
 QUANTITIES = {
@@ -60,12 +60,18 @@ class Comparison:
 
 
 def compare_population(
-    events: Events, *, drivers: int, seed: int, progress: Callable[[int, int], None] = lambda done, total: None
+    events: Events,
+    *,
+    drivers: int,
+    seed: int,
+    population: PopulationSettings = AS_RECORDED,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Comparison]:
     """Every quantity of the recorded people and of `drivers` synthetic ones who approach as they did.
 
     Recorded: every motor vehicle in the right lane. Synthetic: driver i at the speeds of an event drawn at random
-    (seeded). Raises InputError where nobody approaches.
+    (seeded). population: how the synthetic drivers are told to differ from the ones that ship. Raises InputError where
+    nobody approaches.
     """
     approaches = events.tables["approach"]
     theirs = approaches[(approaches["start_kind"] == "range_crossing") & (approaches["lane"] == 0)]
@@ -82,7 +88,9 @@ def compare_population(
     for index in range(drivers):
         event = rows.iloc[int(stream.integers(len(rows)))]
         concrete = logical.concrete(ego_speed=float(event["ego_speed"]), lead_speed=float(event["lead_speed"]))
-        recording = synthetic_reference(concrete, [draw_driver(index, seed)], SimulationSettings(), seed=seed)[0]
+        recording = synthetic_reference(
+            concrete, [draw_driver(index, seed, population)], SimulationSettings(), seed=seed
+        )[0]
         approach, change = _approach(recording, concrete.road.lane_width)
         made.append(approach)
         changes.append(change)

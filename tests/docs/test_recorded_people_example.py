@@ -1,0 +1,40 @@
+"""The worked example of recorded people, as the tutorial has it, on a recording that anybody can have."""
+
+from __future__ import annotations
+
+import json
+import runpy
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from doc_blocks import ROOT, blocks
+
+from sumo_eval.cli import main
+
+SAMPLE = runpy.run_path(str(ROOT / "docs" / "examples" / "dlr_sample.py"))
+PAGE = "docs/tutorials/recorded_people.md"
+
+
+@pytest.mark.skipif(SAMPLE["archive"]() is None, reason="the wheel tasi is not installed: pip install --no-deps tasi")
+def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_people(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands = [words for block in blocks(PAGE) for words in block.commands()]
+    evaluation = next(block.text for block in blocks(PAGE) if "motorway_approach" in block.text)
+    monkeypatch.chdir(tmp_path)
+    SAMPLE["write_sample"](tmp_path / "recordings", 45)
+    (tmp_path / "people.toml").write_text(evaluation)
+    said = ""
+    example = [words for words in commands if "dlr_highway" in words or "people.toml" in words]
+    assert [words[0] for words in example] == ["humans", "humans", "run"]
+    for words in example:
+        given = [*words, "--engine", "serial"] if words[0] == "run" else words
+        result = CliRunner().invoke(main, given)
+        # 3: concrete scenarios with fewer than three people get no D_i, as the page says
+        assert result.exit_code == (3 if words[0] == "run" else 0), result.output + result.stderr
+        said += result.output
+    assert "3 have at least 3 recorded people" in said
+    (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())["recorded_people"]
+    assert (told["points"], told["with_people"]) == (14, 3)
+    assert told["drives"] >= 3 * 3
