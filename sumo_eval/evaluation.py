@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ from sumo_eval.settings.config import with_changes
 
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
-    from sumo_eval.record.facts import Evaluable
+    from sumo_eval.record.facts import Evaluable, Recorded
 
 
 def evaluate(
@@ -52,14 +53,55 @@ def evaluate(
     start in the current folder, or classes, functions and objects, of a notebook's cell too. Raises StoppedError when
     `stopping` said so; what was done by then is kept.
     """
-    from sumo_eval.record.facts import record_facts, resolve
+    from sumo_eval.record.facts import resolve
 
     folder = Path(out)
     settings, source = resolve(evaluation, folder, resume, ads, workers=workers, engine=engine, scheduler=scheduler)
-    record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
+    record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress)
     let_go(done)
     return done
+
+
+def record_rounds(
+    settings: EvaluationSettings,
+    source: Path,
+    folder: Path,
+    *,
+    resume: bool = False,
+    progress: Progress = quiet,
+    stopping: Stopping = never,
+) -> Recorded:
+    """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one round after the other.
+
+    Each round is scored before the next one is chosen. A run that was stopped goes on in the round in which it was.
+    """
+    from sumo_eval.record.facts import in_rounds, record_facts
+
+    adaptive = any(entry.sampling.method == "adaptive" for entry in settings.scenario)
+    if adaptive:
+        settings = in_rounds(settings, folder if resume else None)
+    recorded = record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
+    while adaptive and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
+        settings = further
+        recorded = record_facts(
+            settings, source, folder, resume=True, progress=progress, stopping=stopping, another_round=True
+        )
+    return recorded
+
+
+def _further_rounds(done: Evaluation, settings: EvaluationSettings) -> EvaluationSettings:
+    """The settings with one more round in every adaptive scenario that has not come to its end."""
+    from sumo_eval.record.points import choose_points
+    from sumo_eval.scoring.confidence.next_round import further_round
+
+    source, entries = Path(done.manifest["source_folder"]), []
+    for entry in settings.scenario:
+        if entry.sampling.method == "adaptive":
+            logical, points = choose_points(entry, source, settings)
+            entry = replace(entry, sampling=further_round(logical, entry.sampling, points, done))
+        entries.append(entry)
+    return replace(settings, scenario=tuple(entries))
 
 
 def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress: Progress = quiet) -> Evaluation:

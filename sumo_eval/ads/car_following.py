@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
+from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, unknown
@@ -200,21 +201,36 @@ def change_as_asked(path: Any, way: Any, me: Any, others: Any, desired_speed: fl
 
 
 PARAMETERS = fields("headway", "standstill_gap", "acceleration", "deceleration")
-_MEMORY = np.dtype([*fields("desired_speed", "curvature"), ("path", PATH), *flags("began")])
+_MEMORY = np.dtype([*fields("desired_speed", "curvature", "told", "steered"), ("path", PATH), *flags("steps")])
+"""told: acceleration, m/s2, and steered: steering wheel angle, rad, in this cycle. steps: how many there have been."""
 
 _PARAMETERS = np.dtype([*PARAMETERS, *flags("watches")])
 _KNOWN = fields("last_speed")
 
 
 @kernel
-def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, scenario: Any) -> tuple[float, float]:
-    """Acceleration, m/s2, and steering wheel angle, rad: IDM behind the lead in the path, in the middle of the step,
-    along the lane's centre. Who watches takes whoever comes into the path for the lead, if that one is nearer.
-    way: the lane change that the ego has to make, if it has to.
+def idm(
+    me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, cycle: Any, scenario: Any
+) -> tuple[float, float]:
+    """Acceleration, m/s2, and steering wheel angle, rad, decided once a cycle: whoever comes into the path is the lead
+    from one cycle to the next. way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a
+    cycle as its step.
     """
-    if memory.began == 0:
-        memory.began, memory.desired_speed = 1, me.speed
+    if memory.steps == 0:
+        memory.desired_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
+    if memory.steps % round(cycle.step / scenario.step) == 0:
+        memory.told, memory.steered = _decide(me, others, memory, known, p, way, cycle)
+    memory.steps += 1
+    return memory.told, memory.steered
+
+
+@kernel
+def _decide(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, scenario: Any) -> tuple[float, float]:
+    """IDM behind the lead in the path, in the middle of the cycle, along the lane's centre.
+
+    Who watches takes whoever comes into the path for the lead, if that one is nearer.
+    """
     lead = lead_in_path(me, others)
     if p.watches:
         coming = coming_into_path(me, others)
@@ -239,14 +255,15 @@ def idm(me: Any, others: Any, memory: Any, known: Any, p: Any, way: Any, scenari
 
 @rows
 def idm_rows(
-    egos: Records, seen: Records, memory: Records, known: Records, parameters: Records, scenario: Records, time: float
-) -> None:
+    egos: Records, seen: Records, memory: Records, known: Records, parameters: Records, cycles: Records,
+    scenario: Records, time: float,
+) -> None:  # fmt: skip
     """`idm` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             command = egos[i].command
             command.acceleration, command.steering = idm(
-                egos[i].seen, seen[i], memory[i], known[i], parameters[i], egos[i].way, scenario[0]
+                egos[i].seen, seen[i], memory[i], known[i], parameters[i], egos[i].way, cycles[i], scenario[0]
             )
 
 
@@ -266,13 +283,13 @@ class Idm(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, parameters."""
+        """Memory, what is remembered of the others, parameters, what a cycle is."""
         count = len(together)
         parameters = np.zeros(count, _PARAMETERS)
         for name, _ in PARAMETERS:
             parameters[name] = [getattr(each.parameters, name) for each in together]
         parameters["watches"] = [each.watches for each in together]
-        return np.zeros(count, _MEMORY), unknown(count, others, _KNOWN), parameters
+        return np.zeros(count, _MEMORY), unknown(count, others, _KNOWN), parameters, cycles_of(scenario, count)
 
 
 class Attentive(Idm):

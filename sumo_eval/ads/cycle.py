@@ -1,8 +1,9 @@
-"""The clock of a driver whose rule has no limit in continuous time.
+"""The clock of a driver whose rule jumps: it decides once a cycle, as a control unit does.
 
 A rule that lets go as soon as its threshold is not exceeded exceeds it again at once: the finer the step, the more
-often. So such a driver decides once a cycle, as a control unit does, and the step of the simulation may be any part of
-that.
+often, and in continuous time without end. One that takes whoever has come into the path for its lead does so at a look.
+So what such a driver does depends on when it looks. It looks once a cycle, and the step of the simulation may be any
+part of that.
 """
 
 from __future__ import annotations

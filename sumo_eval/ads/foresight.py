@@ -19,6 +19,7 @@ from sumo_eval.cosim.contact import Body, first_touch
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.method.criticality import ideal_impact_speed
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, LaneChange, Start
+from sumo_eval.scenario.road.reference_line import Piece, map_places
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import FloatArray
@@ -28,6 +29,11 @@ _LOOK = 0.05  # s between two looks for the first sight of a hidden vehicle, who
 _HALVINGS = 30  # of `_LOOK`: to 5e-11 s
 _PEAK_RATE = 1.875  # of `smooth_step_rate`
 _AHEAD = 0.01  # m on which the direction of a way is taken
+_BEND = 1.0  # m by which bodies on a bent road may be nearer to each other than their places along and across it tell
+
+
+Line = tuple[Piece, ...]
+"""The line that a road follows; none: a straight one."""
 
 
 class Foresight(NamedTuple):
@@ -53,7 +59,7 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         return _foresee_lively(concrete, settings, until)
     found = []
     for actor in actors:
-        meets = first_meeting(ego, settings.vehicle, actor, settings.step, until) is not None
+        meets = first_meeting(ego, settings.vehicle, actor, settings.step, until, concrete.road.line) is not None
         in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + settings.vehicle.width)
         changes = first_change(actor, caught_up=in_path and actor.start.speed < ego.speed)
         noticed = first_sight(ego, actor, actors, changes, 1.0 - settings.ideal_visible_share, until)
@@ -172,7 +178,7 @@ def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, un
         noticed = _first_sight(ego, track, nearer, changes, hiding, until)
         along = rows[:, 3] * np.cos(rows[:, 2]) - rows[:, 4] * np.sin(rows[:, 2])
         reacts = actor.model is not None and actor.start.x < ego.x  # it will not drive into whoever keeps its speed
-        meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until)
+        meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until, concrete.road.line)
         passes = ego.way is not None and actor.start.x < ego.x  # it is let past: only who stands leads no one into it
         slowest = 0.0 if passes else max(float(along.min()), 0.0)
         told.append(Foresight(noticed, meets, slowest, noticed > changes))
@@ -202,17 +208,21 @@ def _covers(ego: Start, nearer: _Track, track: _Track, time: float, hiding: floa
     return shared > 2.0 * hidden * hiding
 
 
-def _meets(ego: Start, vehicle: VehicleSettings, track: _Track, rows: FloatArray, step: float, until: float) -> bool:
-    """Whether an ego that keeps its speed and its lane touches another vehicle."""
+def _meets(
+    ego: Start, vehicle: VehicleSettings, track: _Track, rows: FloatArray, step: float, until: float, line: Line
+) -> bool:
+    """Whether an ego that keeps its speed and its lane touches another vehicle. line: of the road, none: straight."""
     times = np.arange(len(rows)) * step
     reach = 0.5 * (vehicle.length + vehicle.width + track.length + track.width) + FASTEST * step * 0.1
+    reach += _BEND if line else 0.0
     places = ego.x + ego.speed * times
     near = np.abs(rows[:, 0] - places) < reach
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
         time, later = k * step, (k + 1) * step
         if time < until and first_touch(
-            _ego_body(ego, vehicle, time), _ego_body(ego, vehicle, later), track.body(time), track.body(later)
+            _ego_body(ego, vehicle, time, line), _ego_body(ego, vehicle, later, line),
+            _on_the_map(track.body(time), line), _on_the_map(track.body(later), line),
         ) is not None:  # fmt: skip
             return True
     return False
@@ -274,18 +284,23 @@ def _half_width(actor: Actor, time: float) -> float:
     return 0.5 * (actor.length * abs(math.sin(heading)) + actor.width * math.cos(heading))
 
 
-def first_meeting(ego: Start, vehicle: VehicleSettings, actor: Actor, step: float, until: float) -> float | None:
+def first_meeting(
+    ego: Start, vehicle: VehicleSettings, actor: Actor, step: float, until: float, line: Line = ()
+) -> float | None:
     """When an ego that keeps its speed and its lane first touches another vehicle, s; None if not before `until`.
 
     Steps in which the bodies cannot come together, whatever the script holds, are passed over; in the others contact
-    is what the harness would find.
+    is what the harness would find. line: of the road, none: straight.
     """
+    until = step * math.ceil(until / step)  # the step in which the case ends is driven to its end
     speed, along = ego.speed, actor.start.speed
     fastest_x = max(abs(speed - along), speed if actor.brake is not None else 0.0)
     fastest_y = sum(_fastest(move) for move in actor.lane_changes)
     turns = fastest_y > 0.0 and not actor.slides
     reach_x = 0.5 * (vehicle.length + actor.length + (actor.width if turns else 0.0))
     reach_y = 0.5 * (vehicle.width + actor.width + (actor.length if turns else 0.0))
+    if line:
+        reach_x, reach_y = reach_x + _BEND, reach_y + _BEND
     count = 0
     while count * step < until:
         time = count * step
@@ -299,8 +314,9 @@ def first_meeting(ego: Start, vehicle: VehicleSettings, actor: Actor, step: floa
             continue
         later = time + step
         share = first_touch(
-            _ego_body(ego, vehicle, time), _ego_body(ego, vehicle, later), _body(actor, time), _body(actor, later)
-        )
+            _ego_body(ego, vehicle, time, line), _ego_body(ego, vehicle, later, line),
+            _on_the_map(_body(actor, time), line), _on_the_map(_body(actor, later), line),
+        )  # fmt: skip
         if share is not None:
             return time + share * step
         count += 1
@@ -321,12 +337,24 @@ def _time_over(apart: float, speed: float) -> float:
     return apart / speed if speed > 0.0 else math.inf
 
 
-def _ego_body(ego: Start, vehicle: VehicleSettings, time: float) -> Body:
-    x = ego.x + ego.speed * time
-    if ego.way is None:
-        return Body(x, ego.y, 0.0, ego.speed, vehicle.length, vehicle.width)
-    y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()
-    return Body(x, y, math.atan2(ahead - y, _AHEAD), ego.speed, vehicle.length, vehicle.width)
+def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
+    """The ego's body on the map. Where the road bends its rear axle is on the way, square to it."""
+    half = 0.5 * vehicle.wheelbase if line else 0.0
+    x = ego.x + ego.speed * time - half
+    heading, y = 0.0, ego.y
+    if ego.way is not None:
+        y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()
+        heading = math.atan2(ahead - y, _AHEAD)
+    axle = _on_the_map(Body(x, y, heading, ego.speed, vehicle.length, vehicle.width), line)
+    return axle._replace(x=axle.x + half * math.cos(axle.heading), y=axle.y + half * math.sin(axle.heading))
+
+
+def _on_the_map(body: Body, line: Line) -> Body:
+    """A body that is given along and across a road."""
+    if not line:
+        return body
+    x, y, heading = map_places(line, body.x, body.y, body.heading)
+    return body._replace(x=float(x), y=float(y), heading=float(heading))
 
 
 def _body(actor: Actor, time: float) -> Body:

@@ -18,11 +18,12 @@ import numpy as np
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, carry_on, lateral_overlap, next_ahead, take
+from sumo_eval.ads.perception import bumper_gap, carry_on, is_visible, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     GRAVITY,
     HUMAN_BRAKING,
+    SHOWING,
     SIGHTING,
     brake_ramp,
     brake_ramp_lost,
@@ -301,14 +302,14 @@ def _aeb_demand(scene: Any, after: float) -> float:
     now, me, sightings, others, step = scene
     foresee_all(now, me, sightings, others, after, step)
     for j in range(len(others)):
-        if 0.0 <= _aeb_ttc(me, others[j]) < AEB_TTC:
+        if 0.0 <= _aeb_ttc(me, others[j]) < AEB_TTC and is_visible(me, others, j, SHOWING):
             return 1.0
     return 0.0
 
 
 @kernel
 def _watch_over(others: Any, memory: Any, sightings: Any, later: Any, step: float, time: float) -> None:
-    """The AEB stage: for a vehicle that fully overlaps the ego's path at TTC < 1.5 s, until no longer closing."""
+    """The AEB stage: for a vehicle in sight and fully in the path at TTC < 1.5 s, until no longer closing."""
     for j in range(len(others)):
         sight(sightings[j], others[j], step)
     if memory.aeb_brakes == 0:

@@ -57,7 +57,7 @@ def run(
         read_evaluation(evaluation)  # a mistake in it is told at once
     with Heard():
         warm_up()  # before the imports below, which take a second
-        from sumo_eval.evaluation import let_go
+        from sumo_eval.evaluation import let_go, record_rounds
         from sumo_eval.evaluation import score as score_run
         from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
         from sumo_eval.record.run_folder import refuse_foreign
@@ -80,9 +80,12 @@ def run(
         click.echo(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)
     with Progress() as progress, Stopping() as stopping:
-        recorded = record_facts(
-            settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
-        )
+        if part == WHOLE:
+            recorded = record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
+        else:
+            recorded = record_facts(
+                settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
+            )
     if part != WHOLE:
         failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
         click.echo(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")

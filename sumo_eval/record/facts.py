@@ -38,6 +38,8 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.file import check_points
 from sumo_eval.scenario.openscenario.collections import expanded
+from sumo_eval.scenario.road.table import check_line
+from sumo_eval.scenario.sampling.adaptive import size_of_round
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RunSettings, ScenarioSettings
 from sumo_eval.settings.config import PAPER_EVALUATION, check_evaluation, read_evaluation, settings_from
 from sumo_eval.settings.random_streams import random_stream
@@ -149,16 +151,20 @@ def record_facts(
     shard: tuple[int, int] = WHOLE,
     progress: Progress = quiet,
     stopping: Stopping = never,
+    another_round: bool = False,
 ) -> Recorded:
     """Simulate an evaluation, or its share number i of n (`shard`), into a run folder, or what is missing there.
 
-    Raises StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
+    another_round: whether this adds points to what the caller has recorded there just now. Raises StoppedError after
+    `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
+    if shard != WHOLE:
+        _refuse_rounds_in_shards(evaluation)
     severity_of(evaluation.method.collision, source)
     refuse_engine(evaluation.run)
     if evaluation.run.qualification and not run_folder.is_run(folder):
         read_qualification(evaluation.run.qualification, source)
-    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
+    _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
     progress("controllers", len(plan.identities), len(plan.identities))
@@ -166,7 +172,8 @@ def record_facts(
     if any(_middle(space).lively for space in spaces):
         loops.ready([loops.PLAYED], progress)
     with run_folder.only_writer(folder, resume=resume):
-        run_folder.create(folder, evaluation, source, [_middle(space) for space in spaces])
+        examples = [_middle(space) for space in spaces]
+        run_folder.create(folder, evaluation, source, examples, another_round=another_round)
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
         with open_store(folder / run_folder.FACTS, create=True) as store:
             _check_shard(store, shard, folder)
@@ -185,6 +192,44 @@ def record_facts(
             store.seal()
             store.note(run_folder.COMPLETE, "yes")
             return _counted(store, folder, shard)
+
+
+def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
+    """Tell a misspelt scenario, and a bend too tight for the ego's steering, before anything is compiled or driven."""
+    for name, logical in scenarios_of(evaluation, source).items():
+        road = logical.road
+        check_line(road.line, road.lanes, road.lane_width, f"scenario `{name}`", evaluation.simulation.vehicle)
+
+
+def in_rounds(settings: EvaluationSettings, folder: Path | None) -> EvaluationSettings:
+    """The settings with how many points a round of each adaptive sample has, and the rounds that a run to go on with
+    has chosen already by the same rules.
+    """
+    before = {}
+    if folder is not None and run_folder.is_run(folder):
+        before = {entry.use: entry.sampling for entry in read_evaluation(folder / run_folder.EVALUATION).scenario}
+
+    def filled(entry: ScenarioSettings) -> ScenarioSettings:
+        mine, its = entry.sampling, before.get(entry.use)
+        if mine.method != "adaptive" or mine.count is None:
+            return entry
+        if its is not None and not mine.rounds:
+            known = replace(mine, round=its.round, rounds=its.rounds)
+            if mine.round in (None, its.round) and replace(its, count=mine.count, until=mine.until) == known:
+                return replace(entry, sampling=known)
+        size = size_of_round(mine.count, mine.round, f"the sampling of scenario `{entry.use}`")
+        return replace(entry, sampling=replace(mine, round=size))
+
+    return replace(settings, scenario=tuple(filled(entry) for entry in settings.scenario))
+
+
+def _refuse_rounds_in_shards(settings: EvaluationSettings) -> None:
+    for entry in settings.scenario:
+        if entry.sampling.method == "adaptive":
+            raise InputError(
+                f"Scenario `{entry.use}` is sampled in rounds (`adaptive`), each chosen by what all cases of those "
+                "before came to: it cannot be recorded in shards. More machines share its cases with `--engine dask`."
+            )
 
 
 def merge(shards: Sequence[Path], out: Path) -> Recorded:
@@ -260,9 +305,19 @@ def verify(
 
 
 def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, shard: tuple[int, int]) -> Estimate:
-    """How many drives an evaluation takes, and how long: timed on points from all over each scenario."""
+    """How many drives an evaluation takes, and how long: timed on points from all over each scenario.
+
+    Of points chosen in rounds all that there may be count, as if one round had them.
+    """
+    entries = tuple(
+        replace(entry, sampling=replace(entry.sampling, round=entry.sampling.count, rounds=()))
+        if entry.sampling.method == "adaptive" and folder is None
+        else entry
+        for entry in evaluation.scenario
+    )
+    evaluation = replace(evaluation, scenario=entries)
     refuse_engine(evaluation.run)
-    scenarios_of(evaluation, source)  # a misspelt one is told before anything is compiled or an ADS is asked
+    _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)

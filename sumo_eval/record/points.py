@@ -68,6 +68,10 @@ def choose_points(
         folder=source,
         seed=settings.seed,
         danger=lambda points: danger(logical, points, settings.method.zones),
+        round=sampling.round,
+        aim=sampling.aim,
+        until=sampling.until,
+        rounds=sampling.rounds,
     )
     weighted = logical if exposure is None else replace(logical, exposure=exposure)
     points = sample(weighted, sampling.method, request=request)

@@ -90,8 +90,17 @@ def is_run(folder: Path) -> bool:
     return (folder / MANIFEST).is_file()
 
 
-def create(folder: Path, settings: EvaluationSettings, source: Path, examples: Sequence[ConcreteScenario]) -> None:
-    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario."""
+def create(
+    folder: Path,
+    settings: EvaluationSettings,
+    source: Path,
+    examples: Sequence[ConcreteScenario],
+    *,
+    another_round: bool = False,
+) -> None:
+    """Fill a run folder. `source`: where relative paths of the evaluation start; `examples`: one case a scenario.
+    another_round: whether whoever began or resumed the run goes on with it.
+    """
     from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml  # brings libsumo
 
     before = read_manifest(folder) if is_run(folder) else None
@@ -124,7 +133,8 @@ def create(folder: Path, settings: EvaluationSettings, source: Path, examples: S
         if before is not None:  # who began it stays, and who went on stands beside
             now = {name: manifest[name] for name in ("created", "versions", "machine")}
             manifest |= {name: before[name] for name in now}
-            manifest["resumed"] = [*before.get("resumed", []), now]
+            resumed = [*before.get("resumed", []), *([] if another_round else [now])]
+            manifest |= {"resumed": resumed} if resumed else {}
         _write(folder / MANIFEST, sealed(manifest, indent=2))
     except OSError as error:
         raise InputError(f"The run folder {folder} cannot be written: {error}.") from error

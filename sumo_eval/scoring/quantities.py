@@ -484,7 +484,7 @@ def describe_zones(logical: LogicalScenario, zones: ZonePartition, points: Sampl
     return ZoneResult(
         scenario=logical.name,
         zones=len(zones.most_dangerous),
-        hazardous_share=float(np.mean(inside)),
+        hazardous_share=float(np.average(inside, weights=points.stands_for)),
         most_dangerous=zones.most_dangerous,
         boundary_error=error.feasible,
         boundary_error_box=error.box,

@@ -22,6 +22,7 @@ from sumo_eval.results import ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
+from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_measures import drive_measures
@@ -88,6 +89,8 @@ class Scoring:
         logical, points = choose_points(entry, self.source, settings)
         zones = zones_of_entry(entry, logical, settings, self.source, self.kept)  # step 1: safe and hazardous zones
         known = survey(logical, zones, store, settings)  # step 2: the ADSs in every concrete scenario
+        if points.stands_for is not None:
+            known = replace(known, weights=known.weights * points.stands_for[: known.points])
         nobody = not logical.has_drivers and not known.compared
         plausible = plausible_people(logical, store, method.plausibility)
         remarks = {ads.name: Remarks(self.severity) for ads in settings.ads}
@@ -122,8 +125,16 @@ class Scoring:
             logical.to_unit(points.points),
             points.method,
             settings,
+            points.stratum,
         )
-        return describe_zones(logical, zones, points), finished, found
+        described = describe_zones(logical, zones, points)
+        if entry.sampling.method == ADAPTIVE:
+            stands = standing(
+                entry.sampling, points, finished, tables, [known.driven[ads.name] for ads in settings.ads], method,
+                logical.name,
+            )  # fmt: skip
+            described = replace(described, notes=(*described.notes, stands.sentence))
+        return described, finished, found
 
     def _some_points(
         self,

@@ -27,7 +27,7 @@ class SamplingSettings(Checked):
         str | None,
         About(
             "how points are chosen: grid, pairwise, combinations, latin_hypercube, sobol, halton, exposure, "
-            "exposure_danger, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
+            "exposure_danger, adaptive, file, openscenario, module:name, or a sample that the scenario names; default: the scenario's own"  # noqa: E501
         ),
     ] = None
     levels: Annotated[
@@ -35,11 +35,32 @@ class SamplingSettings(Checked):
         About("points on each axis, one number or by parameter; default: the space's steps"),
     ] = None
     steps: Annotated[dict[str, float] | None, About("step by parameter name; others keep the space's own")] = None
-    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them")] = None
+    count: Annotated[int | None, Ge(1), About("number of points, of methods that draw them; of `adaptive` at most")] = (
+        None
+    )
     strength: Annotated[int | None, Ge(1), About("t of `combinations`: every combination of t parameters' values")] = (
         None
     )
     file: Annotated[str | None, About("CSV of points, or mapping of an OpenSCENARIO variation")] = None
+    round: Annotated[int | None, Ge(1), About("of `adaptive`: points of a round; default: a fifth of `count`")] = None
+    aim: Annotated[
+        Literal["s_plus", "boundary"] | None,
+        About(
+            "of `adaptive`: what rounds go after: the interval of S+ (default), or where collisions begin, by the "
+            "share of the space that collides"
+        ),
+    ] = None
+    until: Annotated[
+        float | None,
+        Positive,
+        About(
+            "of `adaptive`: no further round once half the 95 % interval of every ADS is this small; default: never",
+            "points of S+, or share of the space",
+        ),
+    ] = None
+    rounds: Annotated[
+        tuple[tuple[int, ...], ...], About("filled in by `adaptive`: points from each cell, round by round")
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

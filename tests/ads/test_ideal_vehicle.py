@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from road_scenes import actor, case
 
-from sumo_eval.ads.foresight import evasion, foresee
+from sumo_eval.ads.foresight import evasion, first_meeting, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
 from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -203,6 +203,25 @@ def test_braking_that_begins_within_a_step_hits_as_fast_as_in_closed_form(step):
     recording = simulate(case(lead, speed=30.0), "ideal_braking", SimulationSettings(step=step, record_interval=0.1))
     expected = float(ideal_impact_speed(30.0, 0.0, 40.0, deceleration=9.0, build_up=0.15))
     assert recording.collision.relative_speed == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("gap", "meets"), [(100.3, True), (100.6, False)])
+def test_the_step_in_which_the_case_ends_is_foreseen_to_its_end(gap, meets):
+    # 10 m/s faster: contact after 10.03 or 10.06 s, where the road ends at 10.02 s, in the step to 10.05 s
+    lead = actor("lead", gap, 10.0)
+    met = first_meeting(case(lead).ego, SimulationSettings().vehicle, lead, 0.05, 10.02)
+    assert met == (pytest.approx(10.03) if meets else None)
+
+
+def test_a_touch_of_corners_on_a_bend_is_foreseen_on_the_map():
+    # 0.02 m apart by the road's frame, 5 mm into each other on the map: the left curve turns the corners together
+    bend = catalogue.load("curve_cut_in")
+    grazes = bend.concrete(ego_speed=24.8564, cut_in_speed=14.8803, gap=1.67441, lateral_speed=1.55033)
+    settings = grazes.simulation(SETTINGS)
+    (other,), ego = grazes.actors, grazes.ego
+    assert first_meeting(ego, settings.vehicle, other, 0.05, 5.0) is None
+    assert first_meeting(ego, settings.vehicle, other, 0.05, 5.0, grazes.road.line) == pytest.approx(1.027, abs=0.002)
+    assert foresee(grazes, settings)[0].meets
 
 
 def test_only_the_ideal_vehicle_itself_is_told_the_scripts():

@@ -237,6 +237,15 @@ def test_a_vehicle_that_stays_in_its_lane_is_no_event():
         assert simulate(case(beside), driver).ego.speed == pytest.approx(20.0)
 
 
+def test_the_aeb_stage_does_not_see_through_a_vehicle():
+    # 29 m to one that stands, TTC 1.45 s, behind one that slides aside at 1.8 m/s from 0.2 s on: a fifth of the hidden
+    # one's 1.8 m shows 0.2 s after that
+    lead = Actor("lead", Start(50.0 + 4.5 + 6.0, 0.0, 20.0), (ConstantLateral(0.2, 1.8, 3.5),), 4.5, 1.8, slides=True)
+    ego = simulate(case(lead, actor("standing", 29.0, 0.0), speed=20.0), "careful_driver_aeb").ego
+    assert (ego.speed[ego.time <= 0.4] == 20.0).all()
+    assert ego.speed[np.searchsorted(ego.time, 0.6)] < 20.0
+
+
 def test_the_aeb_stage_avoids_what_the_driver_alone_is_too_late_for():
     standing = case(actor("lead", gap=18.0, speed=0.0), speed=13.9)
     assert simulate(standing, "careful_driver").collision is not None

@@ -61,6 +61,22 @@ def test_a_misspelt_scenario_is_refused_before_an_ads_is_asked(
     assert not Path("asked").exists()
 
 
+def test_a_bend_that_is_too_tight_for_the_steering_of_the_evaluation_is_refused_before_the_first_drive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A steering wheel that stops at 8 deg turns the wheels by 0.5 deg: 2.7 m / tan(0.5 deg) = 309.4 m, in the left
+    lane, which is 3.5 m further inside.
+    """
+    monkeypatch.chdir(tmp_path)
+    Path("evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "curve_braking"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n'
+        "[simulation.vehicle]\nmax_steering_wheel_angle_deg = 8.0\n"
+    )
+    result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
+    assert result.exit_code == 2
+    assert "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive" in result.output
+
+
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     result = CliRunner().invoke(main, ["qualify", "--out", str(tmp_path / "file" / "x")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -14,10 +15,17 @@ from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
-from sumo_eval.scenario.openscenario.collections import uses_of
+from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.scenario.openscenario.conformity import ROWS, table
 from sumo_eval.scenario.openscenario.describe import described
-from sumo_eval.scenario.openscenario.logical import concrete, concrete_points, read_file
+from sumo_eval.scenario.openscenario.logical import (
+    Read,
+    concrete,
+    concrete_points,
+    grid_size,
+    read_file,
+    refusal,
+)
 from sumo_eval.scenario.openscenario.scene import synchronized
 from sumo_eval.scenario.openscenario.written import write_scenario
 from sumo_eval.scenario.openscenario.written_space import space_contents
@@ -330,6 +338,20 @@ def test_the_road_of_an_ego_that_turns_is_its_way_and_who_comes_across_drives_st
     assert abs(np.diff(seen[:, 2])).max() < 0.2  # its heading in the frame turns without a jump
 
 
+def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(tmp_path: Path) -> None:
+    """A car that changes lane ahead is what the synthetic drivers know; one that comes across the ego's turn is not,
+    and the file that is written of it says so.
+    """
+    along, across = tmp_path / "along", tmp_path / "across"
+    along.mkdir()
+    across.mkdir()
+    assert read_file(written(along, events=CUT_IN)).logical.has_drivers
+    read = read_file(turning(across))
+    assert not read.logical.has_drivers
+    (content,) = space_contents(read, {})
+    assert content["people"] == "none"
+
+
 def test_an_ego_that_turns_behind_who_comes_across_touches_nobody(tmp_path: Path) -> None:
     """Through SUMO: an ego that does nothing reaches the bend after (120 - 20) / 5 = 20 s, when the other, from 198.5 m
     with 5 m/s, is at 98.5 m, beside the straight. The ego's axle keeps to the radius of 10 m, its centre 1.35 m ahead,
@@ -614,23 +636,56 @@ def test_the_written_space_has_the_cases_of_the_file(tmp_path: Path, name: str, 
     """
     plain, _, road = name.partition("?road=")
     read = read_file((ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {})
-    contents = space_contents(read, {})
+    assert written_as_read(read, {}, tmp_path) == (files, points)
+
+
+def written_as_read(read: Read, fixed: dict[str, float], folder: Path) -> tuple[int, int]:
+    """How many files the space of a file is written as, and their points, each of which is the file's own case."""
     spaces = []
-    for number, content in enumerate(contents):
-        write_scenario(content, tmp_path / f"{number}.toml")
-        spaces.append(find(f"{number}.toml", tmp_path))
-    assert len(spaces) == files
-    assert sum(len(sample(space).points) for space in spaces) == points
-    for point in (point for point, why in concrete_points(read) if why is None):
+    for number, content in enumerate(space_contents(read, fixed)):
+        write_scenario(content, folder / f"{number}.toml")
+        spaces.append(find(f"{number}.toml", folder))
+    axes = read.space.axes
+    for row in itertools.product(*([fixed[it.name]] if it.name in fixed else it.values for it in axes)):
+        point = dict(zip((axis.name for axis in axes), row, strict=True))
+        if refusal(read.space, read.frame, point) is not None:
+            continue
         theirs = concrete(read, point)
         bodies = [(actor.body, actor.length, actor.width) for actor in theirs.actors]
         for space in spaces:
-            again = space.concrete(**{key: value for key, value in point.items() if key in space.names})
+            again = space.concrete(
+                **{key: value for key, value in point.items() if key in space.names} or {"only": 0.0}
+            )
             if [(actor.body, actor.length, actor.width) for actor in again.actors] == bodies:
                 same_case(again, theirs)
                 break
         else:
             raise AssertionError(point)
+    return len(spaces), sum(len(sample(space).points) for space in spaces)
+
+
+def catalogue_files() -> list[Path]:
+    """The 22 files of Euro NCAP and the 15 of UN R157; none where the catalogues are not there."""
+    folders = {"ncap_2026": NCAP.parents[4], "osc_alks": ALKS.parent}
+    return [file for name, copy in folders.items() if copy.is_dir() for file in COLLECTIONS[name].files(copy)]
+
+
+@pytest.mark.campaign
+@needs_catalogues
+@pytest.mark.parametrize("file", catalogue_files(), ids=lambda file: file.stem)
+def test_every_file_of_the_catalogues_is_written_with_its_own_cases(tmp_path: Path, file: Path) -> None:
+    """On each of its roads. Of a file with more points than 300, those at the first value of its last axes."""
+    for number, (_, read) in enumerate(uses_of(file, file.name)):
+        fixed: dict[str, float] = {}
+        size = grid_size(read.space)
+        for axis in reversed(read.space.axes):
+            if size > 300:
+                size //= len(axis.values)
+                fixed[axis.name] = axis.values[0]
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        _, plays = written_as_read(read, fixed, folder)
+        assert 0 < plays <= size
 
 
 @needs_catalogues

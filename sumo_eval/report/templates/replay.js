@@ -433,8 +433,12 @@ const sumoReplay = (() => {
     return `rgb(${parts.join(",")})`;
   }
 
-  function drawChase(canvas, scene, view, colour, time, ratio) {
-    const sheet = pen(canvas, ratio);
+  const FINE = { part: 4, dashes: 160, posts: 250, edges: true }; // m: a piece of a bend; how far markings and posts are drawn
+  const COARSE = { part: 10, dashes: 80, posts: 100, edges: false };
+
+  /** The road in perspective. ratio: pixels of the canvas for one of the page. coarse: with fewer and larger pieces. */
+  function drawChase(canvas, scene, view, colour, time, { ratio, coarse = false } = {}) {
+    const sheet = pen(canvas, ratio), detail = coarse ? COARSE : FINE;
     if (!sheet) return;
     const { context, width, height } = sheet, { road } = scene;
     const me = mapped(road, view.ego), heading = at(me, "heading", time);
@@ -450,7 +454,7 @@ const sumoReplay = (() => {
       outline(context, cut.map(screen));
       context.fillStyle = fill;
       context.fill();
-      if (!stroke) return;
+      if (!stroke || !detail.edges) return;
       context.lineWidth = 1;
       context.strokeStyle = stroke;
       context.stroke();
@@ -464,7 +468,7 @@ const sumoReplay = (() => {
     const begin = from - 5, end = from + (bends(road) ? 250 : 400);
     const ground = (x, y, z = 0) => [...onMap(road, x, y).slice(0, 2), z];
     const flat = (x0, x1, y0, y1, fill) => {
-      const parts = bends(road) ? Math.ceil((x1 - x0) / 4) : 1, lap = parts > 1 ? 0.2 : 0; // m, or seams are seen
+      const parts = bends(road) ? Math.ceil((x1 - x0) / detail.part) : 1, lap = parts > 1 ? 0.2 : 0; // m, or seams are seen
       for (let k = 0; k < parts; k++) {
         const [a, b] = [x0 + (x1 - x0) * k / parts, x0 + (x1 - x0) * (k + 1) / parts];
         face([ground(a, y0), ground(b + lap, y0), ground(b + lap, y1), ground(a, y1)], fill);
@@ -475,7 +479,7 @@ const sumoReplay = (() => {
     for (const y of [road.right, road.left]) flat(begin, end, y - 0.07, y + 0.07, "#fff");
     for (let lane = 1; lane < road.lanes; lane++) {
       const y = road.right + lane * road.laneWidth;
-      for (let x = Math.floor(begin / 9) * 9; x < from + 160; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
+      for (let x = Math.floor(begin / 9) * 9; x < from + detail.dashes; x += 9) flat(x, x + 3, y - 0.06, y + 0.06, "#fff");
     }
     for (const [x0, x1, y] of road.solid) flat(Math.max(x0, begin), Math.min(x1, end), y - 0.06, y + 0.06, "#fff");
     for (const gone of road.gone) {
@@ -485,7 +489,7 @@ const sumoReplay = (() => {
         if (a !== b) face([ground(a, y0), ground(b, y1), ground(b, outer), ground(a, outer)], "#c9d3c2");
       }
     }
-    for (let x = Math.ceil(begin / 50) * 50; x < from + 250; x += 50) { // posts every 50 m give the eye a speed
+    for (let x = Math.ceil(begin / 50) * 50; x < from + detail.posts; x += 50) { // posts every 50 m give the eye a speed
       for (const y of [road.right - 1, road.left + 1]) face([[y - 0.06, 0], [y + 0.06, 0], [y + 0.06, 1], [y - 0.06, 1]].map(([across, up]) => ground(x, across, up)), "#f5f7f9", "#57606a");
     }
     const vehicles = [[me, colour, true], ...view.actors.map(([name, actor]) => [mapped(road, actor), touching(view, time) && name === view.contact.other ? COLOURS.contact : COLOURS.actor, false])]

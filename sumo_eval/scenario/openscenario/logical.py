@@ -49,6 +49,7 @@ _LOOKED_AT = 2_000  # points at which a file is tried before the first case
 _LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
 _DEEPEST = 8  # files that lead to each other before the search for a cycle is given up
 _ROUND = 10.0  # m: a road's end is a multiple of it
+_ALONG = 0.5  # cosine of the largest angle to the road at which somebody still drives along it
 _FIXED = Scope({})
 
 Assignments = tuple[tuple[str, Value], ...]
@@ -294,22 +295,27 @@ class Holds:
 
 def refusal(space: Space, road: Frame, point: Mapping[str, float]) -> str | None:
     """Why a point cannot be played; None where it can. A constraint that does not hold is told as `= constraint`."""
-    return _refusal(space, road, tuple(sorted(point.items())))
+    found = _looked_at(space, space.given(point))
+    if isinstance(found, str):
+        return found
+    return None if _shape(found.frame) == _shape(road) else f"= another road, {found.frame.name}"
 
 
-@lru_cache(maxsize=200_000)
-def _refusal(space: Space, road: Frame, point: tuple[tuple[str, float], ...]) -> str | None:
-    given = space.given(dict(point))
+def _looked_at(space: Space, given: Mapping[str, Value]) -> Scene | str:
+    """The scene of a file with given values of its parameters, or why there is none there, as `refusal` tells it."""
+    return _scene_or_why(
+        space.file, space.file.stat().st_mtime_ns, tuple(sorted(given.items())), space.ego, flat=space.flat
+    )
+
+
+@lru_cache(maxsize=8_192)  # more than are looked at of a file: each of its roads asks for the same points again
+def _scene_or_why(path: Path, changed: int, given: Assignments, ego: str, *, flat: bool) -> Scene | str:
+    values = dict(given)
     try:
-        _, broken = parameters(space.file, given)
-        if broken:
-            return f"= {broken[0]}"
-        found = scene(space.file, given, space.ego, flat=space.flat)
+        _, broken = parameters(path, values)
+        return f"= {broken[0]}" if broken else scene(path, values, ego, flat=flat)
     except InputError as error:
         return str(error)
-    if _shape(found.frame) != _shape(road):
-        return f"= another road, {found.frame.name}"
-    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -476,14 +482,11 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
     found = 0
     for row in rows:
         point = dict(zip(names, row, strict=True))
-        given = space.given(point)
-        if parameters(space.file, given)[1]:
-            continue
-        try:
-            there = scene(space.file, given, space.ego, flat=space.flat)
-        except InputError as error:
-            first = first or error
-            refused[str(error)] = refused.get(str(error), 0) + 1
+        there = _looked_at(space, space.given(point))
+        if isinstance(there, str):
+            if not there.startswith("= "):
+                first = first or InputError(there)
+                refused[there] = refused.get(there, 0) + 1
             continue
         found += 1
         yield point, there
@@ -593,6 +596,7 @@ def _logical(
             Option("zones", "1", _OPTIONS["zones"]),
         ),
         search=_search(scenes, road) if searched else None,
+        has_drivers=not any(_comes_across(actor) for _, found in scenes for actor in found.actors),
     )
     if not spread:
         return logical
@@ -643,6 +647,12 @@ def _road(frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]], time_l
     name = frame.name.replace(".", "_").replace("-", "minus_") + f"_to_{length:g}m".replace(".", "_")
     name += bend_name(frame.line, named=False)
     return Road(name, length, frame.lanes, frame.lane_width, frame.length - length, line=frame.line)
+
+
+def _comes_across(actor: Actor) -> bool:
+    """Whether another one moves at more than 60 deg to the ego's road: the synthetic drivers know leads alone."""
+    moves = actor.start.speed > 0.0 or any(act.kind != KEEP for act in actor.script)
+    return moves and math.cos(actor.heading) < _ALONG
 
 
 def _search(scenes: Sequence[tuple[dict[str, float], Scene]], road: Road) -> FirstMover | None:

@@ -77,7 +77,7 @@ def where(element: Element) -> str:
 
 def fault(element: Element, text: str) -> InputError:
     """A sentence on what is wrong with an element. text: `value must be a number, got 'x'`."""
-    return InputError(f"{where(element)}: {text}.")
+    return InputError(f"{where(element)}: {text}{'' if text.endswith('?') else '.'}")
 
 
 def not_played(element: Element, among: str = "") -> InputError:

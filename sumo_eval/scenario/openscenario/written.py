@@ -36,6 +36,7 @@ def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
         "about": read.space.about,
         "source": f"{read.space.file.name}, OpenSCENARIO {read.space.version}" + (f", at {label}" if label else ""),
         "zone": "none",
+        **({} if read.logical.has_drivers else {"people": "none"}),
         "parameter": [{"name": _ONLY, "unit": "1", "low": 0.0, "high": 1.0, "step": 1.0,
                        "about": "nothing: this is one case"}],
         "sample": [{"name": "the_case", "points": [[0.0]]}],

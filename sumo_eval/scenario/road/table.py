@@ -61,14 +61,18 @@ def _curvature(radius: str | float | None, options: Mapping[str, float], owner: 
     return 1.0 / float(found)  # 0 where an option that nobody gives is infinite
 
 
-def check_line(pieces: Sequence[Piece], lanes: int, lane_width: float, owner: str) -> None:
-    """The ego of the usual settings must be able to turn as tightly as any lane does. Raises InputError."""
+def check_line(
+    pieces: Sequence[Piece], lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings | None = None
+) -> None:
+    """The ego must be able to turn as tightly as any lane does. Raises InputError.
+
+    vehicle: the ego's; None where no evaluation is known: one of the usual settings.
+    """
     for piece in pieces:
-        _check_radius(piece, lanes, lane_width, owner)
+        _check_radius(piece, lanes, lane_width, owner, vehicle or VehicleSettings())
 
 
-def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str) -> None:
-    vehicle = VehicleSettings()
+def _check_radius(piece: Piece, lanes: int, lane_width: float, owner: str, vehicle: VehicleSettings) -> None:
     wheel = math.radians(vehicle.max_steering_wheel_angle_deg) / vehicle.steering_ratio
     least = vehicle.wheelbase / math.tan(wheel) if wheel < 0.5 * math.pi else 0.0
     radius = tightest([piece])

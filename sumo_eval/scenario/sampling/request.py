@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.errors import must_be
 from sumo_eval.trajectory import FloatArray
@@ -23,7 +26,8 @@ class Request:
     levels: points on each axis, evenly spaced with both ends; one number for all axes, or by parameter name.
     steps: distance between the points of an axis, by parameter name. count: how many points to draw. strength: t of
     t-way combinations. file: a CSV of points. folder: where relative paths start. seed: of the evaluation. danger:
-    points (n, k) -> how dangerous each is, 0..1.
+    points (n, k) -> how dangerous each is, 0..1. round, aim, until: points of a round, what rounds go after, and the
+    width at which they end. rounds: how many points each round took from each cell of the space.
     """
 
     levels: Levels = None
@@ -34,13 +38,17 @@ class Request:
     folder: Path | None = None
     seed: int = 1
     danger: Callable[[FloatArray], FloatArray] | None = None
+    round: int | None = None
+    aim: str | None = None
+    until: float | None = None
+    rounds: Sequence[Sequence[int]] = ()
 
     @property
     def given(self) -> frozenset[str]:
         """The keys that somebody gave."""
-        keys = {"levels": self.levels, "count": self.count, "strength": self.strength, "file": self.file}
-        present = {name for name, value in keys.items() if value is not None}
-        return frozenset(present | ({"steps"} if self.steps else set()))
+        names = ("levels", "count", "strength", "file", "round", "aim", "until")
+        present = {name for name in names if getattr(self, name) is not None}
+        return frozenset(present | {name for name in ("steps", "rounds") if getattr(self, name)})
 
     def wanted(self, owner: str) -> int:
         """`count`, which has to be there."""
@@ -52,9 +60,13 @@ class Request:
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawn:
     """What a method answers: points (n, k), possible or not. exposure: (n,) how much each counts; None: the scenario's
-    own exposure. notes: sentences about what it could not do as asked.
+    own exposure. notes: sentences about what it could not do as asked. stands_for: (n,) how many points of an even
+    sample each stands for; None: one. stratum: (n,) points with one number may stand for each other; None: the method
+    says it (`sumo_eval.scoring.confidence.intervals.strata`).
     """
 
     points: FloatArray
     exposure: FloatArray | None = None
     notes: tuple[str, ...] = ()
+    stands_for: FloatArray | None = None
+    stratum: NDArray[np.intp] | None = None

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.adaptive import adaptive
 from sumo_eval.scenario.sampling.combinations import combinations, pairwise
 from sumo_eval.scenario.sampling.drawn_points import by_exposure, by_exposure_and_danger, halton, latin_hypercube, sobol
 from sumo_eval.scenario.sampling.grid import full_grid
@@ -30,7 +32,8 @@ class Sample:
     points: (n, k), those that exist. refused: (m, k), those that a constraint of the scenario rules out. exposure:
     (n,), how much each point counts, up to a factor: the scenario's exposure, divided by how much more likely the
     method was to choose the point. notes: sentences about what the choice could not do as asked. method:
-    its name.
+    its name. stands_for: (n,) how many points of an even sample each stands for, stratum: (n,) points with one number
+    may stand for each other; None as in `Drawn`.
     """
 
     points: FloatArray
@@ -38,6 +41,8 @@ class Sample:
     exposure: FloatArray
     notes: tuple[str, ...] = ()
     method: str = ""
+    stands_for: FloatArray | None = None
+    stratum: NDArray[np.intp] | None = None
 
 
 METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozenset[str]]] = MappingProxyType(
@@ -50,6 +55,7 @@ METHODS: Mapping[str, tuple[Callable[[LogicalScenario, Request], Drawn], frozens
         "halton": (halton, frozenset({"count"})),
         "exposure": (by_exposure, frozenset({"count"})),
         "exposure_danger": (by_exposure_and_danger, frozenset({"count"})),
+        "adaptive": (adaptive, frozenset({"count", "round", "aim", "until", "rounds"})),
         "file": (from_csv, frozenset({"file"})),
         "openscenario": (from_openscenario, frozenset({"file", "count"})),
     }
@@ -97,7 +103,9 @@ def sample(
         exposure = drawn.exposure[feasible]
     else:
         exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)).astype(np.float64)
-    return Sample(points, drawn.points[~feasible], exposure, drawn.notes, method)
+    stands_for = None if drawn.stands_for is None else drawn.stands_for[feasible]
+    stratum = None if drawn.stratum is None else drawn.stratum[feasible]
+    return Sample(points, drawn.points[~feasible], exposure, drawn.notes, method, stands_for, stratum)
 
 
 def grid(logical: LogicalScenario, *, levels: Levels = None, steps: Steps = None) -> FloatArray:

@@ -100,6 +100,12 @@ def strata(unit: FloatArray, method: str) -> list[IntArray]:
     return list(_halves(everyone, unit)) if method in EVEN else [everyone]
 
 
+def of_one_number(stratum: IntArray) -> list[IntArray]:
+    """The places of each number in `stratum`, (n,), in the order of the numbers."""
+    order = np.argsort(stratum, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(stratum[order])) + 1)
+
+
 def _halves(rows: IntArray, unit: FloatArray) -> Iterator[IntArray]:
     if len(rows) < SMALLEST:
         yield rows

@@ -14,8 +14,10 @@ from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import (
     EVEN,
     SCORED,
+    IntArray,
     Judged,
     ScoreIntervals,
+    of_one_number,
     score_intervals,
     strata,
 )
@@ -45,14 +47,16 @@ def with_intervals(
     unit: FloatArray,
     sampling: str,
     settings: EvaluationSettings,
+    stratum: IntArray | None = None,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
     """The results of all ADSs in one scenario with the interval of every score, and what a ranking needs.
 
     rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what the choice of drivers
-    does. unit: all points in the unit box, (n, k). sampling: how they were chosen. An ADS with fewer than two evaluated
-    cases keeps what missing cases leave open, or has no interval.
+    does. unit: all points in the unit box, (n, k). sampling: how they were chosen. stratum: (n,) points with one number
+    may stand for each other, where the sample says so itself. An ADS with fewer than two evaluated cases keeps what
+    missing cases leave open, or has no interval.
     """
-    groups = strata(unit, sampling)
+    groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         if sum(case.evaluated for case in cases) >= LEAST:

@@ -16,12 +16,19 @@ const sumoDrive = (() => {
   const STEADY = 1 / 45; // s a picture at which that bound is kept
   const WAITED = 30; // ms of that bound that are not the step's own
   const JUDGED = 40; // inputs from which it is judged
+  const SEEN = 45; // pictures from which it is judged how far apart they come
+  const PLAINER = [ // the plain drawings, dearest first
+    { ratio: 1, coarse: false, above: false, name: "plain drawing" },
+    { ratio: 0.5, coarse: true, above: false, name: "plain drawing with few pixels" },
+    { ratio: 0.5, coarse: true, above: true, name: "plain drawing from above" },
+  ];
   const NOTED = 8000; // ms that a sentence stays over the road
   const REACH = 70; // px of a finger's way from straight to the end
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
   const stage = document.getElementById("stage");
+  let plainer = 0, plainest = "", insisted = false; // which of PLAINER, and why, for all drives of this page; whether a camera was chosen
   let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
   const element = (tag, className, text) => {
@@ -205,7 +212,12 @@ const sumoDrive = (() => {
       const tools = element("div", "tools"), stop = element("button", "", "Pause");
       this.camera = element("select");
       this.camera.setAttribute("aria-label", "Camera");
-      this.camera.addEventListener("change", () => { this.mode = this.camera.value; kept("camera", this.mode); this.camera.blur(); });
+      this.camera.addEventListener("change", () => {
+        this.mode = kept("camera", this.camera.value) || this.camera.value;
+        insisted = !this.space;
+        this.judgeAnew();
+        this.camera.blur();
+      });
       stop.addEventListener("click", () => { this.pause("key"); stop.blur(); });
       tools.append(this.camera, stop);
       this.root.append(this.place, this.hud, this.fingers(), this.note, this.count, tools, this.veil);
@@ -236,19 +248,35 @@ const sumoDrive = (() => {
       this.canvas.setAttribute("aria-label", "The road ahead");
       this.place.replaceChildren(this.canvas);
       this.space = why || this.wish === "plain" ? null : sumoScene.create(this.canvas);
-      this.plainly = this.space ? "" : why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
+      this.plainly = this.space ? "" : plainest || why || (forced ? "This browser draws nothing in 3-D, so the road is drawn plainly." : "");
       this.means = this.space ? { processor: "software WebGL", graphics: "WebGL" }[means] : "plain drawing";
       if (this.space) this.space.steerable(() => this.mode === "free", () => {});
       const modes = this.space ? sumoReplay.CAMERAS : ["behind", "above"];
       if (!modes.includes(this.mode)) this.mode = "behind";
+      if (!this.space && PLAINER[plainer].above && !insisted) this.mode = "above";
       this.camera.replaceChildren(...modes.map((mode) => new Option(mode === "seat" ? "driver's seat" : mode, mode, false, mode === this.mode)));
       this.latency = [];
-      this.judged = 0;
       this.answered = null;
+      this.judgeAnew();
+      this.because();
+    }
+
+    /** Why the road is drawn as it is, where it can be read. */
+    because() {
       const because = this.veil.querySelector(".because");
       if (this.veil.hidden) this.say(this.plainly);
       else if (because) because.textContent = this.plainly;
     }
+
+    judgeAnew() {
+      this.canvas.classList.toggle("few", !this.space && PLAINER[plainer].ratio < 1);
+      this.judged = this.pictures = 0;
+      this.interval = 1000 / 60;
+      this.before = null;
+    }
+
+    /** How the road is drawn, in words. */
+    get drawnAs() { return this.space ? this.means : this.mode === "above" ? PLAINER[2].name : PLAINER[Math.min(plainer, 1)].name; }
 
     /** A sentence over the road, for a while. */
     say(words) {
@@ -326,6 +354,8 @@ const sumoDrive = (() => {
       drawing.append(...[["automatic", "in 3-D where that is quick enough"], ["3-D", "in 3-D, however slow"], ["plain", "plainly"]].map(([value, text]) => new Option(text, value, false, value === this.wish)));
       drawing.addEventListener("change", () => {
         this.wish = kept("drawing", drawing.value) || drawing.value;
+        [plainer, plainest, insisted] = [0, "", false];
+        this.mode = kept("camera") || "behind";
         this.drawing();
       });
       drawn.append(drawing);
@@ -450,10 +480,11 @@ const sumoDrive = (() => {
         this.space.onRoad(this.view.scene.road, sumoReplay.onMap, this.view.scene.extent);
         this.space.draw({ vehicles: bodies, camera: { mode: this.mode, about: bodies[0] } });
         this.judge(now);
-      } else if (this.mode === "above") this.above(bodies);
-      else {
+      } else {
         const [me, ...others] = bodies, view = { ego: me.alone, actors: others.map((it, k) => [String(k), it.alone]), contact: null };
-        sumoReplay.drawChase(this.canvas, { road: this.view.scene.road }, view, COLOURS.me, 0, 1);
+        if (this.mode === "above") this.above(bodies, PLAINER[plainer].ratio);
+        else sumoReplay.drawChase(this.canvas, { road: this.view.scene.road }, view, COLOURS.me, 0, PLAINER[plainer]);
+        this.judgePlain(now);
       }
       if (this.answered !== null) this.time(this.answered);
       this.answered = null;
@@ -473,11 +504,40 @@ const sumoDrive = (() => {
         this.drawing("The browser has taken 3-D away from this page: the road is drawn plainly.");
         return;
       }
-      const bound = Math.max(BOUND, WAITED + 1000 * this.view.step), late = this.judged >= JUDGED && this.within(0.95) > bound;
+      const late = this.late();
       if (late) this.judged = 0; // after a change it is judged anew
       if (this.space.pace(now / 1000, late, STEADY) && this.wish !== "3-D") {
         this.drawing("3-D came too late to drive by, even with few pixels: the road is drawn plainly.");
       }
+    }
+
+    late() { return this.judged >= JUDGED && this.within(0.95) > Math.max(BOUND, WAITED + 1000 * this.view.step); }
+
+    /** A cheaper plain drawing where pictures come too late or too far apart. Who chooses a camera keeps it, and gets fewer pixels
+     *  at most. */
+    judgePlain(now) {
+      const apart = this.before === null || now - this.before > 500 ? null : now - this.before; // longer ones are a pause
+      this.before = now;
+      if (apart === null) return;
+      this.interval += 0.1 * (apart - this.interval);
+      this.pictures += 1;
+      const late = this.late(), slow = this.pictures >= SEEN && this.interval > 1000 * STEADY;
+      if (!late && !slow) return;
+      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${this.interval.toFixed(0)} ms apart`;
+      const last = insisted || this.mode === "above" ? 1 : 2;
+      if (plainer < last) {
+        plainer += 1;
+        if (PLAINER[plainer].above) this.camera.value = this.mode = "above";
+        plainest = PLAINER[plainer].above
+          ? `${why}: the road is drawn from above. The camera can be chosen at the top right.`
+          : `${why}: the road is drawn plainly, with fewer pixels and pieces.`;
+      } else {
+        const told = "nothing cheaper to draw is left; this computer is busy, or too slow to drive by.";
+        if (!plainest.endsWith(told)) plainest = `${why}, and ${told}`;
+      }
+      this.plainly = plainest;
+      this.judgeAnew();
+      this.because();
     }
 
     /** ms within which that share of the last inputs was to be seen. */
@@ -514,12 +574,12 @@ const sumoDrive = (() => {
     }
 
     /** Plainly: the road from above. */
-    above(bodies) {
+    above(bodies, ratio) {
       const { canvas } = this, plain = canvas.getContext("2d"), { road } = this.view.scene, [me] = bodies;
       plain.setTransform(1, 0, 0, 1, 0, 0);
-      if (canvas.width !== canvas.clientWidth) canvas.width = canvas.clientWidth;
-      if (canvas.height !== canvas.clientHeight) canvas.height = canvas.clientHeight;
-      const scale = Math.max(4, canvas.height / 110), [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
+      const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((size) => Math.round(ratio * size));
+      if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+      const scale = Math.max(4 * ratio, canvas.height / 110), [c, s] = [Math.cos(me.heading), Math.sin(me.heading)];
       const px = ([x, y]) => [canvas.width / 2 - scale * ((y - me.y) * c - (x - me.x) * s), 0.75 * canvas.height - scale * ((x - me.x) * c + (y - me.y) * s)];
       plain.fillStyle = "#c9d3c2";
       plain.fillRect(0, 0, canvas.width, canvas.height);
@@ -533,7 +593,7 @@ const sumoDrive = (() => {
       plain.fillStyle = "#9aa1a8";
       plain.fill();
       plain.strokeStyle = "#fff";
-      plain.lineWidth = 2;
+      plain.lineWidth = 2 * ratio;
       for (let lane = 0; lane <= road.lanes; lane++) {
         plain.setLineDash(lane && lane < road.lanes ? [3 * scale, 6 * scale] : []);
         plain.lineDashOffset = -from * scale;
@@ -565,7 +625,7 @@ const sumoDrive = (() => {
       [`${(3.6 * speed).toFixed(0)} km/h`, `${(3.6 * wanted).toFixed(0)} km/h`, gap < 300 ? `${gap.toFixed(0)} m` : "–", ttc < 30 ? `${ttc.toFixed(1)} s` : "–", `${time.toFixed(1)} s`]
         .forEach((words, k) => { if (this.readings[k].textContent !== words) this.readings[k].textContent = words; });
       const rate = this.space ? `, ${(1 / this.space.interval()).toFixed(0)} pictures/s, ${Math.round(100 * this.space.resolution())} % of the pixels each way` : "";
-      const words = `${this.means}${rate} · input to picture ${part(0.5)} ms, 95 % within ${part(0.95)} ms`;
+      const words = `${this.drawnAs}${rate} · input to picture ${part(0.5)} ms, 95 % within ${part(0.95)} ms`;
       if (this.thin.textContent !== words) this.thin.textContent = words;
     }
 
@@ -573,7 +633,7 @@ const sumoDrive = (() => {
       const { untold } = this;
       if (!untold.frames && !untold.latency.length) return;
       this.untold = { frames: 0, dropped: 0, latency: [] };
-      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : 1, renderer: this.means } });
+      say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : PLAINER[plainer].ratio, renderer: this.drawnAs } });
     }
   }
 
@@ -650,6 +710,8 @@ const sumoDrive = (() => {
     get interval() { return drive && drive.space ? drive.space.interval() : null; },
     get resolution() { return drive && drive.space ? drive.space.resolution() : null; },
     get means() { return drive && drive.means; },
+    get drawnAs() { return drive && drive.drawnAs; },
+    get plainly() { return drive && drive.plainly; },
     get shown() { return shown; },
     get wanted() { return drive && drive.view.wanted; },
   };

@@ -1,0 +1,158 @@
+"""Points in rounds: each round goes more often to the cells of the space in which the earlier ones differed most.
+
+The candidates, an even sample of the possible points, are halved again and again across the widest side, down to cells
+that hold as many of them each. A cell's candidates stand in an order drawn once, and whoever wants n more points of
+that cell gets the next n. So a table of how many each round takes from each cell is all that the points follow from.
+
+A point of round k in cell h stands for m_k V_h / n_kh points of an even sample: m_k points has the round, n_kh of them
+the cell, whose share of the space is V_h. Every round draws from every cell, how many is known before any of them is
+looked at, and what a round weighs, m_k, does not hang on what was found. So the weighted mean of anything over one
+round has the space's mean as its expectation whatever the earlier rounds found, and so has that of all rounds. (Weights
+V_h / n_h of a cell's points from all rounds would not: a cell that shows a collision early gets more points, which
+thin it out, and one that shows none by luck keeps showing none.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from heapq import heapify, heappop, heapreplace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.errors import InputError, must_be
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.drawn_points import evenly
+from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
+
+LEAST_IN_CELL = 2
+"""Points of a round in a cell: of one point nobody knows how much points differ there."""
+
+SMALLEST_ROUND = 8
+MOST_CELLS = 512
+DEFAULT_ROUNDS, MOST_ROUNDS = 5, 16
+_CANDIDATES = 64  # for each point of a round
+_LEAST_CANDIDATES, _MOST_CANDIDATES = 2**12, 2**21
+_SPARE = 2  # possible candidates for each point of the budget, at least
+
+IntArray = NDArray[np.intp]
+
+
+def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
+    """The points of all rounds that `request.rounds` tells of; without any, those of the first, evenly over the cells.
+
+    count: points of all rounds together, at most. round: of one.
+    """
+    owner = f"the sampling of scenario `{logical.name}`"
+    budget = request.wanted(owner)
+    size = size_of_round(budget, request.round, owner)
+    possible, cells = _cells(logical, size, request.seed)
+    if len(possible) < _SPARE * budget:
+        raise InputError(
+            f"`count` of {owner} must be at most {len(possible) // _SPARE} in rounds of {size} points, got {budget}: "
+            f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
+        )
+    counts = request.rounds or (first_round(size, budget, len(cells)),)
+    for row in counts:
+        if len(row) != len(cells) or min(row) < LEAST_IN_CELL:
+            raise must_be("`rounds`", owner, f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each", list(row))
+    chosen, stands_for, stratum = [], [], []
+    taken, total = np.zeros(len(cells), dtype=np.intp), float(len(possible))
+    for number, row in enumerate(counts):
+        for cell, wanted in enumerate(row):
+            found = cells[cell][taken[cell] : taken[cell] + wanted]
+            if len(found) < wanted:
+                raise must_be("`rounds`", owner, f"at most {len(cells[cell])} points of a cell together", wanted)
+            chosen.append(found)
+            stands_for.append(np.full(wanted, sum(row) * len(cells[cell]) / total / wanted))
+            stratum.append(np.full(wanted, number * len(cells) + cell, dtype=np.intp))
+        taken += np.array(row, dtype=np.intp)
+    points, weights = possible[np.concatenate(chosen)], np.concatenate(stands_for)
+    exposure = np.broadcast_to(logical.exposure(logical.columns(points)), len(points)) * weights
+    return Drawn(points, exposure, (), weights, np.concatenate(stratum))
+
+
+def size_of_round(budget: int, size: int | None, owner: str) -> int:
+    """How many points a round has: what was asked for, or a fifth of all. Refuses what makes no rounds."""
+    if budget < SMALLEST_ROUND:
+        raise must_be("`count`", owner, f"at least {SMALLEST_ROUND} points", budget)
+    if size is None:
+        return max(budget // DEFAULT_ROUNDS, SMALLEST_ROUND)
+    least = max(SMALLEST_ROUND, math.ceil(budget / MOST_ROUNDS))
+    if not least <= size <= budget:
+        raise must_be("`round`", owner, f"from {least} to `count`, {budget}: at most {MOST_ROUNDS} rounds", size)
+    return size
+
+
+def cells_of_round(size: int) -> int:
+    """How many cells the space has for rounds of that size: half the points go where it tells most."""
+    return min(1 << max(size // (2 * LEAST_IN_CELL), 1).bit_length() - 1, MOST_CELLS)
+
+
+def size_of_next(budget: int, size: int, done: int) -> int:
+    """How many points the next round has when `done` are there; a last one takes what is too few for another."""
+    left = budget - done
+    return size if left >= 2 * size else left if left >= LEAST_IN_CELL * cells_of_round(size) else 0
+
+
+def first_round(size: int, budget: int, cells: int) -> tuple[int, ...]:
+    """As many points from each cell."""
+    return spread(size_of_next(budget, size, 0), np.ones(cells), np.full(cells, np.inf))
+
+
+def spread(points: int, attention: FloatArray, room: FloatArray) -> tuple[int, ...]:
+    """How many of so many points each cell gets, (H,): in proportion to `attention`, but at least `LEAST_IN_CELL`.
+
+    attention: V_h s_h, its share of the space times the deviation within it, (H,). With n points the cell's part of the
+    variance is (V_h s_h)^2 / n, so one more takes (V_h s_h)^2 / (n (n + 1)) of it; each point goes where it takes most
+    (Wright 2012: Neyman's allocation in whole numbers). room: how many a cell has, (H,).
+    """
+    largest = float(attention.max())
+    wanted = np.round(attention / largest, 9) if largest > 0.0 else np.ones(len(attention))
+    found = [LEAST_IN_CELL] * len(attention)
+
+    def next_of(cell: int) -> tuple[float, int, int]:
+        return -float(wanted[cell]) / math.sqrt(found[cell] * (found[cell] + 1)), found[cell], cell
+
+    gain = [next_of(cell) for cell in range(len(found))]
+    heapify(gain)
+    for _ in range(points - sum(found)):
+        while gain and found[gain[0][-1]] >= room[gain[0][-1]]:
+            heappop(gain)
+        if not gain:
+            break
+        cell = gain[0][-1]
+        found[cell] += 1
+        heapreplace(gain, next_of(cell))
+    return tuple(found)
+
+
+def capacity_of_cells(logical: LogicalScenario, size: int, seed: int) -> FloatArray:
+    """How many candidates each cell of the space has for rounds of that size, (H,)."""
+    return np.array([len(cell) for cell in _cells(logical, size, seed)[1]], dtype=np.float64)
+
+
+@lru_cache(maxsize=2)  # asked for by every stage of a round
+def _cells(logical: LogicalScenario, size: int, seed: int) -> tuple[FloatArray, tuple[IntArray, ...]]:
+    """The possible candidates (n, k), and which of them each cell holds, in the order in which they are taken."""
+    wanted = 2 ** math.ceil(math.log2(_CANDIDATES * size))
+    count = min(max(wanted, _LEAST_CANDIDATES), _MOST_CANDIDATES)
+    candidates = evenly(logical, count, random_stream(seed, "sampling", logical.name, "adaptive"))
+    possible = candidates[logical.feasible(candidates)]
+    order = random_stream(seed, "sampling", logical.name, "adaptive", "order")
+    halves = _halved(np.arange(len(possible)), logical.to_unit(possible), cells_of_round(size))
+    return possible, tuple(order.permutation(cell) for cell in halves)
+
+
+def _halved(rows: IntArray, unit: FloatArray, parts: int) -> Iterator[IntArray]:
+    if parts == 1 or len(rows) < 2:
+        yield rows
+        return
+    axis = int(np.argmax(np.round(np.ptp(unit[rows], axis=0), 3)))
+    order = rows[np.argsort(unit[rows, axis], kind="stable")]
+    yield from _halved(order[: len(rows) // 2], unit, parts // 2)
+    yield from _halved(order[len(rows) // 2 :], unit, parts // 2)

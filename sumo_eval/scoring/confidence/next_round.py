@@ -1,0 +1,168 @@
+"""How far the rounds of an adaptive sample have come, and how many points the next one takes from each cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtri
+
+from sumo_eval.method.score_terms import excess
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.sampling.adaptive import capacity_of_cells, size_of_next, size_of_round, spread
+from sumo_eval.scenario.sampling.samples import Sample
+from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
+from sumo_eval.scoring.confidence.intervals import LEVEL, IntArray
+from sumo_eval.settings import MethodSettings, SamplingSettings
+from sumo_eval.trajectory import FloatArray
+
+ADAPTIVE = "adaptive"
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Rounds and points so far, of how many points at most. half_width: half the 95 % interval of the ADS that is known
+    least, points of S+ or share of the space; infinite where one has none. further: points of the next round, 0 where
+    there is none.
+    """
+
+    rounds: int
+    points: int
+    budget: int
+    half_width: float
+    further: int
+    why: str
+
+    @property
+    def sentence(self) -> str:
+        """For whoever reads the report."""
+        return f"Adaptive sampling: {self.points} of at most {self.budget} points in {self.rounds} rounds; {self.why}."
+
+
+def standing(
+    sampling: SamplingSettings,
+    points: Sample,
+    scores: Sequence[ScenarioResult],
+    rows: Sequence[Sequence[CaseResult]],
+    places: Sequence[IntArray],
+    method: MethodSettings,
+    scenario: str,
+) -> Standing:
+    """Where the rounds of a scenario stand. scores, rows, places: of each ADS its result, its cases, and which of the
+    points each is.
+    """
+    budget = sampling.count or 0
+    size = size_of_round(budget, sampling.round, f"the sampling of scenario `{scenario}`")
+    rounds, done = max(len(sampling.rounds), 1), len(points.points)
+    if sampling.aim == "boundary":
+        pairs = zip(rows, places, strict=True)
+        half = max((_collided_half_width(case_terms(one, method), points, place) for one, place in pairs), default=0.0)
+        width, unit = f"{half:.2g}", " of the space"
+    else:
+        half = max((_half_width(score) for score in scores), default=math.inf)
+        width, unit = f"{half:.2f}", " points of S+"
+    wide = f"half the widest 95 % interval is {width}{unit}" if math.isfinite(half) else "an ADS has no interval"
+    further = size_of_next(budget, size, done)
+    if sampling.until is not None and half <= sampling.until:
+        return Standing(rounds, done, budget, half, 0, f"{wide}, no more than the {sampling.until:g} asked for")
+    if further:
+        return Standing(rounds, done, budget, half, further, f"{wide}; it was stopped, `--resume` drives more rounds")
+    asked = "" if sampling.until is None else f", more than the {sampling.until:g} asked for"
+    return Standing(rounds, done, budget, half, 0, f"all it may drive; {wide}{asked}")
+
+
+def further_round(
+    logical: LogicalScenario, sampling: SamplingSettings, points: Sample, done: Evaluation
+) -> SamplingSettings:
+    """The sampling of a scored run with one more round; as it is where it has come to its end.
+
+    More points come from cells whose cases differ more (Neyman): in what they move S+ by, or in whether they collide.
+    """
+    assert points.stratum is not None
+    assert points.stands_for is not None
+    method, everybody = done.settings.method, np.arange(len(points.points))
+    scores = [score for score in done.scores if score.scenario == logical.name]
+    rows = [done.cases_of(score.ads, logical.name) for score in scores]
+    places = [everybody for _ in scores]
+    stands = standing(sampling, points, scores, rows, places, method, logical.name)
+    if not stands.further:
+        return sampling
+    size = size_of_round(sampling.count or 0, sampling.round, f"the sampling of scenario `{logical.name}`")
+    capacity = capacity_of_cells(logical, size, done.settings.seed)
+    cells = len(capacity)
+    variance = np.zeros(cells)
+    for one in rows:
+        terms = case_terms(one, method)
+        moved = (
+            np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
+            if sampling.aim == "boundary"
+            else plus_influence(terms, points.stands_for, method)
+        )
+        variance += variance_in_cells(moved, points.stratum % cells, cells)
+    taken = np.bincount(points.stratum, minlength=stands.rounds * cells).reshape(stands.rounds, cells)
+    row = spread(stands.further, np.sqrt(variance), capacity - taken.sum(axis=0))
+    return replace(sampling, rounds=(*(tuple(map(int, before)) for before in taken), row))
+
+
+def variance_in_cells(values: FloatArray, cell: IntArray, cells: int) -> FloatArray:
+    """s_h^2: the variance of values (n,) in each cell, (H,).
+
+    Of few points, the variance that is seen may be 0 by chance; the mean variance of all cells counts as one more
+    point, so that none of them is given up.
+    """
+    number = np.maximum(np.bincount(cell, minlength=cells), 1)
+    mean = np.bincount(cell, values, cells) / number
+    squares = np.bincount(cell, (values - mean[cell]) ** 2, cells)
+    common = float(squares.sum()) / max(len(values) - cells, 1)
+    found: FloatArray = (squares + common) / number
+    return found
+
+
+def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSettings) -> FloatArray:
+    """How many points of S+ a case would move that stands for one point, (n,): first order, its sum weighted by
+    `stands_for` is 0 but for a constant in A and in H.
+
+    S+ = a A + b H with A = 1 - sum(w lost) / sum(w stake) and H = sum(p h) / sum(p): a case moves A by
+    w ((1 - A) stake - lost) / sum(w stake), and H by p (h - H) / sum(p).
+    """
+    moved = np.zeros(len(stands_for))
+    lost, stake = excess(terms.severity, terms.ideal), excess(terms.unreacting, terms.ideal)
+    known = np.isfinite(lost) & np.isfinite(stake) & np.isfinite(terms.weight)
+    weight = np.where(known, np.nan_to_num(terms.weight), 0.0)
+    at_stake = float(weight @ np.where(known, stake, 0.0))
+    if at_stake > 0.0:
+        avoided = point_values(terms, method)["avoided_share"] or 0.0
+        part = (1.0 - avoided) * np.where(known, stake, 0.0) - np.where(known, lost, 0.0)
+        moved += method.score.a * len(moved) * weight / stands_for * part / at_stake
+    liked = np.isfinite(terms.likeness)
+    exposure = np.where(liked, terms.exposure, 0.0)
+    if exposure.sum() > 0.0:
+        likeness = np.where(liked, terms.likeness, 0.0)
+        human = float(exposure @ likeness) / float(exposure.sum())
+        moved += method.score.b * len(moved) * exposure / stands_for * (likeness - human) / float(exposure.sum())
+    return moved
+
+
+def _half_width(score: ScenarioResult) -> float:
+    ends = score.s_plus_interval
+    return math.inf if ends is None else (ends[1] - ends[0]) / 2.0
+
+
+def _collided_half_width(terms: CaseTerms, points: Sample, place: IntArray) -> float:
+    """Half the 95 % interval of the share of the space that collides: of a stratified mean, round by round.
+
+    Of each cell's n points in a round the variance of their mean is s^2 / n; the round's weight is its share of all
+    points, and rounds are uncorrelated, since each has the space's mean as its expectation whatever came before.
+    """
+    assert points.stratum is not None
+    assert points.stands_for is not None
+    hit = np.where(terms.evaluated, terms.collided.astype(np.float64), 0.0)
+    stratum, weight = points.stratum[place], points.stands_for[place] / len(points.points)
+    number = np.maximum(np.bincount(stratum), 1)
+    mean = np.bincount(stratum, hit) / number
+    squares = np.bincount(stratum, (weight * (hit - mean[stratum])) ** 2)
+    variance = float(np.sum(squares * number / np.maximum(number - 1, 1)))
+    return float(ndtri(0.5 + LEVEL / 2.0)) * math.sqrt(variance)

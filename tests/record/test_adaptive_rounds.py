@@ -1,0 +1,85 @@
+"""A run in rounds, through SUMO: chosen by what was found, the same bytes for any workers, stopped or not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sumo_eval
+from sumo_eval.errors import InputError, StoppedError
+from sumo_eval.record.facts import record_facts, resolve
+from sumo_eval.record.points import choose_points
+from sumo_eval.record.run_folder import read_manifest, read_settings
+from sumo_eval.results import Evaluation
+
+EVALUATION = {
+    "name": "rounds",
+    "scenario": [{"use": "cut_in", "sampling": {"method": "adaptive", "count": 40, "round": 16}}],
+    "ads": [{"name": "careful", "controller": "careful_driver"}],
+    "drivers": {"count": 2},
+    "simulation": {"step": 0.1},
+}
+
+
+def sampling_of(run: Path):
+    return read_settings(run).scenario[0].sampling
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+    return sumo_eval.evaluate(EVALUATION, tmp_path_factory.mktemp("rounds") / "run", workers=2)
+
+
+def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_stand_for(run):
+    rounds = sampling_of(run.folder).rounds
+    assert [sum(row) for row in rounds] == [16, 24]  # 8 would be left, too few for two rounds
+    assert rounds[0] == (4, 4, 4, 4)
+    assert len(set(rounds[1])) > 1
+    assert min(min(row) for row in rounds) >= 2
+    assert len(run.cases) == 40
+    settings = read_settings(run.folder)
+    _, points = choose_points(settings.scenario[0], Path(), settings)
+    assert points.stands_for.sum() == pytest.approx(40.0)
+    cases = list(run.cases)
+    assert [case.exposure for case in cases] == points.exposure.tolist()
+    collided = np.array([case.collided for case in cases], dtype=float)
+    assert run.scores[0].collision_probability == pytest.approx(
+        float(points.exposure @ collided / sum(points.exposure))
+    )
+    assert (
+        run.zones[0].notes[-1].startswith("Adaptive sampling: 40 of at most 40 points in 2 rounds; all it may drive;")
+    )
+
+
+def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_the_same_bytes(run, tmp_path):
+    stops = iter([False] * 4 + [True] * 50)
+    settings, _ = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1)
+    settings = replace(settings, run=replace(settings.run, cases_per_child=8, cases_per_pack=8))
+    second = lambda: sum(sampling_of(tmp_path / "run").rounds, ()) != () and next(stops)  # noqa: E731
+    with pytest.raises(StoppedError, match="--resume goes on"):
+        sumo_eval.evaluate(settings, tmp_path / "run", stopping=second)
+    assert len(sampling_of(tmp_path / "run").rounds) == 2
+    again = sumo_eval.evaluate(EVALUATION, tmp_path / "run", workers=1, resume=True)
+    assert sampling_of(again.folder).rounds == sampling_of(run.folder).rounds
+    assert sumo_eval.open_run(again.folder).digest() == sumo_eval.open_run(run.folder).digest()
+    assert again.scores == run.scores
+    assert len(read_manifest(again.folder)["resumed"]) == 1
+    assert "resumed" not in read_manifest(run.folder)
+
+
+def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_path):
+    entry = read_settings(run.folder).scenario[0]
+    reached = replace(entry, sampling=replace(entry.sampling, count=72, until=100.0))
+    settings = replace(read_settings(run.folder), scenario=(reached,))
+    with pytest.raises(InputError, match="already exists"):
+        sumo_eval.evaluate(settings, run.folder)
+    wider = sumo_eval.evaluate(settings, run.folder, resume=True)
+    assert len(wider.cases) == 40
+    assert wider.zones[0].notes[-1].endswith("points of S+, no more than the 100 asked for.")
+
+
+def test_shards_cannot_choose_by_all_cases(tmp_path):
+    settings, source = resolve(EVALUATION, tmp_path, resume=False)
+    with pytest.raises(InputError, match=r"sampled in rounds .* cannot be recorded in shards"):
+        record_facts(settings, source, tmp_path / "run", shard=(1, 2))
