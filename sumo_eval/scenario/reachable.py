@@ -1,8 +1,9 @@
 """Whether a condition can come to hold at all, as far as that can be known before anybody has driven.
 
 Every number of the moment is taken as the range that it can ever have (time up to the case's end, the ego between its
-start and the end of the road, distances not below 0); sums, products and comparisons of ranges are ranges again. What
-comes out false for all of them never holds. What may hold still need not: that depends on who drives.
+start and the end of the road, distances not below 0, a script no faster than its fastest speed); sums, products and
+comparisons of ranges are ranges again. What comes out false for all of them never holds. What may hold still need not:
+that depends on who drives.
 """
 
 from __future__ import annotations
@@ -27,6 +28,9 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         (played.X, played.EGO): (ego.x, road.length + _PAST),
         (played.Y, played.EGO): (road.right_edge, road.left_edge),
     }
+    for number, actor in enumerate(concrete.actors):
+        fastest = math.inf if road.bent else _fastest(actor)
+        known[played.ALONG, number] = (-fastest, fastest)
     endless: set[tuple[int, int]] = set()
     while True:  # a move that waits for the end of one that never ends never begins either
         found = set()
@@ -45,6 +49,15 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         if concrete.actors[number].acts[index].program
         and not _may_hold(concrete.actors[number].acts[index].program, known, endless)
     ]
+
+
+def _fastest(actor: Actor) -> float:
+    """The highest speed that a script has on a straight road, m/s; inf where SUMO drives, or it moves across."""
+    across = actor.start.lateral_speed != 0.0 or any(act.kind <= played.COSINE for act in actor.script)
+    if across or actor.model is not None or any(act.kind == played.FOLLOW for act in actor.script):
+        return math.inf
+    told = [speed for act in actor.script if act.kind in (played.BY_TIME, played.BY_PLACE) for _, speed in act.table]
+    return max(actor.start.speed, *told, *(act.speed for act in actor.script if act.kind == played.SPEED), 0.0)
 
 
 def _may_hold(

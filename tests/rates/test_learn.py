@@ -69,12 +69,20 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
 
 @pytest.mark.campaign
 def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_path):
+    """Over all quantities 93 % of the intervals hold, and each one's in 88 of 100.
+
+    Each quantity by itself cannot be asked for 93: X ~ Binomial(100, 0.95) is below 93 with probability 0.128, so 21
+    exact intervals all reach it with 0.872^21 = 0.056. Below 88 it is with 0.00146, any of 21 with at most 0.031
+    (Bonferroni): what fails here fails by more than the choice of the worst of 21.
+    """
     held: dict[str, int] = {}
     for seed in range(100):
         for name, inside in recovered(tmp_path / str(seed), 80, 48.0, seed).items():
             held[name] = held.get(name, 0) + inside
     print(held)
-    assert min(held.values()) >= 93
+    assert len(held) == 21
+    assert sum(held.values()) >= 93 * len(held)
+    assert min(held.values()) >= 88
 
 
 def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):

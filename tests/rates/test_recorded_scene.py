@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -90,15 +91,59 @@ def test_distance_from_a_recorded_ego_by_hand() -> None:
     assert "up to 5.0 m, at 9.0 s; 5.0 m at the end (time_limit); 2 react, from 1.2 s on" in told.sentence()
 
 
-def test_speeds_that_drive_a_way_and_points_that_make_a_line() -> None:
+def test_law_fitted_speeds_drive_the_way_that_was_recorded() -> None:
     time = np.arange(0.0, 4.01, 0.1)
     knots, speeds = fit_speeds(time, 10.0 * time + 0.5 * 2.0 * time**2)
     assert speeds == pytest.approx(10.0 + 2.0 * knots, abs=1e-6)
     _, standing = fit_speeds(time, np.zeros(len(time)))
     assert standing == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_law_a_way_that_straight_speeds_drive_gives_them_back_wherever_it_begins(seed: int) -> None:
+    stream = np.random.default_rng(seed)
+    time = np.round(np.arange(3.0, 9.01, 0.1), 1)
+    truth = stream.uniform(5.0, 30.0, 13)  # at 3, 3.5, ... 9 s
+    fine = np.linspace(3.0, 9.0, 601)
+    driven = np.concatenate([[0.0], np.cumsum(np.convolve(np.interp(fine, np.linspace(3.0, 9.0, 13), truth),
+                                                          [0.5, 0.5], "valid") * 0.01)])  # fmt: skip
+    knots, speeds = fit_speeds(time, 100.0 + np.interp(time, fine, driven))
+    assert knots == pytest.approx(np.arange(3.0, 9.01, 0.5))
+    # the way is known every 0.1 s; it is a parabola between two knots, whose speeds it then determines
+    assert speeds == pytest.approx(truth, abs=1e-3)
+
+
+def test_law_nobody_drives_backwards_even_where_the_tracker_jumps_back() -> None:
+    time = np.arange(0.0, 4.01, 0.1)
+    way = np.where(time < 2.0, 5.0 * time, 10.0 - 3.0 * (time - 2.0))
+    _, speeds = fit_speeds(time, way)
+    assert speeds.min() >= 0.0
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-9)  # he stands while his track goes back
+
+
+def test_points_that_make_a_line_by_hand() -> None:
     x = np.arange(5.0)
     assert thinned(x, np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 0.1) == [0, 1, 2, 3, 4]
     assert thinned(x, 0.3 * x, 0.1) == [0, 4]
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.03, 0.3])
+def test_law_a_thinned_path_keeps_its_ends_and_is_nowhere_further_off_than_it_may_be(tolerance: float) -> None:
+    stream = np.random.default_rng(7)
+    x = np.cumsum(stream.uniform(0.5, 3.0, 300))
+    y = np.cumsum(stream.normal(0.0, 0.05, 300))
+    kept = thinned(x, y, tolerance)
+    assert (kept[0], kept[-1]) == (0, 299)
+    assert kept == sorted(set(kept))
+    for a, b in pairwise(kept):
+        along = np.array([x[b] - x[a], y[b] - y[a]])
+        off = (x[a : b + 1] - x[a]) * along[1] - (y[a : b + 1] - y[a]) * along[0]
+        assert np.abs(off).max() / np.hypot(*along) <= tolerance + 1e-12
+    assert len(kept) < 300
+
+
+def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> None:
+    assert thinned(np.array([0.0, 3.0, 0.0]), np.array([0.0, 4.0, 0.0]), 0.1) == [0, 1, 2]
 
 
 @pytest.mark.parametrize(

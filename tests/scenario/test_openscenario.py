@@ -490,6 +490,17 @@ def test_all_files_of_un_r157_play() -> None:
 
 
 @needs_catalogues
+def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_road_plays() -> None:
+    """UN R157's crossing pedestrian: 5 roads, 2 lanes to start in and 12 speeds are 120 points; the ego's lane is the
+    origin of the road's frame, so a bend is another road from another lane, and only the straight one has both lanes.
+    """
+    file = ALKS / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
+    reads = [read for _, read in uses_of(file, file.name)]
+    assert sorted(grid_size(read.space) for read in reads) == [12] * 8 + [24]
+    assert all(why is None for read in reads for _, why in concrete_points(read))
+
+
+@needs_catalogues
 def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
     """22 of 22 play, 388 of 388 cases by day; an ego that turns does so on three radii, 3 cases each."""
     counts = {}

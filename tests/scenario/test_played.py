@@ -211,6 +211,8 @@ def test_where_no_zone_can_be_defined_everything_is_safe() -> None:
         ("distance(ego, lead) + 1 < 1", False),
         ("min(ttc(ego, lead), 3) < 0 and time > 1", False),
         ("ended(lead, keep)", False),  # which lasts for ever
+        ("speed(lead) > 50", False),  # it keeps its speed, and then brakes
+        ("speed(lead) > 5", True),
         ("gap(ego, lead) < -1000", True),  # nobody knows
     ],
 )

@@ -495,14 +495,18 @@ def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, fl
 
 
 def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, float], Scene]]) -> Space:
-    """The space with only those values of the axis that decides on the road at which it is this one."""
+    """The space with only those values of the axes that decide on the road at which it is this one.
+
+    Where only some of the points were looked at, an axis decides if each of its values has one road.
+    """
+    everywhere = grid_size(space) <= _LOOKED_AT
     axes = []
     for axis in space.axes:
         roads: dict[float, set[tuple[object, ...]]] = {}
         for point, found in scenes:
             roads.setdefault(point[axis.name], set()).add(_shape(found.frame))
-        decides = axis.choices and all(len(it) == 1 for it in roads.values()) and len(set.union(*roads.values())) > 1
-        if decides:
+        several = axis.choices and len(set.union(*roads.values())) > 1
+        if several and (everywhere or all(len(it) == 1 for it in roads.values())):
             kept = tuple(choice for choice in axis.choices if _shape(frame) in roads.get(choice[0], ()))
             axes.append(replace(axis, choices=kept))
         else:
