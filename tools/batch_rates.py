@@ -1,12 +1,12 @@
 """What the batch costs around the simulation: engines beside a bare loop, and one size of run beside another.
 
-python tools/batch_rates.py engines [CASES] [tcp://SCHEDULER]     # default 1,000 cases
+python tools/batch_rates.py engines [CASES] [tcp://SCHEDULER | -] [ADS]     # default 1,000 cases, no Dask
 python tools/batch_rates.py sizes [CASES ...]                     # default 100 1000 10000
 python tools/batch_rates.py scheduler [BATCHES ...]               # default 200 400 800 1600
 
-engines: `careful_driver` in the cut-in of UN R157 through every engine, as ratios to a bare `simulate_many` over the
-same cases in the same round: of wall time (what more processes gain; it hangs on what else the machine does) and of
-processor time, children's included. Each is the median of the rounds with the least and the most. Of a cluster's
+engines: an ADS (`careful_driver`) in the cut-in of UN R157 through every engine, as ratios to a bare `simulate_many`
+over the same cases in the same round: of wall time (what more processes gain; it hangs on what else the machine does)
+and of processor time, children's included. Each is the median of the rounds with the least and the most. Of a cluster's
 workers the processor time is not known here. The last line is what two workers gain over one.
 
 scheduler: what Dask itself costs a batch, by how many there are: batches of 100 cases go out as the engine sends them
@@ -72,7 +72,7 @@ def cut_ins(count: int) -> list[ConcreteScenario]:
 
 def bare(cases: Sequence[Case]) -> int:
     """Simulate the cases in this process, with nothing around them."""
-    recordings = simulate_many([case.concrete for case in cases], ADS, SIMULATION)
+    recordings = simulate_many([case.concrete for case in cases], cases[0].controller, SIMULATION)
     return sum(1 for recording in recordings if recording.error is None)
 
 
@@ -97,9 +97,9 @@ def spread(basis: Sequence[float], found: Sequence[float]) -> str:
     return f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
 
 
-def engines(number: int, scheduler: str) -> None:
+def engines(number: int, scheduler: str, ads: str) -> None:
     """Print a line for each engine."""
-    cases = [Case(point, concrete, "ads", ADS, ADS) for point, concrete in enumerate(cut_ins(number))]
+    cases = [Case(point, concrete, "ads", ads, ads) for point, concrete in enumerate(cut_ins(number))]
     ways = {
         "bare": bare,
         "serial": engine(RunSettings(engine="serial")),
@@ -121,7 +121,7 @@ def engines(number: int, scheduler: str) -> None:
             if done != number:
                 raise SystemExit(f"{name}: {done} cases of {number} came to their end")
         print(", ".join(f"{name} {found[-1]:.2f} s" for name, found in wall.items()), flush=True)
-    print(f"{number} cases, {ROUNDS} rounds, {os.cpu_count()} cores, Python {platform.python_version()}")
+    print(f"{ads}, {number} cases, {ROUNDS} rounds, {os.cpu_count()} cores, Python {platform.python_version()}")
     for name in ways:
         rate = number / statistics.median(wall[name])
         line = f"{name:<10}{rate:7.1f} cases/s; of the bare loop: wall {spread(wall['bare'], wall[name])}"
@@ -220,7 +220,8 @@ def main() -> None:
     """Do what the command line asks for."""
     what, *rest = sys.argv[1:] or ["engines"]
     if what == "engines":
-        engines(int(rest[0]) if rest else 1000, rest[1] if len(rest) > 1 else "")
+        address = rest[1] if len(rest) > 1 and rest[1] != "-" else ""
+        engines(int(rest[0]) if rest else 1000, address, rest[2] if len(rest) > 2 else ADS)
     elif what == "sizes":
         for number in map(int, rest or ["100", "1000", "10000"]):
             subprocess.run([sys.executable, __file__, "size", str(number)], check=True)
