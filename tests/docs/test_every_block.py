@@ -57,6 +57,7 @@ NOT_RUN = {
     "onnx:ppo.onnx": "needs the policy that the program above it trains for minutes",
     "onnx:policy.onnx": "needs the policy that the line above trains for two minutes; tests/learning trains one",
     "people.csv.gz": "needs a recording; tests/rates and tests/drivers have some",
+    "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the wheel tasi is",
     "departure": "needs a run of a recorded scene, whose file `humans scene` writes; tests/rates has one driven",
     "highd.csv.gz": "needs a recording; tests/drivers has some",
     "data/highd": "needs a recording; tests/drivers/test_importers.py has one",
