@@ -589,9 +589,14 @@ const sumoDrive = (() => {
         points.forEach(([x, y], k) => (k ? plain.lineTo(x, y) : plain.moveTo(x, y)));
         if (close) plain.closePath();
       };
-      line([...along(road.left), ...along(road.right).reverse()], true);
-      plain.fillStyle = "#9aa1a8";
-      plain.fill();
+      const onRoad = ([x, y]) => px(sumoReplay.onMap(road, x, y));
+      const area = (points, fill) => {
+        line(points, true);
+        plain.fillStyle = fill;
+        plain.fill();
+      };
+      for (const ring of sumoReplay.crossingRings(road)) area(ring.map(onRoad), "#9aa1a8");
+      area([...along(road.left), ...along(road.right).reverse()], "#9aa1a8");
       plain.strokeStyle = "#fff";
       plain.lineWidth = 2 * ratio;
       for (let lane = 0; lane <= road.lanes; lane++) {
@@ -607,6 +612,10 @@ const sumoDrive = (() => {
         plain.stroke();
       }
       plain.setLineDash([]);
+      for (const gone of road.gone) { // a lane that ends is ground from there on
+        const outer = gone[0][1] + 0.1 * Math.sign(gone[0][1] - gone[1][1]), edge = sumoReplay.within(gone.slice(1), from, from + 240);
+        area([...edge, ...edge.map(([x]) => [x, outer]).reverse()].map(onRoad), "#c9d3c2");
+      }
       for (const it of bodies) {
         const { x, y, heading, length, width } = it;
         sumoReplay.drawBody(plain, { time: [0], x: [x], y: [y], heading: [heading], length, width }, 0, px, it.colour, false);
