@@ -25,12 +25,11 @@ SMOOTH = OvertakingHabits(inclined=True, onset_headway=2.5, onset_ttc=10.0, dura
 _MEMORY = np.dtype(
     [
         ("decided", OVERTAKING), ("tried", OVERTAKING), ("pedals", PEDALS), ("then", MOVER),
-        *fields("desired_speed", "told", "steered"), *flags("steps"),
+        *fields("desired_speed", "told"), *flags("steps"),
     ]
 )  # fmt: skip
 """decided: what it is about. tried: what it would be about at some instant of the cycle. then: where the ego is at it,
-as far as can be foreseen. told: acceleration, m/s2. steered: steering wheel angle, rad. steps: how many there have
-been."""
+as far as can be foreseen. told: acceleration, m/s2. steps: how many there have been."""
 
 
 @kernel
@@ -135,7 +134,7 @@ def lane_changer(
     me: Any, others: Any, memory: Any, sightings: Any, watched: Any, later: Any, tried: Any, habits: Any, p: Any,
     way: Any, cycle: Any, scenario: Any,
 ) -> tuple[float, float]:  # fmt: skip
-    """Acceleration, m/s2, and steering wheel angle, rad: decided once a cycle, along the path decided on.
+    """Acceleration, m/s2, and steering wheel angle, rad: decide once a cycle, then steer along the path decided on.
 
     Beside a lead that it passes the rule brakes or does not: who is just clear is let go, and is not clear any more.
     way: the lane change that the ego has to make, if it has to. cycle: the scenario, with a cycle as its step.
@@ -146,10 +145,9 @@ def lane_changer(
         for j in range(len(others)):
             sight(sightings[j], others[j], cycle.step)
         memory.told = _decide((me, memory, sightings, watched, later, tried, habits, p, way, cycle))
-        y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, cycle))
-        memory.steered = steering(memory.decided, me, y, slope, bend, cycle)
     memory.steps += 1
-    return memory.told, memory.steered
+    y, slope, bend = path_at(memory.decided.path, rear_axle_next(me, scenario))
+    return memory.told, steering(memory.decided, me, y, slope, bend, scenario)
 
 
 @rows

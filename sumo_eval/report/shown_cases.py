@@ -95,7 +95,7 @@ def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, 
     return [
         (f"how many cases, up to {most:,} in a tile; {axes}", _tiles(number / max(most, 1), number, "--c", axes)),
         (
-            f"share of them that collided, up to {share.max(initial=0.0):.0%}; {axes}",
+            f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
             _tiles(share, hits, "--hit", axes),
         ),
     ]
@@ -104,7 +104,7 @@ def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, 
 def _tiles(shade: FloatArray, number: FloatArray | IntArray, colour: str, axes: str) -> Markup:
     size = TILES * _SIDE
     made = [
-        Markup('<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:.2f}"/>').format(
+        Markup('<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}"/>').format(
             place % TILES * _SIDE,
             size - _SIDE - place // TILES * _SIDE,
             _SIDE,

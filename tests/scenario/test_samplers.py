@@ -273,7 +273,7 @@ def test_a_request_that_makes_no_points_is_refused_in_a_sentence(method, keys, s
 
 
 def test_every_method_says_which_keys_it_takes():
-    known = {"levels", "steps", "count", "strength", "file"}
+    known = {"levels", "steps", "count", "strength", "file", "round", "aim", "until", "rounds"}
     assert all(takes and takes <= known for _, takes in METHODS.values())
 
 

@@ -47,7 +47,7 @@ CONTENT = {
     "stop_and_go_stream": ("65d4da962b86a13e", "e3b0c44298fc1c14", "0f393952d74c1df1"),
     "swerving_lead": ("0413fc1ed1699959", "de9aa00c4013b7a7", "e4190f5779460ccd"),
     "motorway_approach": ("f15405adff12005c", "fef1046538b042ee", "bf3237c9b318c7c7"),
-    "motorway_cut_out": ("44e272d1f336f18a", "ad4c09b140f7bc5e", "938ebca00c34e075"),
+    "motorway_cut_out": ("1594c80a190f98cc", "ad4c09b140f7bc5e", "b354fb97786de662"),
     "motorway_braking": ("7b52616bd25e25a5", "c23bb4bc78646553", "0972844951e4a811"),
     "cut_in?lateral_acceleration=1.5": ("6dc9b9bc63ed8248", "4f7569e89befa892", "f74d71e54d36a8b6"),
     "cut_in?lateral_acceleration=0.4": ("39aff4dd312b1a8a", "88c20fb489aa05b7", "f74d71e54d36a8b6"),
