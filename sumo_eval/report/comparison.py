@@ -142,6 +142,8 @@ class InTurn(Sequence[ChangedCase]):
         if isinstance(place, slice):
             return [self[one] for one in range(*place.indices(len(self)))]
         left = place + len(self) if place < 0 else place
+        if left < 0:
+            raise IndexError(place)
         for part in self.parts:
             if left < len(part):
                 return part[left]

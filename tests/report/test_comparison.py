@@ -12,7 +12,7 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.report.comparison import Comparison, compare
+from sumo_eval.report.comparison import Comparison, InTurn, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.terminal import moved_words
 from sumo_eval.results import CaseResult, Evaluation
@@ -207,3 +207,12 @@ def test_another_controller_or_another_version_of_numpy_is_shown_and_not_refused
     words = [item.words for item in compare(evaluation, other, GATE).differences]
     assert "version of numpy: not set in the base, 3.0 in the new run" in words
     assert "controller of calm: idm in the base, lane_changer in the new run" in words
+
+
+def test_changed_cases_of_several_parts_are_one_sequence() -> None:
+    both = InTurn((["a", "b"], [], ["c"]))  # type: ignore[arg-type]  # any sequences will do
+    assert [both[place] for place in (0, 1, 2, -1, -3)] == ["a", "b", "c", "c", "a"]
+    assert list(both) == both[:] == ["a", "b", "c"]
+    for outside in (3, -4):
+        with pytest.raises(IndexError):
+            both[outside]
