@@ -130,19 +130,18 @@ class World:
 
     def play(self, now: float, told: int, closely: bool) -> int:
         """Move the played vehicles to the time `now`, s; how many rows of `tell` there are then."""
-        if self.players is None:
-            return told
+        assert self.players is not None
         plays, acts, pieces, table, _ = self.players
         play_rows(self.egos, self.others, plays, acts, pieces, table, now, self.line)
         return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely), self.line))
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
-        if self.players is not None:
-            before = self.steps * self.settings.step
-            wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
-            if len(self.line):
-                map_played_rows(self.others, self.line)
+        assert self.players is not None
+        before = self.steps * self.settings.step
+        wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
+        if len(self.line):
+            map_played_rows(self.others, self.line)
 
     @property
     def time(self) -> float:
@@ -186,9 +185,9 @@ class World:
         self.errors[case] = f"{self.errors[case]} {sentence}" if case in self.errors else sentence
         self.logs[case] = self.logs.get(case, "") + log
 
-    def room_for_samples(self, sampling: bool) -> None:
-        """Make room for what the coming step records."""
-        self._sampled += sampling
+    def room_for_samples(self) -> None:
+        """Make room for the sample that the coming step takes."""
+        self._sampled += 1
         if self._sampled + 2 > self._room:
             self._room *= 2
             rows, vehicles, before, channels = self.samples.shape
