@@ -77,29 +77,33 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
     as_read = int(stage.as_read)
-    moved, egos, move, see = 0, None, move_rows, see_rows
+    moved = 0
     try:
         driver.begin(world, stage)
         if world.errors:
             _end_rows(world, driver, stage)
+        egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
+        tell, scenario, line = world.tell, world.scenario, world.line
         while world.going:
+            after = world.steps + 1
             driver.step(world, world.steps * step)
             closely = stage.closely(world.steps)
-            now = (world.steps + 1) * step
-            sampling = (world.steps + 1) % every == 0
+            now = after * step
+            sampling = after % every == 0
             if sampling:
                 world.room_for_samples()
-            moving = (
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
-                world.steps + 1, int(closely),
-            )  # fmt: skip
-            if egos is not world.egos:
-                move = bound(move_rows, *moving)
-            count = move(*moving)
+            count = move(egos, others, moves, clips, tell, scenario, line, after, int(closely))
             if world.players is not None:
                 count = world.play(now, count, closely)
             moved = 1
-            _tell(world, stage, count)
+            try:
+                stage.tell(world, count)
+            except stage.traci.TraCIException as error:
+                if not stage.asked:
+                    raise
+                raise ControllerError(  # who asks SUMO has just taken a vehicle away
+                    f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
+                ) from error
             stage.step()
             driver.after(world, now)
             stage.read(world)
@@ -108,16 +112,14 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             moved = 0
             if world.players is not None:
                 world.wake(now)
-            seeing = (
-                world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, world.line, world.steps + 1, int(sampling), as_read,
-            )  # fmt: skip
-            if egos is not world.egos:  # at the start, and after rows have been given up
-                see, egos = bound(see_rows, *seeing), world.egos
-            ended = see(*seeing)
-            world.steps += 1
+            ended = see(
+                egos, others, moves, clips, seen, world.samples, shown, scenario, line, after, int(sampling), as_read
+            )
+            world.steps = after
             if ended:
                 _end_rows(world, driver, stage)
+                if egos is not world.egos:
+                    egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")
         world.room_for_samples()
@@ -137,24 +139,24 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         world.end(row)
 
 
+def _arrays_and_code(world: World) -> tuple[Any, ...]:
+    """The arrays of the rows that are held, until some are given up, and the two rules of a step for such arrays."""
+    egos, others, moves, clips, seen, shown = (
+        world.egos, world.others, world.moves, world.clips, world.seen, world.shown,
+    )  # fmt: skip
+    move = bound(move_rows, egos, others, moves, clips, world.tell, world.scenario, world.line, 1, 0)
+    see = bound(
+        see_rows, egos, others, moves, clips, seen, world.samples, shown, world.scenario, world.line, 1, 0, 0
+    )  # fmt: skip
+    return egos, others, moves, clips, seen, shown, move, see
+
+
 def _let_go(world: World, driver: Driver, row: int) -> None:
     """Let the driver of a row go, once, whatever comes of it."""
     case = int(world.rows[row])
     if case not in world.let_go:
         world.let_go.add(case)
         driver.let_go(world, row)
-
-
-def _tell(world: World, stage: Stage, count: int) -> None:
-    """Hand the motion to SUMO; where SUMO no longer has a vehicle, the ADS that asks it has just taken it away."""
-    try:
-        stage.tell(world, count)
-    except stage.traci.TraCIException as error:
-        if not stage.asked:
-            raise
-        raise ControllerError(
-            f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
-        ) from error
 
 
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:

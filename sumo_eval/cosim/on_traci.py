@@ -68,6 +68,8 @@ class OnTraci:
         self._native = isinstance(self.ads, NativeModel)
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
+        self._lowest, self._highest = -settings.vehicle.max_deceleration, settings.vehicle.max_acceleration
+        self._sideways = _SIDEWAYS_SPEED * settings.step
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         # One number at a time: of a memory view that takes a tenth as long as of an array.
         self._state: Any = world.egos.view(np.float64).reshape(-1).data  # first a body's numbers, and the acceleration
@@ -169,7 +171,10 @@ class OnTraci:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
             )
-        self._check(time)
+        check_clock(self._traci, self._clock, time, self._step)
+        if answer is None:
+            self._wheel.release()
+            return None if self._actuation.is_direct else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
 
@@ -180,11 +185,8 @@ class OnTraci:
         command = self._obeyed(HOLD, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, 0.0)
 
-    def _obeyed(self, answer: object, time: float) -> Command | None:
-        """What the vehicle is commanded; None: nothing, SUMO has been told."""
-        if answer is None:
-            self._wheel.release()
-            return None
+    def _obeyed(self, answer: object, time: float) -> Command:
+        """What the vehicle is commanded."""
         try:
             asked = None if answer is HOLD and self._wheel.holds else wanted(answer)
             return self._wheel.command(asked, self._state[:4].tolist(), time)
@@ -254,7 +256,9 @@ class OnTraci:
         last_s = last_x
         if self._bent:
             last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
-        if not (abs(front_x) < LOST and abs(front_y) < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0):
+        if not (
+            -LOST < front_x < LOST and -LOST < front_y < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0
+        ):
             sizes = self._limits.length, self._limits.width
             if front_x <= -LOST and leaves_the_lanes(
                 Body(last_s, state[1], state[2], last_speed, *sizes), self._road, self._step
@@ -283,8 +287,9 @@ class OnTraci:
             self._handed_over = False
             if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(0, "heading", last_heading, heading)
-        across = calls.getLateralSpeed(EGO)
-        if not abs(across) < FASTEST:
+        turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
+        across = calls.getLateralSpeed(EGO) if turned_or_moved else 0.0
+        if not -FASTEST < across < FASTEST:
             raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
         if self._bent:
             x, y, heading = place
@@ -308,9 +313,8 @@ class OnTraci:
 
         speed: along the lane, m/s.
         """
-        step, lane_speed = self._step, self._lane_speed
+        step, lane_speed, lowest, highest = self._step, self._lane_speed, self._lowest, self._highest
         gained = (speed - lane_speed) / step
-        lowest, highest = -self._limits.max_deceleration, self._limits.max_acceleration
         if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
@@ -322,7 +326,7 @@ class OnTraci:
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = _JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
-        if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
+        if least <= ahead <= most and -self._sideways <= across <= self._sideways:
             return
         moved = math.hypot(ahead, across)
         if not least <= moved <= most:

@@ -38,6 +38,8 @@ def _front(actor: Actor, road: Road) -> tuple[float, float]:
     if actor.on_map is not None:
         x, y, heading = actor.on_map
         return x + half * math.cos(heading), y + half * math.sin(heading)
+    if not road.bent:
+        return actor.start.x + half, actor.y(0.0)
     east, north, _ = map_places(road.line, actor.start.x + half, actor.y(0.0))
     return float(east), float(north)
 
@@ -198,7 +200,7 @@ class Stage:
                     x, y = calls.getPosition(name)
                     angle, speed = calls.getAngle(name), calls.getSpeed(name)
                     last_x, last_y = self._fronts[j]
-                    there = abs(x - last_x) < far and abs(y - last_y) < far and 0.0 <= angle <= 360.0
+                    there = -far < x - last_x < far and -far < y - last_y < far and 0.0 <= angle <= 360.0
                     if not (there and BACKWARDS < speed < FASTEST):
                         if not self._is_past_the_road(world, j, world.time + self._step):
                             raise impossible(calls, name, self._fronts[j], world.time + self._step, self._step)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -53,6 +53,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Recording, Trajectory
 
+_ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
 _PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
 
 
@@ -61,6 +62,12 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
 
     settings: when cases end; None: nobody asks.
     """
+    ends = None if settings is None else tuple(getattr(settings, name) for name in _ENDS)
+    return _described(road, vehicle, step, ends).copy()
+
+
+@lru_cache(maxsize=16)
+def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None) -> Records:
     found = np.zeros(1, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
@@ -71,9 +78,8 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
     for name, _ in LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
     found["step"] = step
-    if settings is not None:
-        for name in ("time_limit", "standstill_speed", "standstill_time", "end_when_decided"):
-            found[name] = getattr(settings, name)
+    for name, value in zip(_ENDS, ends or (), strict=ends is not None):
+        found[name] = value
     return found
 
 
