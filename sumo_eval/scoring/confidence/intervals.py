@@ -82,14 +82,18 @@ class Judged:
 class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
     each source alone, by score. worse, better: S+ of every replicate, with and without unseen collisions, (m,).
-    missing: how far missing cases may move S+, down and up.
+    worse_a, better_a: the points that A gives to it. missing, missing_a: how far missing cases may move S+ and these
+    points, down and up.
     """
 
     limits: Mapping[str, tuple[float, float]]
     sources: Mapping[str, Mapping[str, float]]
     worse: FloatArray
     better: FloatArray
+    worse_a: FloatArray
+    better_a: FloatArray
     missing: tuple[float, float] = (0.0, 0.0)
+    missing_a: tuple[float, float] = (0.0, 0.0)
 
 
 def strata(unit: FloatArray, method: str) -> list[IntArray]:
@@ -396,7 +400,10 @@ def _intervals(
         for name in ("s", "s_plus")
         if name in limits
     }
-    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
+    worse_a, better_a = (
+        ordering_score(scores["avoided_share"], 0.0, method.score) for scores in (found.worse, found.better)
+    )
+    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"], worse_a, better_a)
 
 
 def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
