@@ -75,7 +75,7 @@ def driven(path: Path, at_the_browser: Any, *, paced: bool, size: tuple[int, int
             ready.set()
             recording, _ = await one_drive(made, SHORT, SETTINGS, path, drive_view(SHORT, SETTINGS, "Drive", ("Go.",)))
             seen = replay(SHORT, "you", {"ego": recording.ego, **recording.actors}, recording.collision)
-            await made.ask(sheet("Over", replay=seen, buttons=[["end", "That is all"]]))
+            await asyncio.wait_for(made.ask(sheet("Over", replay=seen, buttons=[["end", "That is all"]])), 120.0)
             return recording
 
     with ThreadPoolExecutor(1) as pool:
@@ -221,9 +221,9 @@ def test_fingers_reach_the_tape_and_3_d_by_the_processor_gives_way_to_the_plain_
         assert browser.run("sumoDrive.drawnAs") == "plain drawing with few pixels"
         browser.wait("sumoDrive.plainly.includes('nothing cheaper to draw is left')")
         assert browser.run("sumoDrive.drawnAs") == "plain drawing with few pixels"  # a camera that was chosen stays
-        browser.run("""(() => { window.clock = 0; // by which pictures come 40 ms apart from 0.3 s on
+        browser.run("""(() => { window.clock = 0; // by which pictures come 200 ms apart while somebody drives
             window.requestAnimationFrame = (then) =>
-                setTimeout(() => then(window.clock += sumoDrive.state?.[1] > 0.3 ? 40 : 16), 5);
+                setTimeout(() => then(window.clock += document.querySelector('.veil')?.hidden ? 200 : 16), 5);
             const it = document.querySelector('.veil .drawing');
             it.value = 'plain'; it.dispatchEvent(new Event('change')); })()""")
         browser.run("document.querySelector('.veil button.main').click()")

@@ -16,7 +16,9 @@ const sumoDrive = (() => {
   const STEADY = 1 / 45; // s a picture at which that bound is kept
   const WAITED = 30; // ms of that bound that are not the step's own
   const JUDGED = 40; // inputs from which it is judged
-  const SEEN = 45; // pictures from which it is judged how far apart they come
+  const SEEN = 45; // pictures from which it is judged how far apart they come: of most, as one that stumbles says little
+  const FEW = 5, SOON = 1500; // or so many, after so many ms
+  const LONG = 500; // ms without a picture that may be a pause
   const PLAINER = [ // the plain drawings, dearest first
     { ratio: 1, coarse: false, above: false, name: "plain drawing" },
     { ratio: 0.5, coarse: true, above: false, name: "plain drawing with few pixels" },
@@ -283,9 +285,9 @@ const sumoDrive = (() => {
 
     judgeAnew() {
       this.canvas.classList.toggle("few", !this.space && PLAINER[plainer].ratio < 1);
-      this.judged = this.pictures = 0;
-      this.interval = 1000 / 60;
-      this.before = null;
+      this.judged = this.long = 0;
+      this.apart = []; // ms between the last pictures
+      this.before = this.anew = null;
     }
 
     /** How the road is drawn, in words. */
@@ -537,14 +539,17 @@ const sumoDrive = (() => {
     /** A cheaper plain drawing where pictures come too late or too far apart. Who chooses a camera keeps it, and gets fewer pixels
      *  at most. */
     judgePlain(now) {
-      const apart = this.before === null || now - this.before > 500 ? null : now - this.before; // longer ones are a pause
+      const apart = this.before === null ? null : now - this.before;
       this.before = now;
-      if (apart === null) return;
-      this.interval += 0.1 * (apart - this.interval);
-      this.pictures += 1;
-      const late = this.late(), slow = this.pictures >= SEEN && this.interval > 1000 * STEADY;
+      this.anew ??= now;
+      this.long = apart > LONG ? this.long + 1 : 0; // one is a pause, more in a row are slow pictures
+      if (apart === null || this.long === 1) return;
+      this.apart = [...this.apart.slice(1 - SEEN), apart];
+      const enough = this.apart.length >= SEEN || (this.apart.length >= FEW && now - this.anew > SOON);
+      const median = [...this.apart].sort((a, b) => a - b)[this.apart.length >> 1];
+      const late = this.late(), slow = enough && median > 1000 * STEADY;
       if (!late && !slow) return;
-      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${this.interval.toFixed(0)} ms apart`;
+      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${median.toFixed(0)} ms apart`;
       const last = insisted || this.mode === "above" ? 1 : 2;
       if (plainer < last) {
         this.steppedDown();
