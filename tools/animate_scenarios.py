@@ -1,6 +1,6 @@
 """Moving pictures of scenarios for the docs' gallery: SUMO drives one point of each, and the drive becomes an SVG.
 
-    python tools/animate_scenarios.py docs/pictures/moving                 every scenario that ships on a plain straight road
+    python tools/animate_scenarios.py docs/pictures/moving                 every one that ships on a plain straight road
     python tools/animate_scenarios.py docs/pictures/moving a.toml b.toml   these files
 
 The picture runs by itself in any browser, without a script. Seen from above; the camera goes with the ego.

@@ -153,7 +153,7 @@ def _scenario(
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
-    drawn = replace(view, fixed=telling or view.fixed)  # the zones of the slice that the page opens with are not interpolated
+    drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     trajectories: list[Trajectory] = []
     points, hits = {}, {}  # no more of the facts: there may be a hundred thousand of them
     for fact in store.each_fact("ads", logical.name):

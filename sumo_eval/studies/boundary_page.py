@@ -69,7 +69,8 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
             writer.writerow(map(cell, [*found.logical.names, "collided"]))
             for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
                 writer.writerow([*(repr(value) for value in row), int(hit)])
-        plain.write_text(json.dumps({**summary(found), "held": held}, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        told = {**summary(found), "held": held}
+        plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
     names = found.logical.names

@@ -320,7 +320,8 @@ WRITTEN_IN_CELLS = """(async () => {
             const at = word.getBoundingClientRect();
             const [x, y] = [at.x + at.width / 2 - box.x, at.y + at.height / 2 - box.y];
             if (x < 0 || y < 0 || x > box.width || y > box.height) continue;
-            const beneath = context.getImageData(x / box.width * canvas.width, y / box.height * canvas.height, 1, 1).data;
+            const pixel = [x / box.width * canvas.width, y / box.height * canvas.height];
+            const beneath = context.getImageData(...pixel, 1, 1).data;
             if (beneath[3] < 128) continue;
             const ink = getComputedStyle(word.querySelector("tspan") ?? word).fill.match(/[\\d.]+/g).map(Number);
             const [a, b] = [light(ink.slice(0, 3)), light([...beneath].slice(0, 3))];
