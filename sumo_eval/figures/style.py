@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from sumo_eval.errors import InputError, said, unknown
+from sumo_eval.errors import InputError, needs_extra, said, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,10 +66,7 @@ def styled() -> Iterator[None]:
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise InputError(
-            "Figures are drawn with matplotlib, which is not installed here. Install it with: "
-            "pip install matplotlib (or this package's extra `plots`)."
-        ) from error
+        raise needs_extra("A figure", "plots") from error
     with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]  # names as strings
         yield
 
