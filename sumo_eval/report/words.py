@@ -26,6 +26,7 @@ from sumo_eval.results import (
     NotComputed,
     OutsideSupport,
     PlausibleTo,
+    Ranking,
     RequirementMissed,
     ScenarioResult,
     ScoreNote,
@@ -491,6 +492,14 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
 def reason_without_d(score: ScenarioResult) -> str:
     """Why there is no D, without the words `not computed`."""
     return _reason(score.d_reason, "D_i")
+
+
+def parts_of_total(ranking: Ranking) -> str:
+    """Over which scenarios A and H of an evaluation's S+ are means, where these are not the same; else nothing."""
+    if not ranking.without_people:
+        return ""
+    known = ranking.with_people
+    return f": A over all {known + len(ranking.without_people)}, H over the {known} with people to compare with"
 
 
 def _reason(found: NotComputed | None, what: str) -> str:
