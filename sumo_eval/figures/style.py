@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -60,13 +61,18 @@ _SETTINGS: Final = {
 }
 
 
+def refuse_without_matplotlib() -> None:
+    """Raise InputError where it is missing: before a run is scored for its figure."""
+    if find_spec("matplotlib") is None:
+        raise needs_extra("A figure", "plots")
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Everything drawn within looks like one family. Raises InputError where matplotlib is missing."""
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise needs_extra("A figure", "plots") from error
+    refuse_without_matplotlib()
+    import matplotlib as mpl
+
     with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]  # names as strings
         yield
 
