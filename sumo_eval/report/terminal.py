@@ -33,17 +33,19 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ScenarioResult
 
-LEADING = ("collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+")
-PAPERS = ("C", "D", "S", "cases", "in safe zone", "not evaluated")
-COLUMNS = ("ADS", "scenario", *LEADING, *PAPERS)
-"""What is said of an ADS in a logical scenario, in this order: `LEADING` before the scores of the paper."""
+GROUPS = (
+    ("collisions", "avoidable", "unavoidable", "caused"),
+    ("A", "H", "S+"),
+    ("C", "D", "S"),
+    ("cases", "in safe zone", "not evaluated"),
+)
+"""Columns that stand in one table however narrow the terminal is: the scores that order come before the paper's."""
+COLUMNS = ("ADS", "scenario", *(heading for group in GROUPS for heading in group))
+"""What is said of an ADS in a logical scenario, in this order."""
 WARNING = frozenset({"avoidable", "caused", "in safe zone", "not evaluated"})
 BOLD = frozenset({"S+", "S"})
-HEADINGS = {
-    "collisions": "colli-\nsions", "avoidable": "avoid-\nable", "unavoidable": "unavoid-\nable",
-    "in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated",
-}  # fmt: skip
-"""Headings that are broken to be narrow."""
+HEADINGS = {"in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated"}
+"""Headings of two words, one below the other."""
 WORDS = (
     "Avoidable: the ideal vehicle has no collision there; caused: of these, a car that does nothing has none either. "
     "A: avoided share, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+: both, of 100 points. "
@@ -69,16 +71,14 @@ def score_table(evaluation: Evaluation, width: int = 200) -> Group:
 
 
 def _parts(scores: Sequence[ScenarioResult], width: int) -> list[list[str]]:
-    """The columns in their order, as many to a table as stand beside each other without a word being broken."""
-    if _width(scores, (*LEADING, *PAPERS)) <= width:
-        return [[*LEADING, *PAPERS]]
-    tables: list[list[str]] = []
-    for group in (LEADING, PAPERS):
-        tables.append([])
-        for heading in group:
-            if tables[-1] and _width(scores, (*tables[-1], heading)) > width:
+    """The columns in their order, as many groups to a table as stand beside each other without a word being broken."""
+    tables: list[list[str]] = [[]]
+    for group in GROUPS:
+        whole = _width(scores, group) <= width
+        for part in [group] if whole else [(heading,) for heading in group]:
+            if tables[-1] and _width(scores, (*tables[-1], *part)) > width:
                 tables.append([])
-            tables[-1].append(heading)
+            tables[-1] += part
     return tables
 
 

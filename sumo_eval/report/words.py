@@ -483,8 +483,8 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     split = sum(case.zone == "safe" and any(one.kind == "two_groups" for one in case.index_note) for case in cases)
     if split:
         sentences.append(
-            f"In {split} of them some drivers overtook and others followed. One Gaussian over both is so wide that it "
-            "tells little of the ADS's path."
+            f"In {split} of them some drivers overtook and others followed. D compares the ADS "
+            "with all of them at once there, so nearly any path between the two counts as human."
         )
     return sentences
 
@@ -543,7 +543,7 @@ _INDEX_NOTES: dict[NoteKind, str] = {
     "manoeuvre_made_by_nobody": "No driver made the ADS's manoeuvre ({done}), so its similarity is 0.",
     "centre_floor": "Deviation floor of the centre applied at {count} of {of} slices.",
     "field_floor": "Deviation floor of the field applied at {count} of {of} points.",
-    "two_groups": "Bimodal: at {count} of {of} slices one Gaussian spans two groups of drivers over half a lane apart.",
+    "two_groups": "At {count} of {of} slices the drivers are in two groups, over half a lane apart (bimodal).",
     "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
     "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; the others hold their "
     "last y.",

@@ -59,11 +59,14 @@ def _with_options(table: ScenarioFile, given: Mapping[str, str]) -> tuple[Scenar
     for item in table.option:
         if item.name not in given:
             continue
-        wanted = "finite" if item.above is None else f"finite and above {item.above:g} {item.unit}"
+        unit = "" if item.unit == "1" else f" {item.unit}"
+        wanted = "finite" if item.above is None else f"finite and above {item.above:g}{unit}"
         try:
             value = float(given[item.name])
         except ValueError:
-            raise must_be(f"`{item.name}`", owner, f"a number of {item.unit}", given[item.name]) from None
+            raise must_be(
+                f"`{item.name}`", owner, f"a number of {item.unit}" if unit else "a number", given[item.name]
+            ) from None
         if not (math.isfinite(value) and (item.above is None or value > item.above)):
             raise must_be(f"`{item.name}`", owner, wanted, value)
         values[item.name] = value
@@ -95,7 +98,7 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
     if not len(chosen.points):
         raise InputError(f"Scenario `{logical.name}` must have possible points, got none of {len(chosen.refused)}.")
     check_points(logical, chosen.points)
-    ranges = ", ".join(f"{item.name} {item.low:g}..{item.high:g} {item.unit}" for item in logical.parameters)
+    ranges = ", ".join(f"{item.name} {item.low:g}..{item.high:g}{item.behind}" for item in logical.parameters)
     return (
         f"Logical scenario `{logical.name}`: {ranges}.",
         f"Its own sample has {len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more.",
