@@ -345,7 +345,8 @@ class _Builder:
         if road.opendrive is not None:
             return self._opendrive(road.opendrive)
         if road.network is not None:
-            return read_road(self.folder / road.network, road.edges, end.x)
+            read = read_road(self.folder / road.network, road.edges, end.x)
+            return replace(read, network=None) if self._reacts() else read  # shadows of bodies have lanes in ours alone
         if road.edges:
             raise InputError(f"`road.edges` of {self.where} name edges of a `network`, and there is none.")
         if end.x > road.length:
@@ -360,6 +361,11 @@ class _Builder:
         return Road(
             name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line, spans=spans, crossings=crossings
         )
+
+    def _reacts(self) -> bool:
+        """Whether somebody in it is driven by a model of SUMO's."""
+        vehicles = [*self.table.vehicle, *(it for option in self.table.option for it in option.given.vehicle)]
+        return bool(self.table.stream) or any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
 
     def _opendrive(self, file: str) -> Road:
         road, end = self.table.road, self.table.end

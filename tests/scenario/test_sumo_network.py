@@ -145,6 +145,19 @@ def test_edges_that_bend_are_driven_in_their_order_and_some_way_that_a_car_can(b
         read_road(corner, ["road"], 600.0)
 
 
+def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
+    (tmp_path / "chased.toml").write_text(
+        'name = "chased"\nzone = "none"\n'
+        'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
+        'road = { network = "town.net.xml", edges = ["road"] }\nego = { speed = "v", x = 120.0 }\n'
+        'end = { x = 600.0, time = 6.0 }\n[[vehicle]]\nname = "rear"\nspeed = 30.0\ngap_behind = 40.0\n'
+        'manoeuvre = [{ do = "follow", model = "IDM" }]\n'
+    )
+    chased = simulate(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
+    assert (chased.error, chased.collision) == (None, None)
+    assert chased.actors["rear"].speed.min() < 25.0
+
+
 def test_traffic_reacts_on_a_network_that_bends(bent, tmp_path):
     (tmp_path / "hill.toml").write_text(
         'name = "hill"\nzone = "none"\n'
