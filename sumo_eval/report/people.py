@@ -56,6 +56,11 @@ def people_context(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
+def drawn_words(drawn: Mapping[str, int]) -> str:
+    """In which ways the road was drawn for people who drove, each with its number of drives."""
+    return ", ".join(f"{words} ({count(drives, 'drive')})" for words, drives in drawn.items())
+
+
 def study_sentences(evaluation: Evaluation) -> list[str]:
     """Who took part in the study that the drivers come from, and what was left out and why; none without a study.
 
@@ -68,10 +73,12 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
         left = [f"{it['participant']}, {it['case']}: {it['why']}." for it in told["left_out"]]
+        drawn = told.get("drawn", {})
         everybody = f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
         return [
             f"{everybody}; {count(told['drives'], 'drive')} by {told['with_drives']} of them count, "
             f"{len(left)} {'is' if len(left) == 1 else 'are'} left out by the study's rules of quality.",
+            *([f"The road was drawn for them in these ways: {drawn_words(drawn)}."] if drawn else []),
             *left,
         ]
     except FileNotFoundError:
@@ -129,8 +136,8 @@ def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
         told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
         told.append(
-            f"In {count(bimodal, 'case')} some drivers overtook and others followed. One Gaussian over both is so wide "
-            "that it tells little of the ADS's path."
+            f"In {count(bimodal, 'case')} some drivers overtook and others followed. D compares the ADS "
+            "with all of them at once there, so nearly any path between the two counts as human."
         )
     if unusual:
         told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")

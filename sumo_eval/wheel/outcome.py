@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from typing import Any, Final
 from sumo_eval.cosim.doors.controller import made_absolute
 from sumo_eval.errors import InputError, said
 from sumo_eval.record.run_folder import read_manifest, read_settings
-from sumo_eval.report.people import STUDY
+from sumo_eval.report.people import STUDY, drawn_words
 from sumo_eval.settings import SamplingSettings
 from sumo_eval.settings.config import to_toml
 from sumo_eval.trajectory import Trajectory
@@ -46,11 +47,14 @@ class Left:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """people: who took part; with_drives: of these, whose drives count. drives: how many count. left: which do not."""
+    """people: who took part; with_drives: of these, whose drives count. drives: how many count; drawn: of these, how
+    many with the road drawn in which way. left: which do not count.
+    """
 
     people: int
     with_drives: int
     drives: int
+    drawn: dict[str, int]
     left: tuple[Left, ...]
     ratings: int
     files: tuple[Path, ...]
@@ -61,6 +65,8 @@ class Outcome:
             f"{self.people} took part; {self.drives} drives by {self.with_drives} of them count, {len(self.left)} "
             f"{'is' if len(self.left) == 1 else 'are'} left out; {self.ratings} ratings."
         ]
+        if self.drawn:
+            said_.append(f"  the road as it was drawn: {drawn_words(self.drawn)}.")
         said_ += [f"  left out: {it.participant}, {it.case}: {it.why}." for it in self.left]
         return said_
 
@@ -71,6 +77,7 @@ def collect(plan: Plan) -> Outcome:
     place = plan.folder / DRIVES
     rows: list[dict[str, Any]] = []
     left: list[Left] = []
+    drawn: Counter[str] = Counter()
     for person in people:
         for case in plan.cases:
             kept = _drive(plan, person, case)
@@ -81,6 +88,7 @@ def collect(plan: Plan) -> Outcome:
                 continue
             file = f"{person.code}/{case.key}.csv"
             _write(place / file, COLUMNS, _samples(person.code, kept))
+            drawn.update(filter(None, [person.done[f"drive:{case.key}"]["quality"].get("drawn")]))
             rows.append({"scenario": case.concrete.scenario, "file": file, **case.concrete.values})
         left += _broken_off(person)
     names = list(dict.fromkeys(name for case in plan.cases for name in case.concrete.values))
@@ -108,11 +116,12 @@ def collect(plan: Plan) -> Outcome:
         if (key := step.removeprefix("drive:")) != step
     ])  # fmt: skip
     drivers = {row["file"].split("/")[0] for row in rows}
-    found = Outcome(len(people), len(drivers), len(rows), tuple(left), len(ratings), (
+    found = Outcome(len(people), len(drivers), len(rows), dict(drawn), tuple(left), len(ratings), (
         place, plan.folder / "ratings.csv", plan.folder / "left_out.csv", plan.folder / "evaluation.toml"))  # fmt: skip
     summary = {
         "study": plan.settings.name, "people": found.people, "with_drives": found.with_drives, "drives": found.drives,
-        "ratings": found.ratings, "left_out": [asdict(it) for it in left], "quality": asdict(plan.settings.quality),
+        "ratings": found.ratings, "drawn": found.drawn, "left_out": [asdict(it) for it in left],
+        "quality": asdict(plan.settings.quality),
     }  # fmt: skip
     (place / STUDY).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     (plan.folder / "evaluation.toml").write_text(evaluation_of(plan, found.with_drives), encoding="utf-8")

@@ -16,10 +16,11 @@ from annotated_types import Ge, Le
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings.checked import About, Checked, NotNegative
 from sumo_eval.trajectory import Recording
-from sumo_eval.wheel.tape import Tape
+from sumo_eval.wheel.tape import ROW, Tape
 
 BRAKES = 0.5  # m/s2 of braking beyond what the pedals gave before the event from which a person has reacted
 STEERS = 0.35  # m/s2 of acceleration across the road
+SEEN = ROW.index("seen")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,8 @@ class QualitySettings(Checked):
     latency_ms: Annotated[float, NotNegative, About("largest 95th percentile from input to picture", "ms")] = 150.0
     stalls: Annotated[int, Ge(0), About("most halts of the loop itself, which the driver felt")] = 2
     pauses: Annotated[int, Ge(0), About("most times that the drive was held")] = 1
+    unanswered: Annotated[float, NotNegative, About("longest that the window did not answer", "s")] = 1.0
+    stepped_down: Annotated[int, Ge(0), About("most times that the road was drawn more cheaply from then on")] = 0
     off_road: Annotated[bool, About("a drive that left the road counts")] = False
     quit: Annotated[bool, About("a drive that was ended before its end counts")] = False
     contact: Annotated[bool, About("a drive with a contact counts as skilled driving")] = False
@@ -39,7 +42,10 @@ class QualitySettings(Checked):
 class Quality:
     """One drive. dropped: share of pictures that came late, None where the page told of none. latency_ms: 95th
     percentile from input to picture. stalls, pauses: how often the loop, or the person, held. reaction: s from the
-    first event to the first answer, None without either.
+    first event to the first answer, None without either. unanswered: the longest that the drive went on without an
+    answer of the window, s. stepped_down: how often the page drew more cheaply by itself while the drive went on
+    (plainly, with fewer pixels, from above). drawn: how the road was drawn, in words. The last three are None on a tape
+    that does not tell.
     """
 
     end: str
@@ -50,6 +56,9 @@ class Quality:
     paused: float
     event: float | None
     reaction: float | None
+    unanswered: float | None = None
+    stepped_down: int | None = None
+    drawn: str | None = None
 
     def plain(self) -> dict[str, Any]:
         """As plain values."""
@@ -64,6 +73,8 @@ class Quality:
             said.append(f"From input to picture: 95 % within {self.latency_ms:.0f} ms.")
         if self.dropped:
             said.append(f"{100.0 * self.dropped:.0f} % of the pictures came late.")
+        if self.stepped_down:
+            said.append("The road was drawn more cheaply from some moment on, because pictures came too late.")
         if self.pauses:
             often = "once" if self.pauses == 1 else f"{self.pauses} times"
             said.append(f"The drive was held {often}, for {self.paused:.1f} s.")
@@ -73,7 +84,9 @@ class Quality:
         """Why a drive does not count, a sentence for each bound that it breaks; none: it counts."""
         why = []
         for name, words in (("dropped", "share of late pictures"), ("latency_ms", "input to picture, 95 %, ms"),
-                            ("stalls", "halts of the loop"), ("pauses", "pauses")):  # fmt: skip
+                            ("stalls", "halts of the loop"), ("pauses", "pauses"),
+                            ("unanswered", "no answer of the window, s"),
+                            ("stepped_down", "times that the road was drawn more cheaply in mid-drive")):  # fmt: skip
             value, bound = getattr(self, name), getattr(rule, name)
             if value is not None and value > bound:
                 why.append(f"{words} {value:.3g}, at most {bound:g}")
@@ -89,7 +102,7 @@ class Quality:
 def quality_of(recording: Recording, tape: Tape, concrete: ConcreteScenario, time: Mapping[str, Any]) -> Quality:
     """The quality of a drive, from what was recorded and what was measured of it in time (`window.timing`)."""
     frames, pauses = time.get("frames") or 0, [it for it in tape.notes if it["note"] == "pause"]
-    event = first_event(concrete)
+    event, step = first_event(concrete), float(tape.head["simulation"]["step"])
     return Quality(
         end=recording.end_reason,
         dropped=time["dropped"] / frames if frames else None,
@@ -99,6 +112,9 @@ def quality_of(recording: Recording, tape: Tape, concrete: ConcreteScenario, tim
         paused=float(sum(it["seconds"] for it in pauses)),
         event=event,
         reaction=None if event is None else reaction(recording, event),
+        unanswered=round(max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0) * step, 4),
+        stepped_down=time.get("stepped_down"),
+        drawn=time.get("renderer"),
     )
 
 

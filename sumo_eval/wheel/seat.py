@@ -22,6 +22,7 @@ from sumo_eval.wheel.tape import LeftTheWheelError, Writer, with_quit
 
 STALL: Final = 0.1  # s that a step may be late before the clock is set anew: time must not jump
 GLANCE: Final = 0.005  # s between two looks whether a drive that is held may go on
+ASLEEP: Final = 2.0  # s without a step, or without an answer of the window, from which a drive is held
 PATIENCE: Final = 900.0  # s for which a drive waits for somebody who has gone away
 
 
@@ -36,6 +37,12 @@ class Input(NamedTuple):
 NOTHING: Final = Input(0, -1, LET_GO)
 
 
+def awake() -> float:
+    """Time by a clock that goes on while the machine sleeps, and that nobody can set, s."""
+    which = getattr(clock, "CLOCK_BOOTTIME", getattr(clock, "CLOCK_MONOTONIC", None))
+    return clock.perf_counter() if which is None else clock.clock_gettime(which)
+
+
 class Desk:
     """What seat and browser share. Single assignments only, which two threads may make without a lock."""
 
@@ -47,17 +54,19 @@ class Desk:
 
 
 class Seat:
-    """A person at the wheel. show: takes every state, from another thread. paced: by the clock; else each step waits
-    until somebody has answered the state that it begins with.
+    """A person at the wheel. show: takes every state, from another thread; held: why the seat itself holds the drive,
+    `asleep` (the machine stood still) or `silent` (the window does not answer). paced: by the clock; else each step
+    waits until somebody has answered the state that it begins with.
     """
 
     def __init__(
-        self, desk: Desk, hands: Hands, step: float, writer: Writer, show: Callable[[list[Any]], None], *,
-        paced: bool = True, patience: float = PATIENCE,
+        self, desk: Desk, hands: Hands, step: float, writer: Writer, show: Callable[[list[Any]], None],
+        held: Callable[[str], None], *, paced: bool = True, patience: float = PATIENCE,
     ) -> None:  # fmt: skip
         self._desk, self._hands, self._step, self._writer, self._show = desk, hands, step, writer, show
-        self._paced, self._patience = paced, patience
+        self._held, self._paced, self._patience = held, paced, patience
         self._tick, self._start = 0, 0.0
+        self._since, self._awake = 0, 0.0  # step and time (`awake`) at which the drive last went on; of the last step
         self.left = ""
         self.late: list[float] = []
         self.behind: list[int] = []  # steps between the state that was answered and the one the answer moved
@@ -81,37 +90,65 @@ class Seat:
     def _wait(self) -> float:
         """Until the step is due; how late it is then, s."""
         desk = self._desk
-        if desk.holds:
-            self._hold()
         if not self._paced:
             begun = clock.perf_counter()
-            while desk.newest.seen < self._tick and not desk.leaves:
-                if desk.holds:
+            while (self._waits() or desk.newest.seen < self._tick) and not desk.leaves:
+                if self._waits():
                     self._hold()
+                    begun = clock.perf_counter()
                 if clock.perf_counter() - begun > self._patience:
-                    desk.leaves = "nobody answers"
+                    desk.leaves = f"Nobody answered for {self._patience:g} s."
                 clock.sleep(0.0005)
             return 0.0
-        due = self._start + self._tick * self._step
-        now = clock.perf_counter()
-        if now < due:
-            clock.sleep(due - now)
+        while True:
+            if self._waits():
+                self._hold()
+            due = self._start + self._tick * self._step
+            now = clock.perf_counter()
+            if now < due:
+                clock.sleep(due - now)
+            if awake() - self._awake > ASLEEP:
+                self._fall("asleep")
+            elif (self._tick - max(desk.newest.seen, self._since)) * self._step > ASLEEP:
+                self._fall("silent")
+            else:
+                break
+            if desk.leaves:
+                break
+        self._awake = awake()
         late = max(clock.perf_counter() - due, 0.0)
         if late > STALL:
             self._writer.note(self._tick, "stall", seconds=round(late, 4))
             self._start += late
         return late
 
+    def _waits(self) -> bool:
+        """Whether the drive is held, is counted down, or has not begun."""
+        return bool(self._desk.holds) or not self._awake or clock.perf_counter() < self._desk.due
+
+    def _fall(self, why: str) -> None:
+        """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes on."""
+        desk = self._desk
+        desk.newest = desk.newest._replace(given=LET_GO)
+        desk.holds = desk.holds or why
+        self._held(why)
+
     def _hold(self) -> None:
         """Until the drive may go on; nothing moves meanwhile."""
-        desk, why, begun = self._desk, self._desk.holds, clock.perf_counter()
+        desk, begun = self._desk, clock.perf_counter()
+        why = desk.holds or ("key" if self._tick else "start")
+        self._awake = awake()
         while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
             if clock.perf_counter() - begun > self._patience:
-                desk.leaves = f"nobody came back for {self._patience:g} s"
+                desk.leaves = f"Nobody came back for {self._patience:g} s."
             clock.sleep(GLANCE)
+            if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
+                self._fall("asleep")
+            self._awake = awake()
         if why != "start":
             self._writer.note(self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3))
         self._start = clock.perf_counter() - self._tick * self._step
+        self._since = self._tick
 
 
 def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[Any]:
@@ -126,15 +163,15 @@ def state_of(tick: int, answered: int, angle: float, seen: Observation) -> list[
 
 def drive_person(
     concrete: ConcreteScenario, settings: SimulationSettings, desk: Desk, writer: Writer,
-    show: Callable[[list[Any]], None], *, law: HandSettings | None = None, paced: bool = True,
-    patience: float = PATIENCE,
+    show: Callable[[list[Any]], None], held: Callable[[str], None], *, law: HandSettings | None = None,
+    paced: bool = True, patience: float = PATIENCE,
 ) -> tuple[Recording, Seat]:  # fmt: skip
     """Let a person drive a concrete scenario; the recording has what any ADS's has."""
     vehicle = concrete.ego_vehicle(settings.vehicle)
     hands = Hands(vehicle, settings.step, law)
-    seat = Seat(desk, hands, settings.step, writer, show, paced=paced, patience=patience)
+    seat = Seat(desk, hands, settings.step, writer, show, held, paced=paced, patience=patience)
     recording = simulate(concrete, seat, settings)
-    return with_quit(recording, left=bool(seat.left)), seat
+    return with_quit(recording, seat.left), seat
 
 
 class _Few:

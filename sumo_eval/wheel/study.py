@@ -227,7 +227,7 @@ async def own_drive(window: Window, plan: Plan, person: Participant, case: Study
         if recording.end_reason != "quit":
             break
         again = await window.ask(
-            sheet("The drive was ended", "You can drive it again, or leave it out.",
+            sheet("The drive was ended", recording.error or "", "You can drive it again, or leave it out.",
                   buttons=[["again", "Drive again"], ["leave", "Leave it out"], ["stop", "I want to stop"]])
         )  # fmt: skip
         if again.get("button") != "again":

@@ -22,6 +22,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import CHANNELS, Recording
 
 FORMAT = 1
+OWN_WISH = "quit"  # why a drive was left, where the driver wished it
 ROW = ("acceleration", "steering", "seen", "kind", "keys", "steer", "throttle", "brake", "late")
 """Of a step: the command, m/s2 and rad; the state that the driver had seen; what hands and feet did; lateness, s."""
 
@@ -140,13 +141,13 @@ class Player:
 
     def __init__(self, tape: Tape) -> None:
         self._commands = iter(tape.commands)
-        self.left = False
+        self.left = ""
 
     def act(self, seen: object) -> Command:
         """The next command; behind the last the drive is left, as it was."""
         row = next(self._commands, None)
         if row is None:
-            self.left = True
+            self.left = OWN_WISH
             raise LeftTheWheelError("The tape is over")
         return Command(*row)
 
@@ -155,12 +156,16 @@ def drive_again(tape: Tape, concrete: ConcreteScenario) -> Recording:
     """What comes of a tape's commands in its concrete scenario."""
     player = Player(tape)
     recording = simulate(concrete, player, settings_of(tape.head))
-    return with_quit(recording, left=player.left)
+    return with_quit(recording, player.left)
 
 
-def with_quit(recording: Recording, *, left: bool) -> Recording:
-    """The recording of a drive that was left has the end reason `quit`, which no ADS under test can give itself."""
-    return replace(recording, end_reason="quit", error=None, error_place="") if left else recording
+def with_quit(recording: Recording, left: str) -> Recording:
+    """The recording of a drive that was left has the end reason `quit`, which no ADS under test can give itself; the
+    error says why, where it was not the driver's own wish. left: why; empty: the drive came to its end.
+    """
+    if not left:
+        return recording
+    return replace(recording, end_reason="quit", error=None if left == OWN_WISH else left, error_place="")
 
 
 def digest(recording: Recording) -> str:

@@ -95,9 +95,9 @@ async def trips(
     while True:
         path = new_tape(out, logical.name)
         recording, quality = await one_drive(window, concrete, settings, path, view, use=use)
-        lines = [ENDS.get(recording.end_reason, recording.error or recording.end_reason), *quality.sentences()]
+        lines = [ENDS.get(recording.end_reason, recording.end_reason), recording.error or "", *quality.sentences()]
         answer = await window.ask(
-            sheet("Your drive", "\n".join(lines), f"It is kept in {path}.",
+            sheet("Your drive", "\n".join(filter(None, lines)), f"It is kept in {path}.",
                   replay=replay(concrete, "you", {"ego": recording.ego, **recording.actors}, recording.collision),
                   buttons=[["again", "Drive again"], ["end", "That is all"]])
         )  # fmt: skip

@@ -24,7 +24,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording
 from sumo_eval.wheel.messages import LARGEST, MOST_A_SECOND, MessageError, read
 from sumo_eval.wheel.seat import Desk, drive_person, warm_up
-from sumo_eval.wheel.tape import Writer
+from sumo_eval.wheel.tape import OWN_WISH, Writer
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
@@ -34,6 +34,10 @@ LOOPBACK: Final = "127.0.0.1"
 SILENT: Final = 2.0  # s within which who connects must say what he wants (browsers also connect ahead), and his token
 COUNTDOWN: Final = 3.0  # s
 WRONG, UNKNOWN, TAKEN, FLOODED = 4400, 4401, 4409, 4429  # why a window is shut
+BROKEN: Final = {1002: "is no message of a WebSocket", 1007: "is no text", 1009: f"is larger than {LARGEST} bytes"}
+"""Why websockets itself shuts a window: its code, and what came."""
+MOST_ANSWERS: Final = 8  # that wait; the page gives one to a view
+MOST_TOLD: Final = 10_000  # of one drive; the page tells once a second
 
 
 class Window:
@@ -50,10 +54,11 @@ class Window:
         self._server: Server | None = None
         self._peer: ServerConnection | None = None
         self._view: dict[str, Any] | None = None
-        self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue(MOST_ANSWERS)
         self._desk: Desk | None = None
         self._box: list[Any] | None = None  # the newest state; one that was not sent in time is of no use to anybody
         self._latest: list[Any] | None = None
+        self._why = ""  # the seat holds the drive for this reason, which the page has not been told yet
         self._posted = asyncio.Event()
         self._telling: list[dict[str, Any]] = []
         self.faults: list[str] = []  # messages that no page of ours sends, as sentences
@@ -69,9 +74,8 @@ class Window:
         except ImportError:
             self._listening.close()
             raise needs_extra("Driving in the browser", "drive") from None
-        own = [f"http://{host}" for host in self._hosts()]
         self._server = await serve(
-            self._talk, sock=self._listening, origins=own, process_request=self._answer,  # type: ignore[arg-type]
+            self._talk, sock=self._listening, process_request=self._answer,
             max_size=LARGEST, max_queue=64, compression=None, ping_interval=5.0, ping_timeout=15.0,
             open_timeout=SILENT, close_timeout=2.0, server_header=None,
         )  # fmt: skip
@@ -80,7 +84,7 @@ class Window:
     def stop(self) -> None:
         """End the drive that is under way, if there is one: its tape is closed like that of any other."""
         if self._desk is not None:
-            self._desk.leaves = self._desk.leaves or "the server was stopped"
+            self._desk.leaves = self._desk.leaves or "The program was stopped."
 
     async def __aexit__(self, *_: object) -> None:
         self.stop()
@@ -110,10 +114,15 @@ class Window:
                 headers[name] = value
             return Response(status.value, status.phrase, headers, content)
 
-        if request.headers.get_all("Host") not in [[host] for host in self._hosts()]:
+        host = request.headers.get_all("Host")
+        if host not in [[own] for own in self._hosts()]:
             return say(HTTPStatus.MISDIRECTED_REQUEST, "This server answers to its own address only.\n")
+        if getattr(request, "method", "GET") != "GET":  # earlier versions of websockets refuse the others themselves
+            return say(HTTPStatus.METHOD_NOT_ALLOWED, "This server is asked by GET.\n")
         if request.path == "/wheel":
-            return None  # the WebSocket; its Origin is checked next
+            if request.headers.get_all("Origin") == [f"http://{host[0]}"]:
+                return None  # the WebSocket
+            return say(HTTPStatus.FORBIDDEN, "This server talks to its own page only.\n")
         if request.path != "/":
             return say(HTTPStatus.NOT_FOUND, "There is one page here, /.\n")
         nonce = secrets.token_urlsafe(16)
@@ -144,8 +153,9 @@ class Window:
                 self._peer = None
                 post.cancel()
                 self._hold("closed")
-        except ConnectionClosed:
-            return
+        except ConnectionClosed as closed:
+            if closed.sent is not None and closed.sent.code in BROKEN:
+                self._fault(f"What came from the window {BROKEN[closed.sent.code]}.")
 
     async def _known(self, peer: ServerConnection) -> bool:
         """Whether a window shows the token; who does not is shut out."""
@@ -171,11 +181,16 @@ class Window:
                     raise MessageError(f"More than {MOST_A_SECOND} messages a second came from the window.")
                 self._take(read(text))
             except MessageError as error:
-                self.faults.append(str(error))
-                if self._desk is not None:
-                    self._desk.leaves = str(error)
-                await peer.close(FLOODED if allowance < 0.0 else WRONG, str(error)[:120])
+                self._fault(str(error))
+                reason = str(error).encode()[:120].decode(errors="ignore")  # a close frame has room for 123 bytes
+                await peer.close(FLOODED if allowance < 0.0 else WRONG, reason)
                 return
+
+    def _fault(self, sentence: str) -> None:
+        """What came is of no page of ours: it ends the drive."""
+        self.faults.append(sentence)
+        if self._desk is not None:
+            self._desk.leaves = self._desk.leaves or sentence
 
     def _take(self, message: dict[str, Any]) -> None:
         desk = self._desk
@@ -183,8 +198,12 @@ class Window:
             if desk is not None:
                 desk.newest = message["input"]
         elif "answers" in message:
+            if self._answers.full():
+                raise MessageError(f"More than {MOST_ANSWERS} answers came that nobody had asked for.")
             self._answers.put_nowait(message["answers"])
         elif "telling" in message:
+            if len(self._telling) >= MOST_TOLD:
+                raise MessageError(f"A window may tell of itself at most {MOST_TOLD} times in a drive.")
             self._telling.append(message["telling"])
         elif desk is not None:
             if "ready" in message:
@@ -193,7 +212,7 @@ class Window:
             elif "pause" in message:
                 self._hold(message["pause"])
             elif "quit" in message:
-                desk.leaves = "quit"
+                desk.leaves = desk.leaves or OWN_WISH
 
     def _hold(self, why: str) -> None:
         desk = self._desk
@@ -202,16 +221,18 @@ class Window:
             desk.newest = desk.newest._replace(given=type(desk.newest.given)())  # nobody's foot is on a pedal
 
     async def _post(self, peer: ServerConnection) -> None:
-        """Send the newest state whenever there is one."""
+        """Send the newest state whenever there is one, and why the seat holds the drive where it does."""
         from websockets.exceptions import ConnectionClosed
 
         with suppress(ConnectionClosed):
             while True:
                 await self._posted.wait()
                 self._posted.clear()
-                state, self._box = self._box, None
+                (state, self._box), (why, self._why) = (self._box, None), (self._why, "")
                 if state is not None:
                     await peer.send(json.dumps({"state": state}, separators=(",", ":")))
+                if why:
+                    await peer.send(json.dumps({"held": why}))
 
     async def _reload(self) -> None:
         """Show whatever was to be seen last."""
@@ -245,16 +266,20 @@ class Window:
         await asyncio.to_thread(warm_up, concrete, settings)
         loop = asyncio.get_running_loop()
         desk = self._desk = Desk()
-        self._telling, self._latest = [], None
+        self._telling, self._latest, self._why = [], None, ""
 
         def publish(state: list[Any]) -> None:
             self._box = self._latest = state
             loop.call_soon_threadsafe(self._posted.set)
 
+        def held(why: str) -> None:
+            self._why = why
+            loop.call_soon_threadsafe(self._posted.set)
+
         await self.show({**view, "show": "drive", "countdown": self._countdown})
         try:
             drive = asyncio.ensure_future(
-                asyncio.to_thread(drive_person, concrete, settings, desk, writer, publish, paced=self._paced)
+                asyncio.to_thread(drive_person, concrete, settings, desk, writer, publish, held, paced=self._paced)
             )
             try:
                 recording, seat = await asyncio.shield(drive)
@@ -268,7 +293,9 @@ class Window:
 
 
 def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> dict[str, Any]:
-    """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped ones."""
+    """What is known of a drive in time: lateness of steps (ms), input to picture (ms), frames, dropped ones, how often
+    the page drew more cheaply by itself.
+    """
     latency = sorted(value for it in told for value in it["latency"])
     frames, dropped = sum(it["frames"] for it in told), sum(it["dropped"] for it in told)
     return {
@@ -277,6 +304,7 @@ def timing(late: list[float], behind: list[int], told: list[dict[str, Any]]) -> 
         "late_max_ms": _ms(max(late, default=None)),
         "input_to_picture_p50_ms": _part(latency, 0.5), "input_to_picture_p95_ms": _part(latency, 0.95),
         "inputs_timed": len(latency), "frames": frames, "dropped": dropped,
+        "stepped_down": sum(it["stepped"] for it in told) if told else None,
         "behind_p95_steps": _part(sorted(map(float, behind)), 0.95),
         "resolution": told[-1]["resolution"] if told else None,
         "renderer": ", then ".join(dict.fromkeys(it["renderer"] for it in told)) or None,

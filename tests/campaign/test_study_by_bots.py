@@ -62,6 +62,8 @@ most = 3
 dropped = 1.0
 latency_ms = 10000.0
 stalls = 1000
+stepped_down = 1000
+unanswered = 1000.0
 """
 PEOPLE = {
     "P01": {"overtakes": True, "wander": 0.006, "headway": 1.0},

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,9 @@ from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
 from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
 from sumo_eval.scenario import catalogue  # noqa: E402
 from sumo_eval.wheel.again import again  # noqa: E402
-from sumo_eval.wheel.hands import Given, Hands  # noqa: E402
+from sumo_eval.wheel.hands import LET_GO, Given, Hands  # noqa: E402
 from sumo_eval.wheel.page import drive_view, page  # noqa: E402
+from sumo_eval.wheel.quality import Quality, QualitySettings  # noqa: E402
 from sumo_eval.wheel.tape import LeftTheWheelError, digest, read_tape, with_quit  # noqa: E402
 from sumo_eval.wheel.trip import concrete_of, one_drive, settings_at  # noqa: E402
 from sumo_eval.wheel.window import FLOODED, TAKEN, UNKNOWN, WRONG, Window  # noqa: E402
@@ -71,11 +75,47 @@ def test_only_its_own_page_at_its_own_address_may_talk() -> None:
             assert window.token not in answer
             for host in ("evil.example", "127.0.0.1", f"evil.example:{window.port}", ""):
                 assert "HTTP/1.1 421" in await asked(window, f"GET / HTTP/1.1\nHost: {host}")
-            for path in ("/../../etc/passwd", "/favicon.ico", "/wheel/..", "//", "/?a=b"):
-                assert "HTTP/1.1 404" in await asked(window, f"GET {path} HTTP/1.1\nHost: 127.0.0.1:{window.port}")
-            for origin in ("http://evil.example", "null", None):
+            assert "HTTP/1.1 421" in await asked(window, f"{good}\nHost: 127.0.0.1:{window.port}")
+            own = f"127.0.0.1:{window.port}"
+            near = [f"http://127.0.0.1:{window.port + 1}", f"https://{own}", "http://127.0.0.1", f"http://{own}/",
+                    f"http://localhost:{window.port}", f"http://[::1]:{window.port}"]  # fmt: skip
+            for origin in ("http://evil.example", "null", None, *near):
                 with pytest.raises(InvalidStatus, match="403"):
                     await opened(window, origin=origin)
+            assert window._listening.getsockname()[0] == "127.0.0.1"
+
+    asyncio.run(body())
+
+
+def test_no_path_is_served_but_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From within a study's folder: its own files, what a link in it leads to, what lies outside, by dots as they are,
+    encoded once and twice, with backslashes, as an address of its own: each is 404, and no byte of a file comes.
+    """
+    study = tmp_path / "study"
+    study.mkdir()
+    (tmp_path / "outside.txt").write_text("SECRET")
+    (study / "journal.jsonl").write_text("SECRET")
+    (study / "link.txt").symlink_to(tmp_path / "outside.txt")
+    (study / "up").symlink_to(tmp_path)
+    monkeypatch.chdir(study)
+    paths = [
+        "/journal.jsonl", "/link.txt", "/up/outside.txt", "/../outside.txt", "/..", "/%2e%2e/outside.txt", "/.%2e/",
+        "/%2e%2e%2foutside.txt", "/%252e%252e%252foutside.txt", "/..%5coutside.txt", "/..\\outside.txt",
+        f"/{tmp_path}/outside.txt", f"/{study}", "//etc/passwd", "/./", "//", "/index.html", "/favicon.ico", "/?a=b",
+        "/wheel/..", "/wheel?a", "/wheel/", "/journal.jsonl%00", "/;/../outside.txt", "file:///etc/passwd",
+    ]  # fmt: skip
+
+    async def body() -> None:
+        async with Window(page("Drive")) as window:
+            own = f"http://127.0.0.1:{window.port}/outside.txt"
+            for path in (*paths, own):
+                answer = await asked(window, f"GET {path} HTTP/1.1\nHost: 127.0.0.1:{window.port}")
+                assert answer.startswith("HTTP/1.1 404"), path
+                assert "SECRET" not in answer
+            for method in ("POST", "PUT", "DELETE", "HEAD", "OPTIONS", "TRACE"):
+                answer = await asked(window, f"{method} / HTTP/1.1\nHost: 127.0.0.1:{window.port}")
+                assert answer.startswith(("HTTP/1.1 405", "HTTP/1.1 400"))
+                assert "SECRET" not in answer
 
     asyncio.run(body())
 
@@ -87,6 +127,7 @@ def test_the_token_opens_and_nothing_else() -> None:
                 assert await closing(await opened(window), text) == UNKNOWN
             assert await closing(await opened(window), "no json") == WRONG
             assert await closing(await opened(window), "x" * 9000) == 1009
+            assert await closing(await opened(window), b"binary") == WRONG
             first = await known(window)
             await window.show({"show": "sheet", "title": "here"})
             assert json.loads(await first.recv())["title"] == "here"
@@ -185,7 +226,8 @@ def test_quitting_is_an_end_of_its_own_and_a_broken_message_ends_the_drive_with_
     for name, says in (("quit", ('{"quit": true}',)), ("wrong", ('{"input": [NaN]}',))):
         path = tmp_path / f"{name}.jsonl"
         recording, _ = finish(Window(page("Drive"), countdown=0.0, paced=False), path, stop_at=12, says=says)
-        assert (recording.end_reason, recording.error) == ("quit", None)
+        assert recording.end_reason == "quit"
+        assert recording.error == (None if name == "quit" else "An input must be a list of 7.")  # which the page shows
         assert len(read_tape(path).rows) == 12
         assert again(path).same is True
         said = read_tape(path).came_of_it["error"]  # type: ignore[index]
@@ -212,8 +254,10 @@ def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on
     assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
 
 
-async def steps(peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None) -> int:
-    """Drive until a step, or until the drive is over; then the window is closed. The last step that was seen."""
+async def steps(
+    peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
+) -> int:  # fmt: skip
+    """Drive until a step, or until the drive is over; then, if it `closes`, the window is shut. The last step seen."""
     seen = -1
     while until is None or not until.done():
         try:
@@ -227,7 +271,8 @@ async def steps(peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None)
             if seen >= stop_at:
                 break
             await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
-    await peer.close()
+    if closes:
+        await peer.close()
     return seen
 
 
@@ -239,7 +284,7 @@ class Gone:
 def test_no_ads_can_end_its_case_by_quitting() -> None:
     found = simulate(CONCRETE, Gone(), SETTINGS)
     assert found.end_reason == "ads_error"
-    assert with_quit(found, left=True).end_reason == "quit"
+    assert with_quit(found, "quit").end_reason == "quit"
 
 
 def test_a_tape_that_broke_off_can_be_driven_and_one_that_was_never_a_tape_cannot(tmp_path: Path) -> None:
@@ -267,3 +312,124 @@ def test_who_sends_too_much_is_shut_out() -> None:
             assert "messages a second" in window.faults[0]
 
     asyncio.run(body())
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "words"),
+    [
+        ("x" * 9000, 1009, "What came from the window is larger than 8192 bytes."),
+        (json.dumps({"ä" * 400: 1}, ensure_ascii=False), WRONG, "A message must be one of"),
+        (f'{{"input": [0, 0, "stick", 0, 1{"0" * 4000}, 0, 0]}}', WRONG, "A number of a message must be finite"),
+        (b"\xff\x00", WRONG, "A message must be text."),
+    ],
+)
+def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
+    tmp_path: Path, text: str | bytes, code: int, words: str
+) -> None:
+    """Also what is wrong before it can be read; what was driven until then is there, and comes to the same bytes."""
+    path = tmp_path / "drive.jsonl"
+
+    async def body() -> None:
+        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+            view = drive_view(CONCRETE, SETTINGS, "drive", ())
+            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+            peer = await known(window)
+            assert await steps(peer, stop_at=5, closes=False) == 5
+            assert await closing(peer, text) == code
+            recording, _ = await asyncio.wait_for(drive, 30.0)
+            assert recording.error is not None
+            assert recording.error.startswith(words)
+            assert window.faults == [recording.error]
+
+    asyncio.run(body())
+    assert again(path).same is True
+
+
+def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path) -> None:
+    path = tmp_path / "drive.jsonl"
+
+    async def body() -> None:
+        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+            view = drive_view(CONCRETE, SETTINGS, "drive", ())
+            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+            peer = await known(window)
+            assert await steps(peer, stop_at=10, closes=False) == 10
+            assert await closing(await known(window), '{"quit": true}') == TAKEN
+            assert await closing(await opened(window), json.dumps({"token": "x"})) == UNKNOWN
+            await peer.send(json.dumps({"input": [11, 10, *LET_GO]}))
+            await steps(peer, stop_at=10**6, until=drive)
+            recording, quality = await drive
+            assert (recording.end_reason, quality.pauses) == ("road_end", 0)
+
+    asyncio.run(body())
+    assert again(path).same is True
+
+
+def test_a_laptop_that_sleeps_and_a_page_that_freezes_hold_the_drive_and_lose_nothing(tmp_path: Path) -> None:
+    """The program stands still for 2.5 s in mid-drive, as while a laptop sleeps; then the window answers nothing for
+    longer than 2 s; then it is gone without a word. Each holds the drive until somebody says that it goes on; the
+    tape has all three and comes to the same bytes.
+    """
+    command = [sys.executable, "-m", "sumo_eval", "drive", LOGICAL.name, "--rate", "20", "--no-browser", "--port", "0",
+               "--out", str(tmp_path)]  # fmt: skip
+    for name in ("ego_speed", "obstacle_speed", "gap"):
+        command += ["--set", f"{name}={CONCRETE.values[name]}"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert server.stdout is not None
+    try:
+        address, token = server.stdout.readline().split(": ", 1)[1].strip().split("/#")
+
+        async def window() -> Any:
+            peer = await connect(f"{address.replace('http', 'ws')}/wheel", origin=address, proxy=None)  # type: ignore[arg-type]
+            await peer.send(json.dumps({"token": token}))
+            return peer
+
+        async def until(peer: Any, *wanted: str, answers: bool = True, most: int = 1000) -> dict[str, Any]:
+            """The first message of a wanted kind; states before it are answered, `most` of them."""
+            number = 0
+            while True:
+                message = json.loads(await asyncio.wait_for(peer.recv(), 60.0))
+                if set(message) & set(wanted) or number >= most:
+                    return message
+                if "state" in message and answers:
+                    number += 1
+                    seen = message["state"][0]
+                    await peer.send(json.dumps({"input": [seen + 1, seen, *answer_of(message["state"])]}))
+
+        async def body() -> None:
+            peer = await window()
+            while (await until(peer, "show"))["show"] != "drive":
+                pass
+            await peer.send('{"ready": true}')
+            await until(peer, most=5)
+            server.send_signal(signal.SIGSTOP)
+            await asyncio.sleep(2.5)
+            server.send_signal(signal.SIGCONT)
+            assert (await until(peer, "held"))["held"] == "asleep"
+            await peer.send('{"ready": true}')
+            assert (await until(peer, "held", answers=False))["held"] == "silent"
+            peer.transport.abort()
+            await asyncio.sleep(0.2)
+            peer = await window()
+            await until(peer, "state", answers=False)
+            await peer.send('{"quit": true}')
+            while (await until(peer, "show"))["show"] != "sheet":
+                pass
+            await peer.send('{"answers": {"button": "end"}}')
+            await until(peer, "show")
+            await peer.close()
+
+        asyncio.run(body())
+        assert server.wait(30.0) == 0
+    finally:
+        server.kill()
+        server.wait()
+        server.stdout.close()
+    (path,) = tmp_path.glob("*.jsonl")
+    tape = read_tape(path)
+    assert [it["why"] for it in tape.notes if it["note"] == "pause"] == ["asleep", "silent"]
+    assert tape.came_of_it is not None
+    assert tape.came_of_it["quality"]["unanswered"] > 2.0
+    assert "no answer of the window, s" in str(Quality(**tape.came_of_it["quality"]).against(QualitySettings()))
+    assert len(tape.rows) > 40
+    assert again(path).same is True

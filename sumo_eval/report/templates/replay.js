@@ -585,7 +585,7 @@ const sumoReplay = (() => {
 
   const CHARTS = [
     { title: "speed, m/s", of: (view) => view.ego.speed, low: 0 },
-    { title: `TTC, s (at most ${MOST_TTC} shown)`, of: (view) => view.ahead.ttc, low: 0, high: MOST_TTC },
+    { title: `TTC, s (up to ${MOST_TTC})`, of: (view) => view.ahead.ttc, low: 0, high: MOST_TTC },
     { title: "acceleration, m/s²", of: (view) => view.ego.acceleration },
     { title: "steering wheel, °", of: (view) => view.ego.steering_wheel_angle.map((angle) => angle * 180 / Math.PI) },
   ];

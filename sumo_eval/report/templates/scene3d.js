@@ -12,6 +12,8 @@ const sumoScene = (() => {
   const FAR = 1500, NEAR = 0.25; // m
   const SLOW = 1 / 38, FAST = 1 / 57; // s a frame from which the resolution falls, below which it rises
   const ENOUGH = 15; // pictures between two changes of it
+  const FEW = 4, SOON = 1.5; // or so many, after so many s
+  const LONG = 0.5; // s without a picture that may be a pause
   const LEAST_RATIO = 0.35, MOST_RATIO = 2;
 
   const VERTEX = `#version 300 es
@@ -356,7 +358,7 @@ const sumoScene = (() => {
     const gl = canvas.getContext("webgl2", attributes);
     if (!gl) return null;
     let program = null, names = {}, meshes = {}, standing = null, lost = false, fence = null, begun = 0, done = 0;
-    let ratio = Math.min(window.devicePixelRatio || 1, MOST_RATIO) * (software(gl) ? 0.6 : 1), interval = 1 / 60, last = null, since = 0;
+    let ratio = Math.min(window.devicePixelRatio || 1, MOST_RATIO) * (software(gl) ? 0.6 : 1), interval = 1 / 60, last = null, since = 0, long = 0, changed = null;
     const free = { turn: 0.5, rise: 0.35, away: 14 };
 
     function build() {
@@ -497,14 +499,16 @@ const sumoScene = (() => {
     function pace(now, late = false, slow = SLOW) {
       const apart = last === null ? 1 / 60 : now - last;
       last = now;
-      if (apart > 0.5) return false; // a pause, not a slow picture
+      long = apart > LONG ? long + 1 : 0;
+      if (long === 1) return false; // a pause; more in a row are slow pictures
       interval += 0.1 * (apart - interval);
       since += 1;
-      if (since <= ENOUGH) return false;
+      changed ??= now;
+      if (since <= ENOUGH && !(since >= FEW && now - changed > SOON)) return false;
       if (interval > slow || late) {
         if (ratio <= LEAST_RATIO) return true;
-        [ratio, since] = [Math.max(LEAST_RATIO, ratio * 0.8), 0];
-      } else if (interval < FAST && since > 10 * ENOUGH && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since] = [ratio * 1.1, 0];
+        [ratio, since, changed] = [Math.max(LEAST_RATIO, ratio * 0.8), 0, now];
+      } else if (interval < FAST && since > 10 * ENOUGH && ratio < Math.min(window.devicePixelRatio || 1, MOST_RATIO)) [ratio, since, changed] = [ratio * 1.1, 0, now];
       return false;
     }
 

@@ -16,7 +16,9 @@ const sumoDrive = (() => {
   const STEADY = 1 / 45; // s a picture at which that bound is kept
   const WAITED = 30; // ms of that bound that are not the step's own
   const JUDGED = 40; // inputs from which it is judged
-  const SEEN = 45; // pictures from which it is judged how far apart they come
+  const SEEN = 45; // pictures from which it is judged how far apart they come: of most, as one that stumbles says little
+  const FEW = 5, SOON = 1500; // or so many, after so many ms
+  const LONG = 500; // ms without a picture that may be a pause
   const PLAINER = [ // the plain drawings, dearest first
     { ratio: 1, coarse: false, above: false, name: "plain drawing" },
     { ratio: 0.5, coarse: true, above: false, name: "plain drawing with few pixels" },
@@ -25,6 +27,11 @@ const sumoDrive = (() => {
   const NOTED = 8000; // ms that a sentence stays over the road
   const REACH = 70; // px of a finger's way from straight to the end
   const COLOURS = { me: "#0072b2", other: "#b26a00" };
+  const HELD = { // why nothing moves
+    hidden: "The window was out of sight. Nothing has moved since.", key: "Nothing moves until you go on.",
+    asleep: "This computer was asleep, or stood still. Nothing has moved since.",
+    silent: "This window did not answer for a while, so that nobody can have driven by it. Nothing has moved since.",
+  };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
   const stage = document.getElementById("stage");
@@ -190,7 +197,7 @@ const sumoDrive = (() => {
       this.waiting = []; // [number, time stamp] of inputs that no state holds yet
       this.answered = null; // the time stamp of one that the next picture shows
       this.latency = [];
-      this.untold = { frames: 0, dropped: 0, latency: [] };
+      this.untold = { frames: 0, dropped: 0, stepped: 0, latency: [] };
       this.drawn = null;
       this.mode = kept("camera") || "behind";
       this.wish = kept("drawing") || "automatic"; // or "3-D", "plain"
@@ -238,6 +245,7 @@ const sumoDrive = (() => {
 
     /** In three dimensions, or plainly where that is wished, missing, or would come too late. why: a sentence on the last. */
     drawing(why = "") {
+      if (why) this.steppedDown();
       const means = sumoScene.means(), forced = this.wish === "3-D";
       if (!why && !forced && this.wish !== "plain") {
         if (!means) why = "This browser draws nothing in 3-D, so the road is drawn plainly.";
@@ -268,11 +276,18 @@ const sumoDrive = (() => {
       else if (because) because.textContent = this.plainly;
     }
 
+    /** From here on it is drawn more cheaply: what somebody drives by changes, so the tape has both ways. */
+    steppedDown() {
+      if (this.held) return;
+      this.tell();
+      this.untold.stepped += 1;
+    }
+
     judgeAnew() {
       this.canvas.classList.toggle("few", !this.space && PLAINER[plainer].ratio < 1);
-      this.judged = this.pictures = 0;
-      this.interval = 1000 / 60;
-      this.before = null;
+      this.judged = this.long = 0;
+      this.apart = []; // ms between the last pictures
+      this.before = this.anew = null;
     }
 
     /** How the road is drawn, in words. */
@@ -346,7 +361,7 @@ const sumoDrive = (() => {
       const box = element("div"), { title, lines } = this.view;
       box.append(element("h2", "", why === "start" ? title : "The drive is held"));
       if (why === "start") for (const text of lines || []) box.append(element("p", "", text));
-      else box.append(element("p", "", why === "hidden" ? "The window was out of sight. Nothing has moved since." : "Nothing moves until you go on."));
+      else box.append(element("p", "", HELD[why]));
       const label = element("label", "", "Drive with "), choice = element("select", "device");
       choice.append(...[["keys", "keyboard"], ["pad", "gamepad"], ["wheel", "steering wheel"], ["mouse", "mouse"], ["touch", "fingers on the screen"]].map(([value, text]) => new Option(text, value, false, value === device)));
       label.append(choice);
@@ -430,12 +445,20 @@ const sumoDrive = (() => {
       show();
     }
 
+    /** Nothing moves from here on. */
     pause(why) {
       if (!this.veil.hidden) return;
+      say({ pause: why });
+      this.isHeld(why);
+    }
+
+    /** The server holds the drive. */
+    isHeld(why) {
+      if (!this.veil.hidden) return;
       this.held = true;
+      [this.waiting, this.answered] = [[], null]; // what is answered after a pause says nothing of pictures
       this.count.textContent = "";
       this.say("");
-      say({ pause: why });
       this.cover(why);
     }
 
@@ -516,16 +539,20 @@ const sumoDrive = (() => {
     /** A cheaper plain drawing where pictures come too late or too far apart. Who chooses a camera keeps it, and gets fewer pixels
      *  at most. */
     judgePlain(now) {
-      const apart = this.before === null || now - this.before > 500 ? null : now - this.before; // longer ones are a pause
+      const apart = this.before === null ? null : now - this.before;
       this.before = now;
-      if (apart === null) return;
-      this.interval += 0.1 * (apart - this.interval);
-      this.pictures += 1;
-      const late = this.late(), slow = this.pictures >= SEEN && this.interval > 1000 * STEADY;
+      this.anew ??= now;
+      this.long = apart > LONG ? this.long + 1 : 0; // one is a pause, more in a row are slow pictures
+      if (apart === null || this.long === 1) return;
+      this.apart = [...this.apart.slice(1 - SEEN), apart];
+      const enough = this.apart.length >= SEEN || (this.apart.length >= FEW && now - this.anew > SOON);
+      const median = [...this.apart].sort((a, b) => a - b)[this.apart.length >> 1];
+      const late = this.late(), slow = enough && median > 1000 * STEADY;
       if (!late && !slow) return;
-      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${this.interval.toFixed(0)} ms apart`;
+      const why = late ? `95 of 100 inputs were seen within ${this.within(0.95).toFixed(0)} ms only` : `Pictures came ${median.toFixed(0)} ms apart`;
       const last = insisted || this.mode === "above" ? 1 : 2;
       if (plainer < last) {
+        this.steppedDown();
         plainer += 1;
         if (PLAINER[plainer].above) this.camera.value = this.mode = "above";
         plainest = PLAINER[plainer].above
@@ -640,8 +667,8 @@ const sumoDrive = (() => {
 
     tell() {
       const { untold } = this;
-      if (!untold.frames && !untold.latency.length) return;
-      this.untold = { frames: 0, dropped: 0, latency: [] };
+      if (!untold.frames && !untold.latency.length && !untold.stepped) return;
+      this.untold = { frames: 0, dropped: 0, stepped: 0, latency: [] };
       say({ telling: { ...untold, resolution: this.space ? Math.round(100 * this.space.resolution()) / 100 : PLAINER[plainer].ratio, renderer: this.drawnAs } });
     }
   }
@@ -696,7 +723,9 @@ const sumoDrive = (() => {
     socket.addEventListener("open", () => say({ token: secret }));
     socket.addEventListener("message", (event) => {
       const message = JSON.parse(event.data);
-      if (message.state) { if (drive) drive.take(message.state); } else show(message);
+      if (message.state) { if (drive) drive.take(message.state); }
+      else if (message.held) { letGo(); if (drive) drive.isHeld(message.held); } // keys let go of meanwhile were not heard of
+      else show(message);
     });
     socket.addEventListener("close", (event) => {
       leave();
