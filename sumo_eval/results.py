@@ -377,6 +377,11 @@ class ScenarioResult:
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     requirements_missed: int | None = None
 
+    @property
+    def nobody_compared(self) -> bool:
+        """Whether the scenario has nobody to compare an ADS with, so that there is no D and no H for anybody in it."""
+        return self.h_reason == NotComputed("no_drivers")
+
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         shown: str = load_object(_SCORE, None, "Score")(self)
@@ -405,13 +410,16 @@ class ZoneResult:
 @dataclass(frozen=True, slots=True)
 class RankedAds:
     """An ADS in the order of an evaluation. s_plus: the mean over its scenarios by their weights, with its interval;
-    None, like place, where a scenario that weighs has no S+ of it.
+    None, like place, where a scenario that weighs has no S+ of it but for want of people. a_points, h_points: what A
+    and H give to it.
     """
 
     ads: str
     place: int | None
     s_plus: float | None
     interval: tuple[float, float] | None
+    a_points: float | None = None
+    h_points: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,13 +439,20 @@ class RankedPair:
 class Ranking:
     """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a place.
 
-    weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`.
+    weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`. without_people: scenarios
+    that weigh and in which nobody is there to compare with; there A counts, and H is the mean over the others.
     """
 
     weights: Mapping[str, float]
     level: float
     ads: tuple[RankedAds, ...]
     pairs: tuple[RankedPair, ...]
+    without_people: tuple[str, ...] = ()
+
+    @property
+    def with_people(self) -> int:
+        """How many scenarios that weigh have somebody to compare with."""
+        return sum(weight > 0.0 for weight in self.weights.values()) - len(self.without_people)
 
     def pair(self, above: str, below: str) -> RankedPair:
         """The pair of these two."""

@@ -21,9 +21,9 @@ def scenarios() -> None:
     for scenario in SCENARIOS.values():
         click.echo(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
-            click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g} {item.unit}, step {item.step:g}: {item.about}")
+            click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: {item.about}")
         for option in scenario.options:
-            click.echo(f"  ?{option.name}=... {option.unit}: {option.about}")
+            click.echo(f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: {option.about}")
 
 
 @click.command(epilog="Example: sumo-eval partition front_vehicle_cut_out")
@@ -129,7 +129,7 @@ def boundary(
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
-    with Progress() as progress:
+    with Progress(at_most=True) as progress:
         found = find_boundary(
             logical, ads, setup, budget=budget, tolerance=tolerance, seed=seed,
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),

@@ -73,8 +73,10 @@ def refuse_a_bare_file(locator: str) -> None:
     from sumo_eval.text import shown
 
     file = Path(locator)
-    if file.suffix != ".py" or not file.is_file():
+    if file.suffix != ".py":
         return
+    if not file.is_file():
+        raise InputError(f"There is no file {shown(locator)} here.")
     try:
         body = ast.parse(file.read_bytes(), str(file)).body
     except (SyntaxError, ValueError) as error:
@@ -131,9 +133,9 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
     if printed:
         click.echo(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
-    for finding in findings:
+    for finding, after in zip(findings, [*findings[1:], None], strict=True):
         click.echo(f"{finding.kind:4}  {finding.text}")
-        if finding.mend:
+        if finding.mend and (after is None or after.mend != finding.mend):
             click.echo(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
     click.echo(f"{locator}: {'keeps the contract' if not failed else f'breaks the contract in {failed} point(s)'}")

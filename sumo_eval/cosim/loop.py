@@ -30,10 +30,12 @@ from sumo_eval.cosim.plans import Wheel
 from sumo_eval.cosim.records import PLANT, REASONS, Records
 from sumo_eval.cosim.stage import Stage
 from sumo_eval.cosim.step_rules import move_rows, see_rows, stop_rows
+from sumo_eval.cosim.sumo.session import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command, EgoState
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import ControllerError, ControllerTimeoutError, SimulationError, said
+from sumo_eval.kernels import bound
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.text import SENTENCE, words_of
@@ -80,36 +82,47 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         driver.begin(world, stage)
         if world.errors:
             _end_rows(world, driver, stage)
+        egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
+        tell, scenario, line = world.tell, world.scenario, world.line
         while world.going:
+            after = world.steps + 1
             driver.step(world, world.steps * step)
             closely = stage.closely(world.steps)
-            now = (world.steps + 1) * step
-            sampling = (world.steps + 1) % every == 0
-            world.room_for_samples(sampling)
-            count = move_rows(
-                world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line,
-                world.steps + 1, int(closely),
-            )  # fmt: skip
-            count = world.play(now, count, closely)
+            now = after * step
+            sampling = after % every == 0
+            if sampling:
+                world.room_for_samples()
+            count = move(egos, others, moves, clips, tell, scenario, line, after, int(closely))
+            if world.players is not None:
+                count = world.play(now, count, closely)
             moved = 1
-            _tell(world, stage, count)
+            try:
+                stage.tell(world, count)
+            except stage.traci.TraCIException as error:
+                if not stage.asked:
+                    raise
+                raise ControllerError(  # who asks SUMO has just taken a vehicle away
+                    f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
+                ) from error
             stage.step()
             driver.after(world, now)
             stage.read(world)
             if stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
-            world.wake(now)
-            ended = see_rows(
-                world.egos, world.others, world.moves, world.clips, world.seen, world.samples, world.shown,
-                world.scenario, world.line, world.steps + 1, int(sampling), as_read,
-            )  # fmt: skip
-            world.steps += 1
+            if world.players is not None:
+                world.wake(now)
+            ended = see(
+                egos, others, moves, clips, seen, world.samples, shown, scenario, line, after, int(sampling), as_read
+            )
+            world.steps = after
             if ended:
                 _end_rows(world, driver, stage)
+                if egos is not world.egos:
+                    egos, others, moves, clips, seen, shown, move, see = _arrays_and_code(world)
     except LeftTheRoadError:
         world.egos["reason"][0] = REASONS.index("off_road")
-        world.room_for_samples(True)
+        world.room_for_samples()
         stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
     except (ControllerError, SimulationError) as error:
         if len(world.cases) > 1:
@@ -126,6 +139,18 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         world.end(row)
 
 
+def _arrays_and_code(world: World) -> tuple[Any, ...]:
+    """The arrays of the rows that are held, until some are given up, and the two rules of a step for such arrays."""
+    egos, others, moves, clips, seen, shown = (
+        world.egos, world.others, world.moves, world.clips, world.seen, world.shown,
+    )  # fmt: skip
+    move = bound(move_rows, egos, others, moves, clips, world.tell, world.scenario, world.line, 1, 0)
+    see = bound(
+        see_rows, egos, others, moves, clips, seen, world.samples, shown, world.scenario, world.line, 1, 0, 0
+    )  # fmt: skip
+    return egos, others, moves, clips, seen, shown, move, see
+
+
 def _let_go(world: World, driver: Driver, row: int) -> None:
     """Let the driver of a row go, once, whatever comes of it."""
     case = int(world.rows[row])
@@ -134,22 +159,10 @@ def _let_go(world: World, driver: Driver, row: int) -> None:
         driver.let_go(world, row)
 
 
-def _tell(world: World, stage: Stage, count: int) -> None:
-    """Hand the motion to SUMO; where SUMO no longer has a vehicle, the ADS that asks it has just taken it away."""
-    try:
-        stage.tell(world, count)
-    except stage.traci.TraCIException as error:
-        if not stage.asked:
-            raise
-        raise ControllerError(
-            f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
-        ) from error
-
-
 def break_off(world: World, error: ControllerError | SimulationError, moved: int = 0) -> None:
     """A single case cannot go on. moved: within a step, of which nothing counts."""
     world.fail(0, _fault(error), words_of(error, SENTENCE))
-    world.room_for_samples(True)
+    world.room_for_samples()
     stop_rows(world.egos, world.others, world.moves, world.samples, 0, moved)
 
 
@@ -266,11 +279,16 @@ class Rows:
         self._usual = world.settings.plant is None and conditions == ConditionSettings()
         # Over no rows: compiled or loaded here, and not within the time of a step.
         self._loop(world.egos[:0], world.seen[:0], *self._arrays, world.scenario, 0.0)
+        self._egos: Records | None = None
+        self._code = self._loop
 
     def step(self, world: World, time: float) -> None:
         """One call for all."""
         asked = clock.perf_counter()
-        self._loop(world.egos, world.seen, *self._arrays, world.scenario, time)
+        arguments = (world.egos, world.seen, *self._arrays, world.scenario, time)
+        if self._egos is not world.egos:
+            self._code, self._egos = bound(self._loop, *arguments), world.egos
+        self._code(*arguments)
         took = (clock.perf_counter() - asked) / world.going
         world.shared_latency(took)
         if not self._usual:
@@ -313,7 +331,7 @@ class Policies:
 
     def _begin(self, world: World, stage: Stage) -> None:
         self._road = world.cases[0].road
-        self._alone, self._traci = len(world.cases) == 1, stage.traci
+        self._alone, self._traci, self._clock = len(world.cases) == 1, stage.traci, simulation_time(stage.traci)
         stage.take_charge(world)
         conditions = world.settings.conditions
         GUARD.begin(
@@ -415,7 +433,7 @@ class OneEach(Policies):
         if not self._alone:
             return
         try:
-            check_clock(self._traci, time, world.settings.step)
+            check_clock(self._traci, self._clock, time, world.settings.step)
         except ControllerError as error:
             world.fail(0, "ads_error", str(error))
 
@@ -499,13 +517,16 @@ class OneEach(Policies):
             let_go(world, row, "The vehicle model", self._plant.close, "sim_error")
 
 
-def check_clock(traci: Any, time: float, step: float) -> None:
-    """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it."""
+def check_clock(traci: Any, clock_of: Callable[[], float], time: float, step: float) -> None:
+    """The harness alone steps, starts and closes the simulation; who swallows the refusal of a call has made it.
+
+    clock_of: tells SUMO's time, s (`simulation_time`).
+    """
     if GUARD.refusal is not None:
         deed, why = GUARD.refusal
         raise ControllerError(f"{deed} at {time:.2f} s; {why}.")
     try:
-        now = traci.simulation.getTime()
+        now = clock_of()
     except (traci.TraCIException, traci.FatalTraCIError) as error:
         raise ControllerError(f"The ADS closed the simulation at {time:.2f} s; that is the harness's.") from error
     ahead = now - time - step  # SUMO has made one step more, the one that inserted the vehicles

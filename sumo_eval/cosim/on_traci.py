@@ -10,6 +10,7 @@ import math
 import time as clock
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from sumo_eval.cosim.loop import SEEN_AS_IT_IS, advance_plant, check_clock, let_
 from sumo_eval.cosim.plans import HOLD, Wheel, wanted
 from sumo_eval.cosim.records import MODEL, SUMO
 from sumo_eval.cosim.stage import EGO_SPEED_MODE, EXACT_SPEED_MODE, Stage
+from sumo_eval.cosim.sumo.session import simulation_time
 from sumo_eval.cosim.sumo.sumo_files import EGO
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import World
@@ -62,17 +64,25 @@ class OnTraci:
         """Take charge of the vehicles, and reset the ADS."""
         self._world, self._calls, self._traci = world, stage.calls, stage.traci
         concrete, settings = world.cases[0], world.settings
+        self._clock = simulation_time(stage.traci)
+        self._native = isinstance(self.ads, NativeModel)
         self._step, self._limits = settings.step, settings.vehicle
         self._half = 0.5 * settings.vehicle.length
+        self._lowest, self._highest = -settings.vehicle.max_deceleration, settings.vehicle.max_acceleration
+        self._sideways = _SIDEWAYS_SPEED * settings.step
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
-        self._state = world.egos.view(np.float64).reshape(-1)  # its first numbers: a body's, and the acceleration
+        # One number at a time: of a memory view that takes a tenth as long as of an array.
+        self._state: Any = world.egos.view(np.float64).reshape(-1).data  # first a body's numbers, and the acceleration
+        self._placed = world.egos["placed"].data
+        self._settles = world.egos["settled"].data
+        self._road, self._bent = concrete.road, concrete.road.bent
         self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
         self._wheel = Wheel(settings, partial(world.note, 0), concrete.road.line)
         self._actuation = Actuation(settings.conditions, lambda *clip: world.note(0, *clip))
         GUARD.begin((actor.name for actor in concrete.actors), settings.step, settings.conditions.interference)
         self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
         self._calls.setLaneChangeMode(EGO, 0)
-        self._calls.setSpeed(EGO, -1 if isinstance(self.ads, NativeModel) else concrete.ego.speed)
+        self._calls.setSpeed(EGO, -1 if self._native else concrete.ego.speed)
         for actor in concrete.actors:
             self._calls.setLaneChangeMode(actor.name, 0)
             if actor.follows_at_once:  # it drives by itself
@@ -116,7 +126,7 @@ class OnTraci:
                 f"After the ADS's step at {time:.2f} s SUMO cannot move the ego: {said(error)}."
             ) from error
         if self._settled is not None and world.settings.end_when_decided:
-            world.egos["settled"][0] = bool(self._settled())
+            self._settles[0] = bool(self._settled())
 
     def _ask(self, world: World, time: float) -> Command | None:
         if self._senses is not None:
@@ -161,7 +171,10 @@ class OnTraci:
             raise ControllerTimeoutError(
                 f"The ADS must answer within {self.step_timeout:g} s, took longer at {time:.2f} s."
             )
-        self._check(time)
+        check_clock(self._traci, self._clock, time, self._step)
+        if answer is None:
+            self._wheel.release()
+            return None if self._actuation.is_direct else self._actuation.pass_on(None, time, took)
         command = self._obeyed(answer, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, took)
 
@@ -172,11 +185,8 @@ class OnTraci:
         command = self._obeyed(HOLD, time)
         return command if self._actuation.is_direct else self._actuation.pass_on(command, time, 0.0)
 
-    def _obeyed(self, answer: object, time: float) -> Command | None:
-        """What the vehicle is commanded; None: nothing, SUMO has been told."""
-        if answer is None:
-            self._wheel.release()
-            return None
+    def _obeyed(self, answer: object, time: float) -> Command:
+        """What the vehicle is commanded."""
         try:
             asked = None if answer is HOLD and self._wheel.holds else wanted(answer)
             return self._wheel.command(asked, self._state[:4].tolist(), time)
@@ -184,7 +194,7 @@ class OnTraci:
             raise with_time(error, f"at {time:.2f} s") from error
 
     def _check(self, time: float) -> None:
-        check_clock(self._traci, time, self._step)
+        check_clock(self._traci, self._clock, time, self._step)
 
     def _keep_traceback(self, error: BaseException) -> None:
         self._world.keep_fault(0, error, self._target, self._folder)
@@ -195,11 +205,11 @@ class OnTraci:
         world = self._world
         if self.plant is not None:
             world.note(0, "vehicle_model_not_used", 1.0, 0.0)
-        if world.egos["placed"][0] != SUMO:
+        if self._placed[0] != SUMO:
             self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
-            world.egos["placed"][0] = SUMO
+            self._placed[0] = SUMO
             self._handed_over = True
-        elif not isinstance(self.ads, NativeModel):
+        elif not self._native:
             mode = self._calls.getSpeedMode(EGO)
             if mode != EGO_SPEED_MODE:
                 world.note(0, "speed_mode", mode, EGO_SPEED_MODE)
@@ -207,12 +217,12 @@ class OnTraci:
 
     def _take_over(self, world: World, command: Command) -> None:
         ego = world.egos
-        if ego["placed"][0] == SUMO:
+        if self._placed[0] == SUMO:
             self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
             if world.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
                 world.samples[0, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
-            ego["placed"][0] = MODEL
+            self._placed[0] = MODEL
         ego["stale"][0] = 1  # SUMO hears of the ego at every step
         if self.plant is None:
             ego["command"][0] = (command.acceleration, command.steering)
@@ -221,7 +231,7 @@ class OnTraci:
 
     def after(self, world: World, now: float) -> None:
         """Read the ego that SUMO moved; where the vehicle model moves it, SUMO must show the same."""
-        if world.egos["placed"][0] == SUMO:
+        if self._placed[0] == SUMO:
             self._read_driven_ego(now)
         else:
             self._check_placed_ego(now)
@@ -242,17 +252,20 @@ class OnTraci:
         calls, state = self._calls, self._state
         front_x, front_y = calls.getPosition(EGO)
         angle, speed = calls.getAngle(EGO), calls.getSpeed(EGO)
-        road = self._world.cases[0].road
-        last_x, last_y, last_heading, last_speed = state[:4].tolist()
-        last = Body(last_x, last_y, last_heading, last_speed, self._limits.length, self._limits.width)
-        if road.bent:
+        last_x, last_y, last_heading, last_speed = state[0], state[1], state[2], state[3]
+        last_s = last_x
+        if self._bent:
             last_x, last_y, last_heading = self._world.egos["map"][0].tolist()
-        if not (abs(front_x) < LOST and abs(front_y) < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0):
-            if front_x <= -LOST and leaves_the_lanes(last, road, self._step):
+        if not (
+            -LOST < front_x < LOST and -LOST < front_y < LOST and BACKWARDS < speed < FASTEST and 0.0 <= angle <= 360.0
+        ):
+            sizes = self._limits.length, self._limits.width
+            if front_x <= -LOST and leaves_the_lanes(
+                Body(last_s, state[1], state[2], last_speed, *sizes), self._road, self._step
+            ):
                 raise LeftTheRoadError
-            raise impossible(
-                calls, EGO, front(last._replace(x=last_x, y=last_y, heading=last_heading)), now, self._step
-            )
+            before = Body(last_x, last_y, last_heading, last_speed, *sizes)
+            raise impossible(calls, EGO, front(before), now, self._step)
         if angle == 90.0:  # along the road, exactly: nearly every vehicle nearly always
             x, y, heading = front_x - self._half, front_y, 0.0
         else:
@@ -264,8 +277,8 @@ class OnTraci:
             moved_x = front_x - last_x - self._half * math.cos(last_heading)
             moved_y = front_y - last_y - self._half * math.sin(last_heading)
         stretch = 1.0
-        if road.bent:  # SUMO counts along the line, and on the map a vehicle beside it drives less or more
-            place, stretch = self._on_the_map(x, y, heading, last)
+        if self._bent:  # SUMO counts along the line, and on the map a vehicle beside it drives less or more
+            place, stretch = self._on_the_map(x, y, heading, last_s)
             moved_x, moved_y = math.hypot(moved_x, moved_y) / stretch, 0.0
         self._check_native_motion(moved_x, moved_y, speed, now)
         acceleration = (speed - self._lane_speed) / self._step
@@ -274,22 +287,24 @@ class OnTraci:
             self._handed_over = False
             if abs(math.remainder(heading - last_heading, math.tau)) > 1e-3 + abs(last_speed * self._step * self._bend):
                 self._world.note(0, "heading", last_heading, heading)
-        across = calls.getLateralSpeed(EGO)
-        if not abs(across) < FASTEST:
+        turned_or_moved = self._bent or moved_y != 0.0 or heading != 0.0
+        across = calls.getLateralSpeed(EGO) if turned_or_moved else 0.0
+        if not -FASTEST < across < FASTEST:
             raise SimulationError(f"SUMO gave vehicle `{EGO}` the speed {across:g} m/s across at {now:.2f} s.")
-        if road.bent:
+        if self._bent:
             x, y, heading = place
             speed *= stretch
         if across:
             speed = math.hypot(speed, across)
-        state[:4] = x, y, heading, speed
-        state[7] = acceleration
+        state[0], state[1], state[2], state[3], state[7] = x, y, heading, speed, acceleration
 
-    def _on_the_map(self, x: float, y: float, heading: float, last: Body) -> tuple[tuple[float, float, float], float]:
+    def _on_the_map(
+        self, x: float, y: float, heading: float, last_s: float
+    ) -> tuple[tuple[float, float, float], float]:
         """Keep the ego's place on the map; its place in the frame, and metres there for a metre of the line."""
         self._world.egos["map"][0] = (x, y, heading)
-        line = self._world.cases[0].road.line
-        (s,), (d,), (turned,) = frame_places(line, [x], [y], [heading], near=last.x)
+        line = self._road.line
+        (s,), (d,), (turned,) = frame_places(line, [x], [y], [heading], near=last_s)
         self._bend = float(curvatures(line, s))
         return (float(s), float(d), float(turned)), 1.0 - self._bend * float(d)
 
@@ -298,9 +313,8 @@ class OnTraci:
 
         speed: along the lane, m/s.
         """
-        step, lane_speed = self._step, self._lane_speed
+        step, lane_speed, lowest, highest = self._step, self._lane_speed, self._lowest, self._highest
         gained = (speed - lane_speed) / step
-        lowest, highest = -self._limits.max_deceleration, self._limits.max_acceleration
         if not lowest - _LIMIT_TOLERANCE <= gained <= highest + _LIMIT_TOLERANCE:
             self._unphysical(
                 "unphysical_acceleration", gained, min(max(gained, lowest), highest),
@@ -312,7 +326,7 @@ class OnTraci:
         slower, faster = (speed, lane_speed) if speed < lane_speed else (lane_speed, speed)
         tolerance = _JUMP_TOLERANCE + (_CHORD_SHARE * faster * step if self._bend else 0.0)
         least, most = slower * step - tolerance, faster * step + tolerance
-        if least <= ahead <= most and abs(across) <= _SIDEWAYS_SPEED * step:
+        if least <= ahead <= most and -self._sideways <= across <= self._sideways:
             return
         moved = math.hypot(ahead, across)
         if not least <= moved <= most:
@@ -324,7 +338,7 @@ class OnTraci:
 
     def _unphysical(self, what: str, requested: float, possible: float, sentence: str) -> None:
         """An ADS is refused what no vehicle can do; of SUMO's own models it is put on record."""
-        if not isinstance(self.ads, NativeModel):
+        if not self._native:
             raise ControllerError(sentence)
         if what == "jump" and not requested < FASTEST * self._step:
             raise SimulationError(

@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.records import MODEL, STRAIGHT
-from sumo_eval.cosim.sumo.session import NOWHERE, bend_tolerance, check_start, vehicles
+from sumo_eval.cosim.sumo.session import NOWHERE, bend_tolerance, check_start, simulation_step, vehicles
 from sumo_eval.cosim.sumo.shared_files import edge_name, vehicle_names
 from sumo_eval.cosim.world import World
 from sumo_eval.errors import SimulationError
@@ -27,6 +27,7 @@ EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle m
 CHECKED_EVERY = 10  # steps
 _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 _MOTION_TOLERANCE = 1e-6  # m/s and deg
+_NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)  # place, angle and speed of a vehicle that SUMO has no longer
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
 _KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
 
@@ -37,6 +38,8 @@ def _front(actor: Actor, road: Road) -> tuple[float, float]:
     if actor.on_map is not None:
         x, y, heading = actor.on_map
         return x + half * math.cos(heading), y + half * math.sin(heading)
+    if not road.bent:
+        return actor.start.x + half, actor.y(0.0)
     east, north, _ = map_places(road.line, actor.start.x + half, actor.y(0.0))
     return float(east), float(north)
 
@@ -51,6 +54,7 @@ class Stage:
     def __init__(self, traci: Any, world: World, *, asked: bool = False, as_read: bool = False) -> None:
         self.traci, self.asked, self.as_read = traci, asked, as_read
         self.calls = vehicles(traci)
+        self.step = simulation_step(traci)
         self.names = vehicle_names(world.cases)
         self._other_names = np.array(self.names, dtype=object)[:, 1:]
         count, road = len(world.cases), world.cases[0].road
@@ -81,6 +85,9 @@ class Stage:
         self._flat = [name for case in world.rows.tolist() for name in self.names[case]]
         self._edge = [self._edges[case] for case in world.rows.tolist()]
         self._places = world.shown[0, :, :2]
+        if self._alone:  # whose numbers are read one by one: an array takes ten times as long for each
+            self._cells: Any = world.shown.reshape(-1).data
+            self._present: Any = world.others["present"][0].data
         self.without(world)
 
     def without(self, world: World) -> None:
@@ -166,10 +173,6 @@ class Stage:
             calls.setLateralLanePosition(name, d)
             self._told[name] = along
 
-    def step(self) -> None:
-        """One step of SUMO."""
-        self.traci.simulationStep()
-
     def read(self, world: World) -> None:
         """Where SUMO shows the other vehicles."""
         if self.as_read:
@@ -189,29 +192,27 @@ class Stage:
 
     def _read_closely(self, world: World) -> None:
         """Every respect of the other vehicles of a single case."""
-        calls, values = self.calls, []
-        for j, name in enumerate(self._flat[1:]):
-            if not world.others["present"][0, j]:
-                values.append((0.0, 0.0, STRAIGHT, 0.0))
-                continue
-            now = world.time + world.settings.step
-            try:
-                x, y = calls.getPosition(name)
-                angle, speed = calls.getAngle(name), calls.getSpeed(name)
-                last_x, last_y = self._fronts[j]
-                there = abs(x - last_x) < self._far and abs(y - last_y) < self._far and 0.0 <= angle <= 360.0
-                if not (there and BACKWARDS < speed < FASTEST):
-                    if not self._is_past_the_road(world, j, now):
-                        raise impossible(calls, name, self._fronts[j], now, world.settings.step)
-                    raise self.traci.TraCIException(name)
-                self._fronts[j] = x, y
-                values.append((x, y, angle, speed))
-            except self.traci.TraCIException:
-                world.others["present"][0, j] = 0
-                world.note(0, "actor_left_the_network", now, now)
-                values.append((0.0, 0.0, STRAIGHT, 0.0))
-        if values:
-            world.shown[0] = values
+        calls, cells, present, far = self.calls, self._cells, self._present, self._far
+        for j, name in enumerate(self._others):
+            x, y, angle, speed = _NOT_THERE
+            if present[j]:
+                try:
+                    x, y = calls.getPosition(name)
+                    angle, speed = calls.getAngle(name), calls.getSpeed(name)
+                    last_x, last_y = self._fronts[j]
+                    there = -far < x - last_x < far and -far < y - last_y < far and 0.0 <= angle <= 360.0
+                    if not (there and BACKWARDS < speed < FASTEST):
+                        if not self._is_past_the_road(world, j, world.time + self._step):
+                            raise impossible(calls, name, self._fronts[j], world.time + self._step, self._step)
+                        raise self.traci.TraCIException(name)
+                    self._fronts[j] = x, y
+                except self.traci.TraCIException:
+                    now = world.time + self._step
+                    present[j] = 0
+                    world.note(0, "actor_left_the_network", now, now)
+                    x, y, angle, speed = _NOT_THERE
+            at = 4 * j
+            cells[at], cells[at + 1], cells[at + 2], cells[at + 3] = x, y, angle, speed
 
     def _is_past_the_road(self, world: World, other: int, now: float) -> bool:
         """Whether a script has its vehicle's front bumper beyond the last lane."""

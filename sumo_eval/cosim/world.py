@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -53,6 +53,7 @@ from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.text import clean, clean_log, traceback_of
 from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Recording, Trajectory
 
+_ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
 _PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
 
 
@@ -61,6 +62,12 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
 
     settings: when cases end; None: nobody asks.
     """
+    ends = None if settings is None else tuple(getattr(settings, name) for name in _ENDS)
+    return _described(road, vehicle, step, ends).copy()
+
+
+@lru_cache(maxsize=16)
+def _described(road: Road, vehicle: VehicleSettings, step: float, ends: tuple[float, ...] | None) -> Records:
     found = np.zeros(1, SCENARIO)
     for name in ("length", "right_edge", "left_edge", "lane_width", "lanes", "bent", "shaped"):
         found["road"][name] = getattr(road, name)
@@ -71,9 +78,8 @@ def described(road: Road, vehicle: VehicleSettings, step: float, settings: Simul
     for name, _ in LIMITS:
         found["vehicle"][name] = getattr(vehicle, name)
     found["step"] = step
-    if settings is not None:
-        for name in ("time_limit", "standstill_speed", "standstill_time", "end_when_decided"):
-            found[name] = getattr(settings, name)
+    for name, value in zip(_ENDS, ends or (), strict=ends is not None):
+        found[name] = value
     return found
 
 
@@ -130,19 +136,18 @@ class World:
 
     def play(self, now: float, told: int, closely: bool) -> int:
         """Move the played vehicles to the time `now`, s; how many rows of `tell` there are then."""
-        if self.players is None:
-            return told
+        assert self.players is not None
         plays, acts, pieces, table, _ = self.players
         play_rows(self.egos, self.others, plays, acts, pieces, table, now, self.line)
         return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely), self.line))
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""
-        if self.players is not None:
-            before = self.steps * self.settings.step
-            wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
-            if len(self.line):
-                map_played_rows(self.others, self.line)
+        assert self.players is not None
+        before = self.steps * self.settings.step
+        wake_rows(self.egos, self.others, *self.players, now, before, self._stack, self.line)
+        if len(self.line):
+            map_played_rows(self.others, self.line)
 
     @property
     def time(self) -> float:
@@ -186,9 +191,9 @@ class World:
         self.errors[case] = f"{self.errors[case]} {sentence}" if case in self.errors else sentence
         self.logs[case] = self.logs.get(case, "") + log
 
-    def room_for_samples(self, sampling: bool) -> None:
-        """Make room for what the coming step records."""
-        self._sampled += sampling
+    def room_for_samples(self) -> None:
+        """Make room for the sample that the coming step takes."""
+        self._sampled += 1
         if self._sampled + 2 > self._room:
             self._room *= 2
             rows, vehicles, before, channels = self.samples.shape

@@ -81,7 +81,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
                 )
             if view.panel is not None:
                 parameter = zones.logical.parameters[view.panel]
-                ax.set_title(f"{label(parameter.name, '')} {view.panels[panel]:g} {parameter.unit}")
+                ax.set_title(f"{label(parameter.name, '')} {view.panels[panel]:g}{parameter.behind}")
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
         present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases}]
@@ -107,13 +107,13 @@ def _zones(ax: Axes, zones: ZonePartition, view: View, panel: int) -> None:
         if known.size and known.min() <= 0.0 < known.max():
             ax.contour(x, y, values, levels=[0.0], colors=[colour], linestyles=[style], linewidths=0.9)
     parameter = logical.parameters[view.x]
-    ax.set_xlabel(label(parameter.name, parameter.unit))
+    ax.set_xlabel(label(parameter.name, parameter.behind.strip()))
     ax.set_xlim(parameter.low, parameter.high)
     if view.y is None:
         ax.set_yticks([])
     else:
         other = logical.parameters[view.y]
-        ax.set_ylabel(label(other.name, other.unit))
+        ax.set_ylabel(label(other.name, other.behind.strip()))
         ax.set_ylim(other.low, other.high)
 
 

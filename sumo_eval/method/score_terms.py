@@ -176,8 +176,9 @@ def avoided_share_losses(
 def product_losses(factors: FloatArray) -> FloatArray:
     """What each factor takes from a product of factors, (n, k) of (n, k); a row adds up to 1 minus its product.
 
-    The mean over all orders in which the factors can be taken off (the Shapley value), because a product has no order
-    of its own: (1 - v_j) times the mean over the sets of other factors, each set size weighing the same.
+    This is the Shapley value. Setting a factor to 1 gains something, and how much depends on which others have been
+    set to 1 before it. The value is the mean gain over all such orders: (1 - v_j) times the mean of the products over
+    the sets of other factors, each size of a set weighing the same.
     """
     k = factors.shape[1]
     losses = np.empty(factors.shape)

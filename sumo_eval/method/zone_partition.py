@@ -761,7 +761,7 @@ def _checked_unit(logical: LogicalScenario, points: ArrayLike) -> FloatArray:
         slack = EDGE * (parameter.high - parameter.low)
         outside = ~((values >= parameter.low - slack) & (values <= parameter.high + slack))
         if np.any(outside):
-            allowed = f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}"
+            allowed = f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}"
             owner = f"scenario `{logical.name}`"
             raise must_be(f"`{parameter.name}`", owner, allowed, float(np.ravel(values)[np.ravel(outside)][0]))
     return np.clip(logical.to_unit(points), 0.0, 1.0)

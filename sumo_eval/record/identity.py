@@ -30,7 +30,7 @@ _ROOMS_THAT_MAKE_FACTS = ("adapters", "ads", "cosim", "drivers", "scenario")
 
 @cache
 def harness_identity() -> str:
-    """Versions of the simulator and of this package, and a hash of the rooms of it that make facts.
+    """Versions of the simulator and of this package, and hashes of those files of it that change what a drive comes to.
 
     Asked for once: a process that lives long, such as a Dask worker, goes on with the code that it has loaded.
     """

@@ -102,7 +102,7 @@ def _told(
     alike = int(np.sum(inside & (kinds == kind)))
     ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
     where = ", ".join(
-        f"{name} {low:z.4g}" + ("" if low == high else f" to {high:z.4g}") + f" {logical.parameters[k].unit}"
+        f"{name} {low:z.4g}" + ("" if low == high else f" to {high:z.4g}") + logical.parameters[k].behind
         for k, (name, (low, high)) in zip(narrow, ranges.items(), strict=True)
     )
     inside_words = f"{alike} of all {count(int(inside.sum()), 'case')} there"

@@ -192,7 +192,7 @@ def _group(
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     judged = verdicts(evaluation)
     found = {judged[case.case] for case in cases}
-    units = {item.name: item.unit for item in logical.parameters}
+    behind = {item.name: item.behind for item in logical.parameters}
     return {
         "index": index,
         "name": logical.name,
@@ -213,13 +213,13 @@ def _group(
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),
         "dangerous": [
-            ", ".join(f"{name} = {value:g} {units[name]}" for name, value in values.items())
+            ", ".join(f"{name} = {value:g}{behind[name]}" for name, value in values.items())
             for values in zone.most_dangerous
         ],
         "boundary_error": percent(zone.boundary_error),
         "boundary_error_box": percent(zone.boundary_error_box),
         "parameters": [
-            f"{item.name}: {item.low:g} to {item.high:g} {item.unit}, {item.about}" for item in logical.parameters
+            f"{item.name}: {item.low:g} to {item.high:g}{item.behind}, {item.about}" for item in logical.parameters
         ],
         "sampling": _sampling(sampling, logical),
     }
@@ -240,7 +240,7 @@ def _left_out(logical: LogicalScenario, evaluation: Evaluation, shown: Shown, vi
 
 def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
     """How the points were chosen, in words; the rules are those of `sumo_eval.scenario.sampling.samples.sample`."""
-    units = {item.name: item.unit for item in logical.parameters}
+    behind = {item.name: item.behind for item in logical.parameters}
     given = sampling.levels is not None or bool(sampling.steps)
     method = sampling.method or ("grid" if given else logical.default_sample)
     if method in {item.name for item in logical.samples}:
@@ -253,7 +253,7 @@ def _sampling(sampling: SamplingSettings, logical: LogicalScenario) -> str:
         how = f"{sampling.levels} points on each axis"
     else:
         parts = [f"{name}: {levels} points" for name, levels in (sampling.levels or {}).items()]
-        parts += [f"{name}: steps of {step:g} {units.get(name, '')}" for name, step in (sampling.steps or {}).items()]
+        parts += [f"{name}: steps of {step:g}{behind.get(name, '')}" for name, step in (sampling.steps or {}).items()]
         how = ", ".join([*parts, "the space's own steps" if not parts else "elsewhere the space's own steps"])
     return f"{method}, {how}"
 

@@ -1,8 +1,8 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the printed number.
 
 That of S+ begins with what A = 1 and H = 1 would give, that of S with what C = 1 and D = 1 would give; off go what each
-collision and each factor of a case's human-likeness cost. A case's loss, 1 minus the product of its factors, is shared
-among them by the mean over the orders in which they can be taken off (`score_terms.product_losses`).
+collision and each factor of a case's human-likeness cost. A case loses 1 minus the product of its factors. A factor's
+part of that loss is its Shapley value (`score_terms.product_losses`).
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def _scenario(
     return {
         "name": logical.name,
         "parameters": [
-            {"name": item.name, "unit": item.unit, "low": item.low, "high": item.high, "about": item.about}
+            {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high, "about": item.about}
             for item in logical.parameters
         ],
         "ads": list(dict.fromkeys(case.ads for case in cases)),
@@ -367,7 +367,7 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
     on_slice = sum(all(values[column][row] == fixed[column] for column in fixed) for row in range(len(cases)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
     where = ", ".join(
-        f"{logical.parameters[column].name} = {value:g} {logical.parameters[column].unit}"
+        f"{logical.parameters[column].name} = {value:g}{logical.parameters[column].behind}"
         for column, value in fixed.items()
     )
     note = f"The map is the slice at {where}, the most common values. " + (

@@ -136,8 +136,8 @@ def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
         told.append(f"{count(outside, 'case')} outside the support of the recorded exposure.")
     if bimodal:
         told.append(
-            f"In {count(bimodal, 'case')} some drivers overtook and others followed. One Gaussian over both is so wide "
-            "that it tells little of the ADS's path."
+            f"In {count(bimodal, 'case')} some drivers overtook and others followed. D compares the ADS "
+            "with all of them at once there, so nearly any path between the two counts as human."
         )
     if unusual:
         told.append(f"In {count(unusual, 'case')} no driver made the ADS's manoeuvre.")

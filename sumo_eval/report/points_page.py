@@ -38,7 +38,7 @@ def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: 
         sentences=_sentences(points),
         figure=picture(logical, points),
         rows=[
-            [*(f"{item.name}, {item.unit}" for item in logical.parameters), "exposure"],
+            [*(item.title for item in logical.parameters), "exposure"],
             *(
                 [f"{value:g}" for value in (*row, p)]
                 for row, p in zip(points.points.tolist(), points.exposure.tolist(), strict=True)
@@ -85,6 +85,6 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
         for axis, item, update in ((x, "x", figure.update_xaxes), (y, "y", figure.update_yaxes)):
             parameter = logical.parameters[axis]
             if k > 1 or item == "x":
-                update(title_text=f"{parameter.name} ({parameter.unit})", row=row, col=column)
+                update(title_text=parameter.title, row=row, col=column)
     figure.update_layout(height=300 * side + 120)
     return figure

@@ -22,7 +22,7 @@ from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
 from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
-from sumo_eval.report.words import interval_words, number, point
+from sumo_eval.report.words import interval_words, number, parts_of_total, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence
 
@@ -187,12 +187,15 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
     return {
         "weights": weights if len(set(weights.values())) > 1 else {},
         "level": f"{100.0 * found.level:g} %",
+        "parts": parts_of_total(found),
         "rows": [
             {
                 "ads": one.ads,
                 "place": "–" if one.place is None else str(one.place),
                 "s_plus": number(one.s_plus, 1),
                 "interval": interval_words(one.interval, 1).replace("..", " to "),
+                "a_points": number(one.a_points, 1),
+                "h_points": number(one.h_points, 1),
             }
             for one in found.ads
         ],

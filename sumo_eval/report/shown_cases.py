@@ -90,7 +90,7 @@ def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, 
     number = np.bincount(place, minlength=TILES * TILES)
     hits = np.bincount(place, read["collided"] == 1.0, TILES * TILES)
     share = np.divide(hits, number, out=np.zeros(len(hits)), where=number > 0)
-    axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g} {item.unit})" for item in (up, across))
+    axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across))
     most = int(number.max(initial=0))
     return [
         (f"how many cases, up to {most:,} in a tile; {axes}", _tiles(number / max(most, 1), number, "--c", axes)),

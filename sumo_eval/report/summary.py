@@ -11,7 +11,7 @@ from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.people import people_rows
 from sumo_eval.report.terminal import verdict_of
-from sumo_eval.report.words import cases_of, count, interval_words, number, share_lost, unevaluated
+from sumo_eval.report.words import cases_of, count, interval_words, number, parts_of_total, share_lost, unevaluated
 from sumo_eval.results import CaseResult, Evaluation, RankedAds, ScenarioResult
 
 WIDE = 20.0  # points of S+: an interval wider than this tells little
@@ -76,8 +76,9 @@ def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
 def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
     best = order[0]
     if best.s_plus is None:
-        return Answer("Which ADS is best?", "not known", ("No ADS has an S+ in every logical scenario.",), "open")
-    points = f"S+ is {number(best.s_plus, 1)} of 100 points{_between(best.interval)}."
+        return Answer("Which ADS is best?", "not known", (_without_total(evaluation),), "open")
+    parts = "" if evaluation.ranking is None else parts_of_total(evaluation.ranking)
+    points = f"S+ is {number(best.s_plus, 1)} of 100 points{_between(best.interval)}{parts}."
     if len(order) == 1:
         return Answer("Which ADS is best?", best.ads, (f"It is the only ADS of this run. Its {points}",), "plain")
     equal = [one.ads for one in order if one.place is not None and one.place == best.place]
@@ -90,6 +91,12 @@ def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
             "open",
         )
     return Answer("Which ADS is best?", best.ads, (f"Its {points}",), "plain")
+
+
+def _without_total(evaluation: Evaluation) -> str:
+    if all(score.nobody_compared for score in evaluation.scores):
+        return "There is nobody to compare an ADS with, so no H and no S+: A and C say how well each avoids collisions."
+    return "No ADS has an S+ in every logical scenario that has people to compare with."
 
 
 def _between(interval: tuple[float, float] | None) -> str:

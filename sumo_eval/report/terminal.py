@@ -23,6 +23,7 @@ from sumo_eval.report.words import (
     drivers_are_synthetic,
     interval_words,
     number,
+    parts_of_total,
     people_sentence,
     point,
     reason_without_d,
@@ -32,17 +33,19 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ScenarioResult
 
-LEADING = ("collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+")
-PAPERS = ("C", "D", "S", "cases", "in safe zone", "not evaluated")
-COLUMNS = ("ADS", "scenario", *LEADING, *PAPERS)
-"""What is said of an ADS in a logical scenario, in this order: `LEADING` before the scores of the paper."""
+GROUPS = (
+    ("collisions", "avoidable", "unavoidable", "caused"),
+    ("A", "H", "S+"),
+    ("C", "D", "S"),
+    ("cases", "in safe zone", "not evaluated"),
+)
+"""Columns that stand in one table however narrow the terminal is: the scores that order come before the paper's."""
+COLUMNS = ("ADS", "scenario", *(heading for group in GROUPS for heading in group))
+"""What is said of an ADS in a logical scenario, in this order."""
 WARNING = frozenset({"avoidable", "caused", "in safe zone", "not evaluated"})
 BOLD = frozenset({"S+", "S"})
-HEADINGS = {
-    "collisions": "colli-\nsions", "avoidable": "avoid-\nable", "unavoidable": "unavoid-\nable",
-    "in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated",
-}  # fmt: skip
-"""Headings that are broken to be narrow."""
+HEADINGS = {"in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated"}
+"""Headings of two words, one below the other."""
 WORDS = (
     "Avoidable: the ideal vehicle has no collision there; caused: of these, a car that does nothing has none either. "
     "A: avoided share, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+: both, of 100 points. "
@@ -68,16 +71,14 @@ def score_table(evaluation: Evaluation, width: int = 200) -> Group:
 
 
 def _parts(scores: Sequence[ScenarioResult], width: int) -> list[list[str]]:
-    """The columns in their order, as many to a table as stand beside each other without a word being broken."""
-    if _width(scores, (*LEADING, *PAPERS)) <= width:
-        return [[*LEADING, *PAPERS]]
-    tables: list[list[str]] = []
-    for group in (LEADING, PAPERS):
-        tables.append([])
-        for heading in group:
-            if tables[-1] and _width(scores, (*tables[-1], heading)) > width:
+    """The columns in their order, as many groups to a table as stand beside each other without a word being broken."""
+    tables: list[list[str]] = [[]]
+    for group in GROUPS:
+        whole = _width(scores, group) <= width
+        for part in [group] if whole else [(heading,) for heading in group]:
+            if tables[-1] and _width(scores, (*tables[-1], *part)) > width:
                 tables.append([])
-            tables[-1].append(heading)
+            tables[-1] += part
     return tables
 
 
@@ -134,14 +135,18 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     lines += [
         f"D of {score.ads} in {score.scenario} is not computed: {reason_without_d(score)}. Its term counts 0 points."
         for score in evaluation.scores
-        if score.d is None
+        if score.d is None and not score.nobody_compared
     ]
     lines += [
         f"H of {score.ads} in {score.scenario} is not computed: {reason_without_h(score)}. "
         "Its term counts 0 points of S+."
         for score in evaluation.scores
-        if score.human_likeness is None and score.h_reason is not None
+        if score.human_likeness is None and score.h_reason is not None and not score.nobody_compared
     ]
+    alone = [score for score in evaluation.scores if score.nobody_compared]
+    if alone:
+        names = ", ".join(dict.fromkeys(score.scenario for score in alone))
+        lines.append(f"D, H and S+ are not computed in {names}: {reason_without_h(alone[0])}. In S, D counts 0 points.")
     missing = unevaluated(evaluation)
     if missing:
         lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
@@ -237,16 +242,19 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
     weighed = set(ranking.weights.values()) != {1.0}
     weights = ", ".join(f"{name} {weight:g}" for name, weight in ranking.weights.items())
     lines = [
-        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}; "
+        f"Ranking by S+ over all scenarios{f' (weights: {weights})' if weighed else ''}{parts_of_total(ranking)}; "
         f"{ranking.level:z.0%} intervals:"
     ]
     above = ""
     for one in ranking.ads:
         if one.place is None or one.s_plus is None:
-            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
+            where = "some scenario" if ranking.with_people else "any scenario"
+            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in {where}")
             continue
         interval = interval_words(one.interval, 1)
         words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
+        if ranking.without_people:
+            words += f", {number(one.a_points, 1)} from A and {number(one.h_points, 1)} from H"
         if above:
             pair = ranking.pair(above, one.ads)
             ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"

@@ -26,6 +26,7 @@ from sumo_eval.results import (
     NotComputed,
     OutsideSupport,
     PlausibleTo,
+    Ranking,
     RequirementMissed,
     ScenarioResult,
     ScoreNote,
@@ -482,8 +483,8 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     split = sum(case.zone == "safe" and any(one.kind == "two_groups" for one in case.index_note) for case in cases)
     if split:
         sentences.append(
-            f"In {split} of them some drivers overtook and others followed. One Gaussian over both is so wide that it "
-            "tells little of the ADS's path."
+            f"In {split} of them some drivers overtook and others followed. D compares the ADS "
+            "with all of them at once there, so nearly any path between the two counts as human."
         )
     return sentences
 
@@ -491,6 +492,14 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
 def reason_without_d(score: ScenarioResult) -> str:
     """Why there is no D, without the words `not computed`."""
     return _reason(score.d_reason, "D_i")
+
+
+def parts_of_total(ranking: Ranking) -> str:
+    """Over which scenarios A and H of an evaluation's S+ are means, where these are not the same; else nothing."""
+    if not ranking.without_people:
+        return ""
+    known = ranking.with_people
+    return f": A over all {known + len(ranking.without_people)}, H over the {known} with people to compare with"
 
 
 def _reason(found: NotComputed | None, what: str) -> str:
@@ -534,7 +543,7 @@ _INDEX_NOTES: dict[NoteKind, str] = {
     "manoeuvre_made_by_nobody": "No driver made the ADS's manoeuvre ({done}), so its similarity is 0.",
     "centre_floor": "Deviation floor of the centre applied at {count} of {of} slices.",
     "field_floor": "Deviation floor of the field applied at {count} of {of} points.",
-    "two_groups": "Bimodal: at {count} of {of} slices one Gaussian spans two groups of drivers over half a lane apart.",
+    "two_groups": "At {count} of {of} slices the drivers are in two groups, over half a lane apart (bimodal).",
     "driver_not_so_far": "At {count} of {of} slices some drivers had not got that far.",
     "drivers_hold_last_y": "At {count} of {of} slices fewer than two drivers had got that far; the others hold their "
     "last y.",

@@ -48,6 +48,16 @@ class Parameter:
         if self.values and not (ascending and self.values[0] == self.low and self.values[-1] == self.high):
             raise must_be("`values`", f"parameter `{self.name}`", "ascending, from low to high", self.values)
 
+    @property
+    def behind(self) -> str:
+        """The unit as it stands behind a number, with a space before it; nothing where the number has none."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
+    @property
+    def title(self) -> str:
+        """Name and unit for an axis or a column: `gap (m)`; the name alone where the number has no unit."""
+        return self.name if self.unit == "1" else f"{self.name} ({self.unit})"
+
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
@@ -287,12 +297,12 @@ class LogicalScenario:
                 raise must_be(
                     f"`{parameter.name}`",
                     owner,
-                    f"within {parameter.low:g}..{parameter.high:g} {parameter.unit}",
+                    f"within {parameter.low:g}..{parameter.high:g}{parameter.behind}",
                     float(value),
                 )
             if parameter.values and float(value) not in parameter.values:
                 allowed = ", ".join(f"{known:g}" for known in parameter.values)
-                raise must_be(f"`{parameter.name}`", owner, f"one of {allowed} {parameter.unit}", float(value))
+                raise must_be(f"`{parameter.name}`", owner, f"one of {allowed}{parameter.behind}", float(value))
         point = {name: float(values[name]) for name in names}
         arrays = {name: np.float64(value) for name, value in point.items()}
         for constraint in self.constraints:

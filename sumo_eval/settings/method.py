@@ -36,7 +36,7 @@ class AnthropomorphicSettings(Checked):
     mode: Annotated[
         Literal["gaussian", "mixture"],
         About(
-            "one Gaussian over all drivers (the paper), or one for each manoeuvre, times how usual the manoeuvre is",
+            "compare with all drivers at once (the paper), or with those of the same manoeuvre, times how usual it is",
             equation="11",
         ),
     ] = "gaussian"

@@ -110,7 +110,7 @@ def picture(found: FailureBoundary) -> go.Figure:
     titles = []
     for share in shares:
         at = logical.low + (logical.high - logical.low) * np.array([0.5, 0.5, share, *[0.5] * k])[:k]
-        held = [f"{p.name} = {value:z.3g} {p.unit}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
+        held = [f"{p.name} = {value:z.3g}{p.behind}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
         titles.append(", ".join(held))
     figure = make_subplots(rows=1, cols=len(shares), subplot_titles=titles, shared_yaxes=True)
     ticks = np.linspace(0.0, 1.0, CELLS)
@@ -146,9 +146,9 @@ def picture(found: FailureBoundary) -> go.Figure:
                 ), row=1, col=number,
             )  # fmt: skip
         first = logical.parameters[0]
-        figure.update_xaxes(title_text=f"{first.name} ({first.unit})", row=1, col=number)
+        figure.update_xaxes(title_text=first.title, row=1, col=number)
     if k > 1:
         second = logical.parameters[1]
-        figure.update_yaxes(title_text=f"{second.name} ({second.unit})", row=1, col=1)
+        figure.update_yaxes(title_text=second.title, row=1, col=1)
     figure.update_layout(height=560)
     return figure

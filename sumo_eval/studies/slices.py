@@ -54,7 +54,9 @@ def slice_of(logical: LogicalScenario, fixed: Mapping[str, float]) -> LogicalSce
             raise unknown(f"parameter of scenario `{logical.name}`", name, logical.names)
         item = next(item for item in logical.parameters if item.name == name)
         if not item.low <= value <= item.high or (item.values and value not in item.values):
-            allowed = f"within {item.low:g}..{item.high:g} {item.unit}"
+            within = f"within {item.low:g}..{item.high:g}{item.behind}"
+            values = ", ".join(f"{known:g}" for known in item.values)
+            allowed = f"one of {values}{item.behind}" if item.values else within
             raise must_be(f"`{name}`", f"the slice of scenario `{logical.name}`", allowed, value)
     left = tuple(item for item in logical.parameters if item.name not in fixed)
     if not left:

@@ -25,6 +25,19 @@ def test_a_file_without_a_name_lists_what_it_holds(
     assert "is a file; name one of what it holds (`Brake`, `steer`): mine.py:Brake" in result.output
 
 
+def test_a_file_that_is_not_there_is_said_to_be_missing() -> None:
+    result = CliRunner().invoke(main, ["check", "nothing.py"])
+    assert result.exit_code == 2
+    assert result.output == "sumo-eval: There is no file 'nothing.py' here.\n"
+
+
+def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path: Path) -> None:
+    words = ["boundary", "exit_cut", "idm", "--fix", "side=0.5", "--out", str(tmp_path / "edge")]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 2
+    assert result.output == ("sumo-eval: `side` of the slice of scenario `exit_cut` must be one of -1, 1, got 0.5.\n")
+
+
 def test_a_folder_that_is_taken_is_refused_before_the_evaluation_is_looked_at(tmp_path: Path) -> None:
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_text("mine")

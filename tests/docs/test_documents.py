@@ -115,3 +115,33 @@ def test_what_runs_before_a_commit_is_what_make_check_runs() -> None:
     for tool in ("ruff check", "ruff format", "mypy", "lint-imports", "tools/house_check.py"):
         assert tool in check
         assert tool in text(".pre-commit-config.yaml")
+
+
+NOT_UNDERSTOOD = (
+    "unless the interval holds",
+    "drivers against the drivers",
+    "left the pack",
+    "otherwise, than it was told",
+    "shading is exact",
+    "what was learnt from it",
+    "fall into two groups, such as",
+    "tells little of the ADS",
+    "worth two drivers",
+    "nobody did what the ads did",
+    "stands in for it",
+    "orders in which they can be taken off",
+    "rooms that make facts",
+    "rooms of it that make facts",
+    "percentiles are widened",
+    "weights r of collisions are held fixed",
+)
+"""Pieces of sentences that readers did not understand."""
+
+
+def test_sentences_that_readers_did_not_understand_stand_nowhere() -> None:
+    files = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
+    files += [path for ending in ("py", "j2", "js") for path in (ROOT / "sumo_eval").rglob(f"*.{ending}")]
+    assert len(files) > 300
+    for path in files:
+        words = " ".join(path.read_text(encoding="utf-8").split()).lower()
+        assert not [one for one in NOT_UNDERSTOOD if one.lower() in words], path

@@ -51,7 +51,8 @@ NOT_RUN = {
     "--gui": "needs a display",
     "--scheduler": "needs a cluster",
     "drive": "needs somebody at the wheel; tests/wheel has bots there",
-    "import": "needs a catalogue of OpenSCENARIO files",
+    "highd": "needs a recording; tests/drivers/test_importers.py has one",
+    "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel tasi is",
     "opinion": "needs a study's ratings; tests/report/test_opinion_section.py has some",
     "shards/*": "needs the folders of several machines; tests/record has them",
     "onnx:ppo.onnx": "needs the policy that the program above it trains for minutes",
@@ -176,6 +177,41 @@ PAGES_WITH_COMMANDS = sorted({block.page for block in BLOCKS if block.commands()
 @pytest.mark.parametrize("page", PAGES_WITH_QUICK_COMMANDS)
 def test_quick_commands_of_a_page_run(page: str, desk: Desk) -> None:
     assert run_commands(desk, page, is_quick) > 0
+
+
+def form(words: list[str]) -> tuple[str, ...]:
+    """A command without the names of its folders and files: its options, and the kind of its first argument."""
+    first = Path(words[1]).suffix.partition(":")[0] if len(words) > 1 and not words[1].startswith("-") else ""
+    kind = first if words[0] in ("check", "nightly") else ""
+    return (words[0], kind, *sorted({word for word in words if word.startswith("--")} - {"--keep"}))
+
+
+def dear_forms() -> dict[tuple[str, ...], tuple[str, list[str]]]:
+    """The first command of every form among those that take long: form -> its page and words."""
+    found: dict[tuple[str, ...], tuple[str, list[str]]] = {}
+    for block in BLOCKS:
+        for words in block.commands():
+            taken = block.language in ("sh", "text", "yaml") and "parquet" not in words  # test_exchange.py has that
+            if taken and not is_quick(words) and not why_not_run(words):
+                found.setdefault(form(words), (block.page, words))
+    del found[("run", "", "--out")]  # the fixture runs it
+    return found
+
+
+DEAR = dear_forms()
+
+
+@pytest.mark.parametrize("kind", DEAR, ids=" ".join)
+def test_every_form_of_a_command_that_takes_long_runs_once_over_three_points(kind: tuple[str, ...], desk: Desk) -> None:
+    page, words = DEAR[kind]
+    desk.lay_out(page)
+    words = desk.stand_in(list(words))
+    if "--resume" in words and "--shard" not in words:
+        shutil.copytree(desk.run, words[words.index("--out") + 1])
+    if words[0] == "boundary":
+        words += ["--budget", "16", "--workers", "1"]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, f"{words}\n{result.output}"
 
 
 @pytest.mark.campaign

@@ -8,7 +8,7 @@ from dataclasses import replace
 import builders
 from rich.console import Console
 
-from sumo_eval.report.terminal import closing_lines, ledger_lines, plain_table, score_table
+from sumo_eval.report.terminal import COLUMNS, closing_lines, ledger_lines, plain_table, score_table
 from sumo_eval.report.words import count, unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import DriverSettings
@@ -114,6 +114,19 @@ def test_no_line_is_wider_than_the_terminal_and_nothing_is_cut(evaluation: Evalu
         for score in short.scores:
             assert f"{score.s_plus:.1f}" in text
             assert f"{score.s:.1f}" in text
+
+
+def test_no_word_of_a_table_is_broken_at_eighty_columns(evaluation: Evaluation) -> None:
+    """Every heading's words and every name of up to 24 characters stand in one piece, in lines of up to 80."""
+    for ads in ("idm", "acc_aeb_with_long_name_1"):
+        odd = with_intervals(replace(evaluation, scores=tuple(replace(one, ads=ads) for one in evaluation.scores)))
+        console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+        console.print(score_table(odd, 80))
+        text = console.file.getvalue()  # type: ignore[attr-defined]
+        assert max(map(len, text.splitlines())) <= 80
+        assert {word for heading in COLUMNS[2:] for word in heading.split()} <= set(text.split())
+        assert {ads, *(score.scenario for score in odd.scores)} <= set(text.split())
+        assert "not computed" in text
 
 
 def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation: Evaluation) -> None:

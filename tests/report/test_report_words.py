@@ -126,8 +126,8 @@ def test_the_same_note_with_other_numbers_is_gathered(evaluation: Evaluation) ->
                and row.scenario == CUT_OUT and row.index_note]  # fmt: skip
     assert notes[0].cases == len(numbers)
     assert notes[0].text == (
-        f"Bimodal: at {min(numbers)} to {max(numbers)} of 1101 slices one Gaussian spans two groups of drivers "
-        "over half a lane apart."
+        f"At {min(numbers)} to {max(numbers)} of 1101 slices the drivers are in two groups, over half a lane apart "
+        "(bimodal)."
     )
 
 

@@ -232,6 +232,24 @@ def test_what_cannot_be_played_is_refused_in_one_sentence(tmp_path: Path, senten
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("where", "must"), [
+    ('dLane="0" ds="2"', "clear of `ego` at the start"), ('dLane="1" ds="-19"', "on the road")
+])  # fmt: skip
+def test_points_at_which_nobody_can_be_do_not_play(tmp_path: Path, where: str, must: str) -> None:
+    """The other's body, 6 m long: 2 m ahead of the ego's centre inside it; with its centre 2.5 m behind the road's
+    beginning half a metre over it. UN R157 has such points: a truck of 18.75 m stands 15 m before what it hides.
+    """
+    path = written(tmp_path)
+    text = path.read_text(encoding="utf-8").replace('dLane="1" ds="50"', where)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(
+        InputError, match=rf"scenario.xosc, line \d+, <ScenarioObject>: its body must be {must}\."
+    ) as error:
+        read_file(path)
+    line = int(str(error.value).split("line ")[1].split(",")[0])
+    assert 'ScenarioObject name="Other"' in text.splitlines()[line - 1]
+
+
 def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> None:
     secret = tmp_path / "secret.txt"
     secret.write_text("72", encoding="utf-8")
@@ -240,7 +258,8 @@ def test_entities_and_documents_outside_are_never_expanded(tmp_path: Path) -> No
     bomb = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10 if n else "x"}">' for n in range(12))
     for head in (f'<!DOCTYPE o [<!ENTITY e SYSTEM "{secret.as_uri()}">]>', f"<!DOCTYPE o [{bomb}]>"):
         path.write_text(head + plain.replace('value="72"', 'value="&e;"'), encoding="utf-8")
-        with pytest.raises(InputError, match=r"scenario.xosc must not declare a document type or entities"):
+        said = r"scenario.xosc must not declare a document type or entities, got <!DOCTYPE> in line 1: none is ever"
+        with pytest.raises(InputError, match=said):
             read_file(path)
 
 

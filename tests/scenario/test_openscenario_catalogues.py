@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from sumo_eval.cosim import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
-from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
 from sumo_eval.scenario.openscenario.collections import expanded
 from sumo_eval.settings import ScenarioSettings
 
@@ -136,3 +137,30 @@ def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str) -> None:
         if one.collision is not None and two.collision is not None:
             speeds = [it.ego_velocity[0] - it.other_velocity[0] for it in (one.collision, two.collision)]
             assert speeds[0] == pytest.approx(speeds[1], abs=2.0 / 3.6), name
+
+
+@needs_catalogues
+@pytest.mark.campaign
+def test_how_the_lead_leaves_its_lane_alone_decides_on_a_cut_out_close_to_the_limit() -> None:
+    """60 km/h, 20 m, 1 m/s, 2 s of headway, all bodies 5 x 2 m as theirs: `careful_driver` stops behind a lead that
+    leaves evenly in 3.5 s, and hits the obstacle where it leaves along half a cosine with that peak, in 3.5 pi/2 =
+    5.5 s: as hard in our own scenario as in the imported file.
+    """
+    folder = ALKS / "logical_scenarios"
+    theirs = find(str(folder / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc")).concrete(
+        Ego_InitSpeed_Ve0_kph=60.0, CutOutVehicle_RelativeTargetLane=1.0, FrontOfLead_Distance_dx0_f_m=20.0,
+        CutOutVehicle_LaneChange_MaxLateralVelocity_Vy_mps=1.0, TargetBlocking_Model=1.0,
+    )  # fmt: skip
+    own = load("r157_cut_out").concrete(ego_speed=60 / 3.6, obstacle_gap=20.0, lateral_speed=1.0)
+    lead, obstacle = (
+        replace(actor, start=replace(actor.start, x=own.ego.x + ahead), length=5.0, width=2.0)
+        for actor, ahead in zip(own.actors, (2.0 * 60 / 3.6 + 5.0, 2.0 * 60 / 3.6 + 5.0 + 25.0), strict=True)
+    )
+    speeds = []
+    for way in (lead.lane_changes[0], LaneChange(0.0, 0.5 * math.pi * 3.5, 3.5, cosine=True)):
+        case = replace(own, actors=(replace(lead, lane_changes=(way,)), obstacle), ego_body=theirs.ego_body)
+        hit = simulate(case, "careful_driver").collision
+        speeds.append(0.0 if hit is None else hit.ego_velocity[0])
+    hit = simulate(theirs, "careful_driver").collision
+    assert hit is not None
+    assert speeds == [0.0, pytest.approx(hit.ego_velocity[0], abs=0.1)]

@@ -11,6 +11,8 @@ import pytest
 
 from sumo_eval import evaluate
 from sumo_eval.errors import InputError
+from sumo_eval.report.gate_settings import GateSettings, LimitSettings
+from sumo_eval.report.gates import judge
 from sumo_eval.report.junit import run_suites
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import score_note
@@ -130,3 +132,6 @@ check = "at_end(time) > gap0 / 10 - 0.01"
     assert written["scores"][0]["requirements_missed"] == 2
     tests = [test for suite in run_suites(result).values() for test in suite]
     assert [test.verdict for test in tests] == ["failure", "failure"]
+    for most, passes in ((1.0, False), (2.0, True)):
+        (gate,) = judge(result, None, GateSettings(limit=(LimitSettings("requirements_missed", at_most=most),)))
+        assert (gate.passed, gate.value) == (passes, 2.0)

@@ -122,6 +122,8 @@ def _projected(
     if late:
         text = f"`run` would lose {late} of these {count} cases to step_timeout = {step_timeout:g} s"
         return [Finding("FAIL", text, "answer sooner, or allow more: [run] step_timeout")]
+    if any(recording.end_reason == "ads_error" for recording in recordings):
+        return []  # what a drive that broke off took says nothing of a whole one
     worst = max(recording.controller_latency[1] for recording in recordings)
     found = []
     if worst > _MARGIN * step_timeout:
@@ -158,6 +160,8 @@ def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "mend what the sentence names")
+    if recording.error_place:
+        return Finding("FAIL", f"{where}: {recording.error} At {recording.error_place}.", mend)
     log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""
     return Finding("FAIL", f"{where}: {recording.error}{log}", mend)
 

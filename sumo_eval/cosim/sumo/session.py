@@ -13,11 +13,11 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
 
@@ -196,7 +196,8 @@ _CALLS = (
     "getSpeed", "getSpeedMode", "moveTo", "moveToXY", "setLaneChangeMode", "setLateralLanePosition", "setPreviousSpeed",
     "setSpeed", "setSpeedMode",
 )  # fmt: skip
-_DIRECT = SimpleNamespace(**{call: getattr(libsumo.libsumo._libsumo, f"vehicle_{call}") for call in _CALLS})
+_LIBSUMO = libsumo.libsumo._libsumo
+_DIRECT = SimpleNamespace(**{call: getattr(_LIBSUMO, f"vehicle_{call}") for call in _CALLS})
 
 
 def vehicles(traci: Any) -> Any:
@@ -204,6 +205,25 @@ def vehicles(traci: Any) -> Any:
     ones that it wraps them in cost as much again.
     """
     return _DIRECT if traci is libsumo else traci.vehicle
+
+
+def simulation_step(traci: Any) -> Callable[[], None]:
+    """What makes one step of a simulation; of libsumo the function itself, and step listeners where there are any."""
+    if traci is not libsumo:
+        return cast("Callable[[], None]", traci.simulationStep)
+    listeners, step = libsumo._stepManager, _LIBSUMO.simulation_step
+
+    def stepped() -> None:
+        step(0.0)
+        if listeners._stepListeners:
+            listeners.manageStepListeners(0.0)
+
+    return stepped
+
+
+def simulation_time(traci: Any) -> Callable[[], float]:
+    """What tells the time of a simulation, s; of libsumo the function itself."""
+    return cast("Callable[[], float]", _LIBSUMO.simulation_getTime if traci is libsumo else traci.simulation.getTime)
 
 
 def bend_tolerance(road: Road, y: float) -> float:

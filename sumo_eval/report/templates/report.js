@@ -29,7 +29,7 @@
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
   const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits));
   const short = (value) => String(+value.toPrecision(6));
-  const label = (parameter) => `${parameter.name.replaceAll("_", " ")}, ${parameter.unit}`;
+  const label = (parameter) => [parameter.name.replaceAll("_", " "), parameter.unit].filter(Boolean).join(", ");
   const pointWords = (scenario, values) =>
     scenario.parameters.map((parameter, k) => `${parameter.name} ${short(values[k])}`).join(", ");
 
@@ -346,7 +346,7 @@
         input.type = "number";
         input.step = "any";
         input.dataset.range = `${parameter.name} ${which}`;
-        input.setAttribute("aria-label", `${which} ${sumoMaps.words(parameter.name)}, ${parameter.unit}`);
+        input.setAttribute("aria-label", `${which} ${label(parameter)}`);
         input.placeholder = short(which === "least" ? parameter.low : parameter.high);
         input.addEventListener("change", (event) => { event.stopPropagation(); narrow(); });
         return input;
@@ -360,7 +360,7 @@
       const label_ = document.createElement("span");
       label_.className = "ranges";
       const box = document.createElement("label");
-      box.append(`${sumoMaps.words(parameter.name)}, ${parameter.unit}: `, low, " to ", high);
+      box.append(`${label(parameter)}: `, low, " to ", high);
       label_.append(box);
       return { label_, low, high, narrow };
     });

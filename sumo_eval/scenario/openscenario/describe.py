@@ -30,7 +30,7 @@ def described(read: Read) -> Iterator[str]:
     yield f"{logical.name}: {space.about} (OpenSCENARIO {space.version}, {space.file.name})"
     for item in logical.parameters if space.axes else ():
         values = ", ".join(f"{value:g}" for value in item.values) if item.values else f"{item.low:g}..{item.high:g}"
-        yield f"  parameter {item.name} = {values} {'' if item.unit == '1' else item.unit} {item.about}".rstrip()
+        yield f"  parameter {item.name} = {values}{item.behind} {item.about}".rstrip()
     road = logical.road
     yield f"  road {read.frame.name}: {road.lanes} lanes of {road.lane_width:g} m, judged to {road.length:g} m"
     if len(read.roads) > 1:

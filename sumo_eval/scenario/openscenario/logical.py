@@ -24,6 +24,7 @@ import numpy as np
 from sumo_eval.errors import InputError, did_you_mean, must_be
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.distribution import Distribution
+from sumo_eval.scenario.first_places import misplaced
 from sumo_eval.scenario.logical import Constraint, LogicalScenario, NamedSample, Option, Parameter, Values
 from sumo_eval.scenario.openscenario.catalogs import named_file
 from sumo_eval.scenario.openscenario.reading import (
@@ -41,6 +42,7 @@ from sumo_eval.scenario.openscenario.reading import (
 from sumo_eval.scenario.openscenario.scene import EGO, Frame, Scene, parameters, scene
 from sumo_eval.scenario.openscenario.values import Scope, Value, plain
 from sumo_eval.scenario.played import KEEP
+from sumo_eval.scenario.reachable import never_begin
 from sumo_eval.scenario.road.table import bend_name, check_line
 from sumo_eval.trajectory import BoolArray
 
@@ -313,9 +315,35 @@ def _scene_or_why(path: Path, changed: int, given: Assignments, ego: str, *, fla
     values = dict(given)
     try:
         _, broken = parameters(path, values)
-        return f"= {broken[0]}" if broken else scene(path, values, ego, flat=flat)
+        if broken:
+            return f"= {broken[0]}"
+        found = scene(path, values, ego, flat=flat)
+        return found if (wrong := _impossible(path, found, ego)) is None else str(wrong)
     except InputError as error:
         return str(error)
+
+
+def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
+    """What of a scene cannot be, by the checks that a run makes of every point. Its sentence has no number in it, so
+    that points with one fault are counted together.
+    """
+    frame = found.frame
+    road = Road(frame.name, frame.length, frame.lanes, frame.lane_width, 0.0, line=frame.line)
+    wrong = next(misplaced(road, found.ego, found.ego_body, found.actors), None)
+    if wrong is not None:
+        return fault(_declared(path, ego if wrong.name == "ego" else wrong.name), f"its body must be {wrong.must}")
+    if any(act.program for actor in found.actors for act in actor.acts):
+        limit = found.ends if math.isfinite(found.ends) else _LONGEST
+        case = ConcreteScenario(path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body)
+        for actor, _ in never_begin(case, limit):
+            return fault(_declared(path, actor.name), "the condition of a move of it can never hold, whoever drives")
+    return None
+
+
+def _declared(path: Path, name: str) -> Element:
+    """Where a file declares an entity."""
+    entities = child(read_openscenario(path), "Entities")
+    return next((part for part in entities.iterfind("ScenarioObject") if part.get("name") == name), entities)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,15 @@ def read_xml(path: Path, what: str) -> Element:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{what} {path} cannot be read: {error.strerror or error}.") from error
-    if _DECLARES.search(content.replace(b"\0", b"")):
-        raise InputError(f"{what} {path} must not declare a document type or entities: none is ever expanded here.")
+    plain = content.replace(b"\0", b"")
+    declares = _DECLARES.search(plain)
+    if declares:
+        line = plain.count(b"\n", 0, declares.start()) + 1
+        element = declares.group(1).decode().upper()
+        raise InputError(
+            f"{what} {path} must not declare a document type or entities, got <!{element}> in line {line}: none is "
+            "ever expanded here."
+        )
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         return etree.fromstring(content, parser, base_url=str(path))

@@ -57,7 +57,7 @@ def grid_axes(logical: LogicalScenario, request: Request) -> tuple[list[list[flo
         axes.append(values)
         if not exact:
             notes.append(
-                f"`{parameter.name}`: steps of {step:g} {parameter.unit} from {parameter.low:g} do not end at "
+                f"`{parameter.name}`: steps of {step:g}{parameter.behind} from {parameter.low:g} do not end at "
                 f"{parameter.high:g}; the last point is {values[-1]:g}."
             )
     _refuse_if_too_many(math.prod(len(axis) for axis in axes), owner)

@@ -16,8 +16,7 @@ def described(read: UseCase) -> Iterator[str]:
     yield f"{logical.name}: {outline.feature}"
     yield f"  {outline.name}"
     for item in logical.parameters:
-        unit = "" if item.unit == "1" else f" {item.unit}"
-        yield f"  parameter {item.name} = {', '.join(f'{value:g}' for value in item.values)}{unit}, {item.about}"
+        yield f"  parameter {item.name} = {', '.join(f'{value:g}' for value in item.values)}{item.behind}, {item.about}"
     fixed = [item for item in outline.columns if item.name not in logical.names]
     if fixed:
         yield "  in all rows: " + ", ".join(f"{item.name} = {item.values[0]:g} {item.unit}" for item in fixed)

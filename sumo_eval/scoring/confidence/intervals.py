@@ -5,7 +5,9 @@ error of the drivers' own size, which a jackknife over drivers has measured (`su
 What was never seen is counted too: a sample in which k of n hazardous points hold a collision is no proof that other
 points hold none. The end of an interval on the bad side therefore carries e unseen collisions, e from an exponential
 distribution of mean 1, as hard as those of doing nothing: together with the drawn ones a gamma distribution of shape
-k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three.
+k + 1, as in the exact interval of a Poisson count. Its 95 % point for k = 0 is 3.0, the rule of three. A sum loses
+with each of them. C is a mean over collisions, so the first of them makes it what collisions leave: it loses that with
+the chance that an evaluation of as many points sees any.
 
 Points of a method that leaves no part of the space out are balanced over it: their mean place is the box's, so what a
 score's terms owe to a trend along a parameter is no error of theirs. Replicates are balanced in the same way
@@ -25,7 +27,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.method.score_terms import collision_avoidance, excess, ordering_score, paper_score
@@ -80,14 +82,18 @@ class Judged:
 class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
     each source alone, by score. worse, better: S+ of every replicate, with and without unseen collisions, (m,).
-    missing: how far missing cases may move S+, down and up.
+    worse_a, better_a: the points that A gives to it. missing, missing_a: how far missing cases may move S+ and these
+    points, down and up.
     """
 
     limits: Mapping[str, tuple[float, float]]
     sources: Mapping[str, Mapping[str, float]]
     worse: FloatArray
     better: FloatArray
+    worse_a: FloatArray
+    better_a: FloatArray
     missing: tuple[float, float] = (0.0, 0.0)
+    missing_a: tuple[float, float] = (0.0, 0.0)
 
 
 def strata(unit: FloatArray, method: str) -> list[IntArray]:
@@ -278,7 +284,7 @@ def _replicates(
     better = _with_drivers(plain, drawn.index, drawn.likeness, method)
     worse = dict(better)
     for name, lost in unseen_losses(one, counts, method).items():
-        moved = np.minimum(drawn.unseen * lost.share, 1.0) * lost.whole
+        moved = lost.of(drawn.unseen)
         worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
     return _Replicates(better, _summed(worse, method), plain)
 
@@ -302,20 +308,31 @@ def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[st
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnseenLoss:
-    """What unseen collisions would cost a score: whole, (m,), if every free point held one; share: of the points that
-    one collision is.
+    """What unseen collisions would cost a score: whole, (m,), if every free point held one; points: among how many
+    they are; first_takes_all: the first one costs the whole (C), else each one costs its part.
     """
 
-    share: float
+    points: int
     whole: FloatArray
+    first_takes_all: bool = False
+
+    def of(self, unseen: ArrayLike) -> FloatArray:
+        """The mean loss, (m,), to so many collisions in expectation: p = unseen/points is the chance of a point.
+
+        p * whole where each costs its part; (1 - (1 - p)^points) * whole where the first one costs it.
+        """
+        chance = np.minimum(np.asarray(unseen, dtype=np.float64) / self.points, 1.0)
+        if self.first_takes_all:
+            chance = 1.0 - (1.0 - chance) ** self.points
+        return np.asarray(chance * self.whole, dtype=np.float64)
 
 
 def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> dict[str, UnseenLoss]:
     """By score. A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
 
-    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C: it would be
-    the only one, so each free point counts 1 and one with an unseen collision Ug/U0; after a collision that was seen, C
-    is a mean over collisions, which unseen ones do not lower for sure.
+    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C: evaluations
+    that see any have Ug/U0, the others 1; after a collision that was seen, C is a mean over collisions, which unseen
+    ones do not lower for sure.
     """
     terms = one.terms
     stake = excess(terms.unreacting, terms.ideal)
@@ -324,16 +341,16 @@ def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> di
     found: dict[str, UnseenLoss] = {}
     if not among.any():
         return found
-    share, free = 1.0 / int(among.sum()), among & ~terms.collided
+    points, free = int(among.sum()), among & ~terms.collided
     stake = np.where(known, stake, 0.0)
     for name, weights in (("avoided_share", terms.weight), ("avoided_share_exposure", terms.exposure)):
         weight = _weights(weights, known)
-        found[name] = UnseenLoss(share, _ratio(counts @ (weight * stake * free), counts @ (weight * stake)))
+        found[name] = UnseenLoss(points, _ratio(counts @ (weight * stake * free), counts @ (weight * stake)))
     weight = _weights(terms.weight, known)
-    found["regret"] = UnseenLoss(share, _ratio(counts @ (weight * stake * free), counts @ weight))
+    found["regret"] = UnseenLoss(points, _ratio(counts @ (weight * stake * free), counts @ weight))
     if not terms.collided.any():
         hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
-        found["c"] = UnseenLoss(share, _ratio(counts @ (weight * hit), counts @ (weight * free)))
+        found["c"] = UnseenLoss(points, _ratio(counts @ (weight * hit), counts @ (weight * free)), first_takes_all=True)
     return found
 
 
@@ -369,7 +386,7 @@ def _intervals(
         if ends is None:
             continue
         if name in unseen:  # none was seen: what they would cost is known, and nothing of it is drawn
-            moved = min(UNSEEN * unseen[name].share, 1.0) * float(unseen[name].whole[0])
+            moved = float(unseen[name].of(UNSEEN)[0])
             ends = (value, value + moved) if name in BAD_SIDE_UP else (value - moved, value)
         limits[name] = min(ends[0], value), max(ends[1], value)
     zero = np.zeros(len(drawn.index))
@@ -383,7 +400,10 @@ def _intervals(
         for name in ("s", "s_plus")
         if name in limits
     }
-    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
+    worse_a, better_a = (
+        ordering_score(scores["avoided_share"], 0.0, method.score) for scores in (found.worse, found.better)
+    )
+    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"], worse_a, better_a)
 
 
 def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:

@@ -3,12 +3,16 @@
 Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their difference, as it
 does not between two intervals. Each replicate gives the difference; unseen collisions are on the side of the ADS that
 it speaks against at each end, because each ADS has its own.
+
+S+ = a A + b H over all scenarios. Where nobody is there to compare with, there is no H: A is the mean over all of them,
+H over those with people. With people everywhere that is the mean of S+.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,11 +26,18 @@ Found = Mapping[tuple[str, str], ScoreIntervals | None]
 
 
 def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings, level: float = LEVEL) -> Ranking:
-    """The ranking of an evaluation's ADSs. found: the replicates of each ADS in each scenario, by (ADS, scenario)."""
+    """The ranking of an evaluation's ADSs. found: the replicates of each ADS in each scenario, by (ADS, scenario).
+
+    A scenario that has nobody to compare with has no H: there A counts, and H is the mean over the other scenarios.
+    """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
+    alone = {score.scenario for score in scores if score.nobody_compared}
+    bare = tuple(name for name, weight in weights.items() if weight > 0.0 and name in alone)
+    means = _Means({name: weight for name, weight in weights.items() if weight > 0.0}, frozenset(bare))
     names = list(dict.fromkeys(score.ads for score in scores))
-    totals = {name: _total([score for score in scores if score.ads == name], weights) for name in names}
-    spreads = {name: _spread(name, found, weights) for name in names}
+    own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
+    totals = {name: means.total(own[name]) for name in names}
+    spreads = {name: means.spread({scenario: found.get((name, scenario)) for scenario in weights}) for name in names}
     ranked = sorted(
         (name for name in names if totals[name] is not None), key=lambda name: (-(totals[name] or 0.0), name)
     )
@@ -39,32 +50,64 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     for number, name in enumerate(ranked, start=1):
         if number == 1 or apart[ranked[number - 2], name]:
             place = number
-        rows.append(RankedAds(name, place, totals[name], _interval(name, scores, totals[name], spreads[name], weights)))
+        interval = _interval(name, scores, totals[name], spreads[name], weights)
+        from_a = means.everywhere({scenario: score.a_points for scenario, score in own[name].items()})
+        from_h = means.where_people({scenario: score.h_points for scenario, score in own[name].items()})
+        rows.append(RankedAds(name, place, totals[name], interval, from_a, from_h))
     rows += [RankedAds(name, None, None, None) for name in sorted(names) if totals[name] is None]
-    return Ranking(weights, level, tuple(rows), tuple(pairs))
+    return Ranking(weights, level, tuple(rows), tuple(pairs), bare)
 
 
-def _total(scores: Sequence[ScenarioResult], weights: Mapping[str, float]) -> float | None:
-    """Mean S+ of one ADS over the scenarios that weigh."""
-    counted = [(weights[score.scenario], score.s_plus) for score in scores if weights[score.scenario] > 0.0]
-    if any(value is None for _, value in counted):
-        return None
-    return sum(weight * (value or 0.0) for weight, value in counted) / sum(weight for weight, _ in counted)
+@dataclass(frozen=True, slots=True)
+class _Means:
+    """Means over the scenarios that weigh. weights: above 0, by scenario. bare: those with nobody to compare with."""
 
+    weights: Mapping[str, float]
+    bare: frozenset[str]
 
-def _spread(name: str, found: Found, weights: Mapping[str, float]) -> tuple[FloatArray, FloatArray] | None:
-    """The mean S+ of every replicate, with unseen collisions and without, and with what missing cases leave open."""
-    parts = [(weight, found.get((name, scenario))) for scenario, weight in weights.items() if weight > 0.0]
-    known = [(weight, one) for weight, one in parts if one is not None]
-    if len(known) < len(parts):
-        return None
-    total = sum(weight for weight, _ in known)
-    worse, better = (
-        np.sum([weight * (np.nan_to_num(getattr(one, kind)) + one.missing[end]) for weight, one in known], axis=0)
-        / total
-        for end, kind in enumerate(("worse", "better"))
-    )
-    return worse, better
+    def everywhere(self, values: Mapping[str, float]) -> float:
+        """The mean of all. values: by scenario."""
+        return sum(weight * values[name] for name, weight in self.weights.items()) / sum(self.weights.values())
+
+    def where_people(self, values: Mapping[str, float]) -> float:
+        """The mean of those with people."""
+        kept = {name: weight for name, weight in self.weights.items() if name not in self.bare}
+        return sum(weight * values[name] for name, weight in kept.items()) / sum(kept.values())
+
+    def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
+        """S+ of one ADS: the mean of S+ where there are people, with the points of A of all scenarios in place of
+        theirs. scores: by scenario. None where one is missing, or nowhere are people.
+        """
+        counted = {name: score for name, score in scores.items() if name in self.weights}
+        people = {name: score.s_plus for name, score in counted.items() if name not in self.bare}
+        if not people or any(value is None for value in people.values()):
+            return None
+        if any(counted[name].avoided_share is None for name in self.bare):
+            return None
+        plus = self.where_people({name: value or 0.0 for name, value in people.items()})
+        from_a = {name: score.a_points for name, score in counted.items()}
+        return plus + (self.everywhere(from_a) - self.where_people(from_a))
+
+    def spread(self, found: Mapping[str, ScoreIntervals | None]) -> tuple[FloatArray, FloatArray] | None:
+        """`total` of every replicate, with unseen collisions and without, and with what missing cases leave open."""
+        known = {name: one for name, one in found.items() if name in self.weights and one is not None}
+        if len(known) < len(self.weights) or len(self.bare) == len(self.weights):
+            return None
+        kept = {name: weight for name, weight in self.weights.items() if name not in self.bare}
+        total, peopled = sum(self.weights.values()), sum(kept.values())
+        ends = []
+        for end, (plus, a) in enumerate((("worse", "worse_a"), ("better", "better_a"))):
+            s_plus = [
+                weight * (np.nan_to_num(getattr(known[name], plus)) + known[name].missing[end])
+                for name, weight in kept.items()
+            ]
+            mean = np.sum(s_plus, axis=0) / peopled
+            if self.bare:
+                for name, weight in self.weights.items():
+                    points = np.nan_to_num(getattr(known[name], a)) + known[name].missing_a[end]
+                    mean = mean + points * (weight / total - kept.get(name, 0.0) / peopled)
+            ends.append(mean)
+        return ends[0], ends[1]
 
 
 def _interval(

@@ -76,10 +76,15 @@ def with_intervals(
     computed = score_intervals(judged, groups, settings.method, settings.seed, scores[0].scenario, even=even)
     found: list[ScoreIntervals | None] = [None] * len(scores)
     for number, one in zip(which, computed, strict=True):
-        value, ends = scores[number].s_plus, scores[number].s_plus_interval
-        moved = (0.0, 0.0) if value is None or ends is None else (ends[0] - value, ends[1] - value)
-        found[number] = replace(one, missing=moved)
+        score, a = scores[number], settings.method.score.a
+        down, up = _moved(score.avoided_share, score.avoided_share_interval)
+        found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval), missing_a=(a * down, a * up))
     return [score if one is None else _joined(score, one) for score, one in zip(scores, found, strict=True)], found
+
+
+def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float, float]:
+    """How far a value may move to its ends, down and up."""
+    return (0.0, 0.0) if value is None or ends is None else (ends[0] - value, ends[1] - value)
 
 
 def _joined(score: ScenarioResult, found: ScoreIntervals) -> ScenarioResult:

@@ -211,13 +211,14 @@ def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
 
 def test_with_no_collision_seen_the_rule_of_three_gives_the_end_on_the_bad_side():
     # 30 hazardous points (U0 - Ug = 10 - 4 = 6), 30 others (10 - 8 = 2); 3/30 = 0.1 of the hazardous ones may hold one.
-    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s. C: 1 - 0.1 * (1 - 4/10) = 0.94.
+    # A: 1 - 0.1 * 30*6 / (30*6 + 30*2) = 0.925. Regret: 0.1 * 30*6 / 60 = 0.3 m/s.
+    # C: 1 - 0.9^30 = 0.95761 of evaluations of 30 such points see a collision and have 4/10, so 1 - 0.95761 * 0.6.
     hazardous = np.arange(60) < 30
     found = intervals(judged(hazardous=hazardous, ideal=np.where(hazardous, 4.0, 8.0)))
     assert found.limits["avoided_share"] == (pytest.approx(0.925), 1.0)
     assert found.limits["avoided_share_exposure"] == (pytest.approx(0.925), 1.0)
     assert found.limits["regret"] == (0.0, pytest.approx(0.3))
-    assert found.limits["c"] == (pytest.approx(0.94), 1.0)
+    assert found.limits["c"] == (pytest.approx(1.0 - 0.95761 * 0.6, abs=1e-5), 1.0)
     assert found.limits["s"][0] < 50.0 + 50.0 * 0.5
     assert found.limits["s_plus"][0] < 50.0 + 50.0 * 0.5
 
@@ -228,6 +229,29 @@ def test_where_nothing_is_hazardous_all_points_count_and_where_nothing_is_at_sta
     calm = intervals(judged(hazardous=none, unreacting=np.zeros(60)))
     assert calm.limits["avoided_share"] == (1.0, 1.0)
     assert calm.limits["c"] == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("expected", [0.5, 1.0, 2.0])
+def test_intervals_hold_the_mean_of_c_over_evaluations_most_of_which_see_no_collision(expected):
+    # 30 hazardous points of 60, each of which holds a collision with the chance expected/30, Ug/U = 0.4: the mean of C
+    # over evaluations is 0.4 + 0.6 (1 - expected/30)^30, about 0.76, 0.62, 0.48.
+    random = np.random.default_rng(7)
+    hazardous = np.arange(60) < 30
+    ideal = np.where(hazardous, 4.0, 8.0)
+    truth = 0.4 + 0.6 * (1.0 - expected / 30.0) ** 30
+    held = 0
+    for seed in range(60):
+        hit = hazardous & (random.uniform(size=60) < expected / 30.0)
+        one = judged(
+            hazardous=hazardous,
+            ideal=ideal,
+            severity=np.where(hit, 10.0, 0.0),
+            collided=hit,
+            ratio=np.where(hit, 0.4, np.nan),
+        )
+        low, high = intervals(one, seed=seed, replicates=400).limits["c"]
+        held += low <= truth <= high
+    assert held >= 0.93 * 60
 
 
 def test_fewer_points_than_three_prove_nothing():

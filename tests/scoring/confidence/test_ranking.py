@@ -12,7 +12,7 @@ from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 from sumo_eval.errors import InputError
 from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import plain_table, ranking_lines
-from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.results import CaseResult, Evaluation, NotComputed, ScenarioResult
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
@@ -100,6 +100,38 @@ def test_an_ads_without_an_s_plus_has_no_place() -> None:
     ranking = rank(gone, found, RankingSettings())
     assert [(one.ads, one.place) for one in ranking.ads] == [("bb", 1), ("a", None)]
     assert "not ranked: a has no S+ in some scenario" in "\n".join(ranking_lines(ranking))
+
+
+def test_where_nobody_is_to_compare_with_a_counts_and_h_is_the_mean_over_the_other_scenarios() -> None:
+    """S+ = 50 A + 50 H. `s` has people: A = 1 for both, H of `a` 0.1 above that of `bb`, 5 points. `t` has none: A of
+    `a` is 0 and of `bb` 1, as one hits in the only case with a stake and the other does not. Over both A is 0.5 and 1:
+    25 points less for `a`, which leaves `bb` 25 - 5 = 20 points ahead.
+    """
+    one, found = scored(drives("a", 0.1), drives("bb", 0.0))
+    tables = []
+    for ads, hits in (("a", True), ("bb", False)):
+        rows = drives(ads, 0.0, "t")
+        rows[0] = replace(HIT if hits else SAFE, case=f"{ads}0", ads=ads, scenario="t", zone="safe", exposure=1.0,
+                          weight=1.0, no_reaction_severity=10.0, ideal_severity=0.0)  # fmt: skip
+        tables.append([replace(row, human_likeness=None, index=None) for row in rows])
+    two, others = scored(*tables)
+    two = [replace(score, h_reason=NotComputed("no_drivers")) for score in two]
+    assert [score.avoided_share for score in two] == [0.0, 1.0]
+    ranking = rank([*one, *two], found | others, RankingSettings())
+    assert ranking.without_people == ("t",)
+    assert [(row.ads, row.a_points) for row in ranking.ads] == [("bb", 50.0), ("a", 25.0)]
+    assert [row.h_points for row in ranking.ads] == [pytest.approx(score.h_points) for score in reversed(one)]
+    for row in ranking.ads:
+        assert row.s_plus == pytest.approx(row.a_points + row.h_points)
+        assert row.interval is not None
+        assert row.interval[0] <= row.s_plus <= row.interval[1]
+    assert ranking.pair("bb", "a").difference == pytest.approx(20.0)
+    lines = ranking_lines(ranking)
+    assert "A over all 2, H over the 1 with people to compare with" in lines[0]
+    assert "25.0 from A" in lines[2]
+    nowhere = rank(two, others, RankingSettings())
+    assert [row.place for row in nowhere.ads] == [None, None]
+    assert "has no S+ in any scenario" in ranking_lines(nowhere)[1]
 
 
 def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart() -> None:
