@@ -110,15 +110,19 @@ def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> F
     return score_terms.ideal_ratio(severity, ideal)
 
 
-def scores_of(terms: CaseTerms, counts: score_terms.Counts, method: MethodSettings) -> dict[str, FloatArray]:
+def scores_of(
+    terms: CaseTerms, counts: score_terms.Counts, method: MethodSettings, hits: score_terms.Counts | None = None
+) -> dict[str, FloatArray]:
     """Every score of `SCORES` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
 
-    Whether a collision in the safe zone leaves no D is a fact of all cases, and not drawn again with a sample.
+    hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a sample without the
+    collisions in the safe zone that leave no D has one. Without hits that is a fact of all cases.
     """
-    c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, counts)
+    drawn = counts if hits is None else hits
+    c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, drawn)
     d = score_terms.exposure_mean(terms.index, terms.exposure, counts)
-    if terms.voids.any():
-        d = np.full(d.shape, np.nan)
+    voided = terms.voids.any() if hits is None else hits @ terms.voids.astype(np.float64) > 0.0
+    d = np.where(voided, np.nan, d)
     seen = np.isfinite(terms.weight)
     u, ideal, unreacting = (np.where(seen, part, np.nan) for part in (terms.severity, terms.ideal, terms.unreacting))
     weight = np.nan_to_num(terms.weight)
@@ -127,7 +131,7 @@ def scores_of(terms: CaseTerms, counts: score_terms.Counts, method: MethodSettin
     if terms.exposure.any():
         by_exposure = score_terms.avoided_share(terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts)
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
-    hits = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
+    contact = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
     return {
         "c": c,
         "d": d,
@@ -137,7 +141,7 @@ def scores_of(terms: CaseTerms, counts: score_terms.Counts, method: MethodSettin
         "regret": score_terms.regret(u, ideal, weight, counts),
         "human_likeness": human,
         "s_plus": score_terms.ordering_score(avoided, human, method.score),
-        "collision_probability": score_terms.exposure_mean(hits, terms.exposure, counts),
+        "collision_probability": score_terms.exposure_mean(contact, terms.exposure, counts),
     }
 
 

@@ -11,7 +11,8 @@ the chance that an evaluation of as many points sees any.
 
 Points of a method that leaves no part of the space out are balanced over it: their mean place is the box's, so what a
 score's terms owe to a trend along a parameter is no error of theirs. Replicates are balanced in the same way
-(`balanced`), but for C, a mean over the few cases that collided, which no method spreads.
+(`balanced`), but for the few cases that collided, which no method spreads: C is a mean over them, and a collision in
+the safe zone leaves no D, so a replicate without any of these has one, and S with it.
 
 The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
 is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16) in every resample.
@@ -30,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.method.score_terms import collision_avoidance, excess, ordering_score, paper_score
+from sumo_eval.method.score_terms import excess, ordering_score, paper_score
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.settings import MethodSettings
@@ -278,9 +279,7 @@ def _replicates(
     one: Judged, counts: FloatArray, plain_counts: FloatArray, drawn: _Draws, method: MethodSettings
 ) -> _Replicates:
     terms = one.terms
-    plain = scores_of(terms, counts, method)
-    plain["c"] = collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, plain_counts)
-    plain = _summed(plain, method)
+    plain = scores_of(terms, counts, method, plain_counts)
     better = _with_drivers(plain, drawn.index, drawn.likeness, method)
     worse = dict(better)
     for name, lost in unseen_losses(one, counts, method).items():

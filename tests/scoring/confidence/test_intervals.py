@@ -254,6 +254,19 @@ def test_intervals_hold_the_mean_of_c_over_evaluations_most_of_which_see_no_coll
     assert held >= 0.93 * 60
 
 
+def test_s_of_an_evaluation_without_a_d_reaches_to_what_it_would_be_without_the_collision_in_the_safe_zone():
+    # D_i = 0.5 everywhere, one of 60 points holds the collision, Ug/U = 0.4: S = 50 * 0.4 with it, 50 + 50 * 0.5
+    # without it, which (1 - 1/60)^59 = 0.37 of all replicates are. Neither end owes anything to another collision.
+    hit = np.arange(60) == 7
+    one = judged(
+        severity=np.where(hit, 10.0, 0.0), collided=hit, ratio=np.where(hit, 0.4, np.nan), voids=hit,
+        index=np.where(hit, np.nan, 0.5),
+    )  # fmt: skip
+    found = intervals(one)
+    assert "d" not in found.limits
+    assert found.limits["s"] == (pytest.approx(20.0), pytest.approx(75.0))
+
+
 def test_fewer_points_than_three_prove_nothing():
     found = intervals(judged(hazardous=np.arange(60) < 2))
     assert found.limits["c"][0] == pytest.approx(0.0)
