@@ -256,8 +256,9 @@ class PlacedByFile:
     road: Frame
 
     def __call__(self, values: Mapping[str, float]) -> tuple[Start, tuple[Actor, ...]]:
-        """The scene at a point."""
-        found = scene(self.space.file, self.space.given(values), self.space.ego, flat=self.space.flat)
+        """The scene at a point, which the constraints may forbid: a search for zones looks there as well."""
+        given = self.space.given(values)
+        found = scene(self.space.file, given, self.space.ego, flat=self.space.flat, constrained=False)
         if _shape(found.frame) != _shape(self.road):
             raise InputError(f"{self.space.name}: the road must be the same at all points, got {found.frame.name}.")
         return found.ego, found.actors

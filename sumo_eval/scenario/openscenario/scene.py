@@ -106,12 +106,15 @@ def parameters(path: Path, given: Mapping[str, Value]) -> tuple[Scope, list[str]
     return declared(read_openscenario(path).find("ParameterDeclarations"), given)
 
 
-def scene(path: Path, given: Mapping[str, Value], ego: str = EGO, *, flat: bool = False) -> Scene:
+def scene(
+    path: Path, given: Mapping[str, Value], ego: str = EGO, *, flat: bool = False, constrained: bool = True
+) -> Scene:
     """A scenario file with given values of its parameters. ego: the entity that is judged. flat: slopes are left out.
+    constrained: the constraints of the file must hold.
 
     Raises InputError with file, line and element.
     """
-    return _Player(path, given, ego, flat=flat).scene()
+    return _Player(path, given, ego, flat=flat, constrained=constrained).scene()
 
 
 def synchronized(
@@ -175,13 +178,13 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
 class _Player:
     """Walks through a file once."""
 
-    def __init__(self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool) -> None:
+    def __init__(self, path: Path, given: Mapping[str, Value], ego: str, *, flat: bool, constrained: bool) -> None:
         self.ego = ego
         self.root = read_openscenario(path)
         if self.root.find("Storyboard") is None:
             raise fault(self.root, "it must hold a <Storyboard>")
         self.scope, broken = declared(self.root.find("ParameterDeclarations"), given)
-        if broken:
+        if broken and constrained:
             raise fault(child(self.root, "ParameterDeclarations"), f"a constraint does not hold: {broken[0]}")
         self.catalogs = Catalogs(self.root.find("CatalogLocations"), self.scope)
         network = child(self.root, "RoadNetwork")
