@@ -6,8 +6,10 @@ COPY . .
 RUN python -m build --wheel --outdir /wheels
 
 FROM python:3.12-slim
-# What SUMO's libraries need beside those of the image.
-RUN apt-get update && apt-get install --yes --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/*
+# What SUMO's library links beside what the image has: a test holds it against SYSTEM_LIBRARIES of cosim/sumo/session.py.
+RUN apt-get update \
+    && apt-get install --yes --no-install-recommends libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1 \
+    && rm -rf /var/lib/apt/lists/*
 COPY --from=build /wheels/*.whl /tmp/
 RUN pip install --no-cache-dir /tmp/*.whl && rm /tmp/*.whl
 RUN useradd --create-home evaluator

@@ -16,6 +16,10 @@ class InputError(SumoEvalError, ValueError):
     """What the user gave cannot be used (exit status 2)."""
 
 
+class NotInstalledError(InputError, ImportError):
+    """A library cannot be loaded. A process that only gets ready stays quiet, as after any import that fails."""
+
+
 class ControllerError(SumoEvalError):
     """The ADS under test raised, or returned something that is not a command."""
 

@@ -255,9 +255,12 @@ def _closed(records: Any, dtype: np.dtype[Any]) -> Any:
 def warm(scripts: Sequence[str]) -> None:
     """Compile in child processes, one for each script, all at the same time, and wait; what they compile is on disk.
 
-    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock.
+    scripts: Python to run. A thread would be no help: numba compiles under the interpreter's lock. The children look
+    for modules where this process does, and not in the folder in which it was started (-P): that may hold another copy
+    of this package, or files that are called as modules are.
     """
-    begin = "import gc; gc.disable()\n"  # compiling makes many objects and little garbage; a tenth of its time
-    children = [subprocess.Popen([sys.executable, "-c", begin + script]) for script in scripts]
+    begin = f"import sys; sys.path[:] = {sys.path!r}\n"
+    begin += "import gc; gc.disable()\n"  # compiling makes many objects and little garbage; a tenth of its time
+    children = [subprocess.Popen([sys.executable, "-P", "-c", begin + script]) for script in scripts]
     for child in children:
         child.wait()

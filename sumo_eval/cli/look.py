@@ -106,11 +106,12 @@ def plot(
     points; opinion; of a folder of nights, trend.
     """
     from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
-    from sumo_eval.figures.style import save, width_of
+    from sumo_eval.figures.style import refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
     if figure in FIGURES:  # else `draw` says so
         width_of(width)
+        refuse_without_matplotlib()
     if figure not in OF_RUNS:
         click.echo(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
         return

@@ -76,6 +76,10 @@ def run(
     )  # fmt: skip
     if out is not None and not dry_run:
         refuse_foreign(folder, resume)  # before anything that takes time
+    if settings.run.engine == "dask" and not dry_run:
+        from sumo_eval.record.cluster import refuse_without
+
+        refuse_without(settings.run.scheduler)
     if dry_run:
         click.echo(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from sumo_eval.errors import InputError, said, unknown
+from sumo_eval.errors import InputError, needs_extra, said, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,16 +61,18 @@ _SETTINGS: Final = {
 }
 
 
+def refuse_without_matplotlib() -> None:
+    """Raise InputError where it is missing: before a run is scored for its figure."""
+    if find_spec("matplotlib") is None:
+        raise needs_extra("A figure", "plots")
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Everything drawn within looks like one family. Raises InputError where matplotlib is missing."""
-    try:
-        import matplotlib as mpl
-    except ImportError as error:
-        raise InputError(
-            "Figures are drawn with matplotlib, which is not installed here. Install it with: "
-            "pip install matplotlib (or this package's extra `plots`)."
-        ) from error
+    refuse_without_matplotlib()
+    import matplotlib as mpl
+
     with mpl.rc_context(_SETTINGS):  # type: ignore[arg-type]  # names as strings
         yield
 

@@ -95,6 +95,9 @@ jobs:
       - uses: actions/checkout@v4
       - uses: actions/setup-python@v5
         with: {{ python-version: "3.12" }}
+      - run: >-
+          sudo apt-get update && sudo apt-get install --yes --no-install-recommends
+          libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
       # Before the package is on an index: the path or address of its wheel instead of its name.
       - run: pip install "sumo_eval=={_version()}"
       - uses: actions/cache/restore@v4
@@ -118,7 +121,12 @@ jobs:
             {history}/nights/*/junit.xml
 """
     path = Path(".github") / "workflows" / "night.yml"
-    return Recipe({path: text}, f"Commit {path}; GitHub starts it at two every night, and whenever you ask.")
+    return Recipe(
+        {path: text},
+        f"Commit {path}; GitHub starts it at two every night, and whenever you ask. It installs sumo_eval "
+        f"{_version()} by its name: where no package index has that version, commit its wheel too and name the wheel "
+        "in the line `pip install`.",
+    )
 
 
 RECIPES: Mapping[str, Callable[[Night], Recipe]] = {"cron": cron, "systemd": systemd, "github": github}

@@ -121,7 +121,7 @@ def sentences(lesson: Lesson) -> list[str]:
             continue
         best = learnt.models[0]
         said.append(
-            f"{line}; {len(learnt.replay)} fitted ({best.model}), held out {best.log_likelihood:.2f} nats an event, "
+            f"{line}; {len(learnt.replay)} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an event, "
             f"Kolmogorov distance at most {max(best.kolmogorov.values()):.3f}, replay error "
             f"{float(np.median(learnt.replay[:, 2])):.2f} m (median)."
         )
@@ -137,7 +137,7 @@ def parts(lesson: Lesson) -> list[Piece]:
         best = learnt.models[0] if learnt.models else None
         rows.append(
             (name, met.events, f"{learnt.rate[0]:.3g}", interval(*learnt.rate[1:]), len(learnt.replay),
-             "" if best is None else f"{best.log_likelihood:.2f}",
+             "" if best is None else f"{best.log_likelihood:z.2f}",
              "" if best is None else f"{max(best.kolmogorov.values()):.3f}", replay)
         )  # fmt: skip
     out: list[Piece] = [
@@ -173,7 +173,7 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     best = learnt.models[0]
     rows = np.array(learnt.joint.events) if learnt.joint is not None else np.zeros((0, 0))
     parameters = [
-        (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):.3g}",
+        (item.name, item.unit, f"{item.low:g} to {item.high:g}", f"{np.median(rows[:, j]):z.3g}",
          interval(*learnt.ends[item.name][0]), interval(*learnt.ends[item.name][1]),
          f"{best.kolmogorov[item.name]:.3f}")
         for j, item in enumerate(learnt.logical.parameters)
@@ -188,18 +188,18 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     if learnt.correlations:
         out.append(
             table(("rank correlation of", "and", "value", "95 % interval"),
-                  [(*pair, f"{values[0]:.2f}", interval(values[1], values[2], 2))
+                  [(*pair, f"{values[0]:z.2f}", interval(values[1], values[2], 2))
                    for pair, values in learnt.correlations.items()])
         )  # fmt: skip
     out.append(
         table(("model", "held-out log-likelihood, nats an event", "largest Kolmogorov distance"),
-              [(item.model, f"{item.log_likelihood:.3f}",
+              [(item.model, f"{item.log_likelihood:z.3f}",
                 f"{max(item.kolmogorov.values()):.3f}" if item.kolmogorov else "") for item in learnt.models])
     )  # fmt: skip
     middle, high = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
     out.append(
         table(("replay error, m", "median", "90 %"),
-              [(what, f"{middle[j]:.2f}", f"{high[j]:.2f}") for j, what in enumerate(("along", "across", "together"))])
+              [(what, f"{middle[j]:z.2f}", f"{high[j]:z.2f}") for j, what in enumerate(("along", "across", "together"))])
     )  # fmt: skip
     return out
 

@@ -12,6 +12,7 @@ import multiprocessing
 import multiprocessing.forkserver
 import multiprocessing.process
 import multiprocessing.resource_tracker
+import multiprocessing.util
 import os
 import signal
 import sys
@@ -21,6 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from types import ModuleType
 from typing import Any, cast
 
@@ -200,12 +202,39 @@ def _script_out_of_sight() -> Iterator[None]:
 
 def _begin_forkserver() -> None:
     """Let it begin, deaf to a Ctrl-C at the terminal while it loads; a Ctrl-C that comes here meanwhile is not lost."""
-    multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
+    with _working_folder_out_of_sight():
+        multiprocessing.resource_tracker.ensure_running()  # would come to its end with Ctrl-C let through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        multiprocessing.forkserver.ensure_running()
+        with _working_folder_out_of_sight():
+            multiprocessing.forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _working_folder_out_of_sight() -> Iterator[None]:
+    """Processes that begin meanwhile import nothing from the folder in which they are started, but their own package.
+
+    That folder may hold another copy of this package, or a user's files that are called as modules are. Python's
+    process that makes the children would take them first, although it is told where this process looks for modules.
+    """
+    util: Any = multiprocessing.util
+    usual = util._args_from_interpreter_flags
+    if not _starts_beside_the_package():
+        util._args_from_interpreter_flags = lambda: [*usual(), "-P"]
+    try:
+        yield
+    finally:
+        util._args_from_interpreter_flags = usual
+
+
+def _starts_beside_the_package() -> bool:
+    """Whether the working folder is the one that holds this package; one that is gone holds nothing."""
+    try:
+        return Path.cwd() == Path(__file__).parents[2]
+    except OSError:
+        return False
 
 
 @contextmanager

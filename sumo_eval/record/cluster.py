@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable
+from importlib.util import find_spec
 from typing import Any
 
 from sumo_eval.errors import InputError, needs_extra, said
@@ -81,13 +82,18 @@ def _fault(future: Any) -> str | None:
     return said(error) if error is not None else str(future.status)
 
 
-def _connect(address: str) -> Any:
+def refuse_without(address: str) -> None:
+    """Raise InputError where no scheduler is named or Dask is missing: before anything is compiled or simulated."""
     if not address:
         raise InputError("The engine `dask` needs the address of a scheduler: --scheduler tcp://HOST:8786.")
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise needs_extra("The engine `dask`", "cluster") from error
+    if find_spec("distributed") is None:
+        raise needs_extra("The engine `dask`", "cluster")
+
+
+def _connect(address: str) -> Any:
+    refuse_without(address)
+    from distributed import Client
+
     try:
         return Client(address, timeout=_CONNECT_TIME, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:  # the last two: `tls://` without

@@ -328,6 +328,8 @@ def gate_lines(gates: Sequence[GateResult]) -> list[str]:
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
     """`71.20 -> 70.10, -1.10 (95 %: -2.00 to -0.40)`."""
     digits = _COMPARED.get(name, 3)
+    if change.base is None and change.new is None:
+        return f"{NOT_COMPUTED} in either run"
     values = " -> ".join(
         NOT_COMPUTED if value is None else f"{value:z.{digits}f}" for value in (change.base, change.new)
     )

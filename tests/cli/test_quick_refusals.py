@@ -8,6 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
+from sumo_eval.figures import style
+from sumo_eval.record import cluster
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.terminal import gate_lines
 
@@ -88,6 +90,30 @@ def test_a_bend_that_is_too_tight_for_the_steering_of_the_evaluation_is_refused_
     result = CliRunner().invoke(main, ["run", "evaluation.toml", "--out", "x"])
     assert result.exit_code == 2
     assert "The radius of scenario `curve_braking` must be at least 312.9 m, so that the ego can drive" in result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [((), "needs the address of a scheduler"), (("--scheduler", "tcp://127.0.0.1:1"), "needs the extra `cluster`")],
+)
+def test_a_cluster_that_cannot_be_is_refused_before_anything_is_compiled(
+    tmp_path: Path, options: tuple[str, ...], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["run", "--engine", "dask", *options, "--out", str(tmp_path / "x")])
+    assert result.exit_code == 2
+    assert words in result.output
+    assert "compiling" not in result.output
+    assert not (tmp_path / "x").exists()
+
+
+def test_matplotlib_that_is_missing_is_told_before_the_run_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(style, "find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["plot", str(tmp_path / "no run"), "zone_map"])
+    assert result.exit_code == 2
+    assert "A figure needs the extra `plots`, which this installs: " in result.output
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(tmp_path: Path) -> None:

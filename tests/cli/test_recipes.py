@@ -53,7 +53,8 @@ def test_a_recipe_that_is_there_is_not_written_over(tmp_path: Path, monkeypatch:
 
 
 def test_the_workflow_is_yaml_with_balanced_expressions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked(tmp_path, "github", monkeypatch)
+    said = asked(tmp_path, "github", monkeypatch)
+    assert "where no package index has that version, commit its wheel too" in said
     text = (tmp_path / ".github" / "workflows" / "night.yml").read_text()
     assert text.count("${{") == text.count("}}") == 2
     assert "run: sumo-eval nightly 'my evaluation.toml' --history nights --keep 3" in text

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +16,7 @@ from sumo_eval.record.cases import Case
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
+ROOT = Path(__file__).parents[2]
 LEAD = Actor("lead", Start(50.0, 0.0, 5.0))
 CONCRETE = ConcreteScenario("none", {}, 1.0, Road("road", 100.0, 2, 3.5, 0.0), Start(10.0, 0.0, 10.0), (LEAD,))
 
@@ -36,6 +40,25 @@ def test_what_failed_to_compile_is_not_marked_as_done(tmp_path: Path, monkeypatc
 def test_children_that_end_badly_are_waited_for(tmp_path: Path) -> None:
     kernels.warm([f"open({str(tmp_path / 'done')!r}, 'w').close()", "raise SystemExit(3)"])
     assert (tmp_path / "done").is_file()
+
+
+def test_children_take_no_module_from_the_folder_in_which_a_run_is_started(tmp_path: Path) -> None:
+    """A clone of this package lies there, as where it is installed from, and files that are called as modules are."""
+    (tmp_path / "sumo_eval").mkdir()
+    for name in ("sumo_eval/__init__.py", "random.py", "numba.py"):
+        (tmp_path / name).write_text("raise RuntimeError('taken from the working folder')\n")
+    (tmp_path / "mine.py").write_text("def acc(seen):\n    return 0.0\n")
+    (tmp_path / "evaluation.toml").write_text(
+        'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = 2\n[[ads]]\nname = "mine"\n'
+        'controller = "mine.py:acc"\n[drivers]\ncount = 2\n'
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "sumo_eval", "run", "evaluation.toml", "--out", "run"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "working folder" not in done.stderr
+    assert "failed" not in done.stderr
 
 
 def test_a_run_compiles_what_it_needs() -> None:

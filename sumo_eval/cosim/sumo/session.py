@@ -19,15 +19,23 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
-os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
-
-import libsumo as libsumo  # for those who must not import it before the line above
-
 from sumo_eval.cosim.sumo.sumo_files import EGO, SEGMENT, SIMULATION_OPTIONS, network_xml, routes_xml
-from sumo_eval.errors import SimulationError, said
+from sumo_eval.errors import NotInstalledError, SimulationError, said
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.road.reference_line import frame_places, map_places, tightest
 from sumo_eval.settings import SimulationSettings
+
+SYSTEM_LIBRARIES = ("libatomic1", "libexpat1", "libgl1", "libx11-6", "libxext6", "libxrender1")
+"""Packages of Debian and Ubuntu with what the wheel of libsumo links and does not hold."""
+
+os.environ["LIBSUMO_AS_TRACI"] = "quiet"  # otherwise the import may print a notice to stdout
+try:
+    import libsumo as libsumo  # for those who must not import it before the line above
+except ImportError as missing:
+    raise NotInstalledError(
+        f"SUMO's library cannot be loaded: {missing.msg}. It needs system libraries that a machine without a desktop "
+        f"may lack; on Debian and Ubuntu: apt-get install --no-install-recommends {' '.join(SYSTEM_LIBRARIES)}"
+    ) from missing
 
 POSITION_TOLERANCE = 1e-3  # m
 CHORD_TOLERANCE = 0.05  # m, on a bend, which SUMO has as a polyline: twice the sagitta of 1 m on the tightest road

@@ -34,6 +34,11 @@ const sumoDrive = (() => {
   };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const themed = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; window.dispatchEvent(new Event("resize")); };
+  dark.addEventListener("change", themed); // the player draws in the colours of the page's theme
+  themed();
+
   const stage = document.getElementById("stage");
   const dark = matchMedia("(prefers-color-scheme: dark)"); // what the style sheet follows, the drawings follow too
   const follow = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };
