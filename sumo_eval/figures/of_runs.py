@@ -257,7 +257,8 @@ def collisions(
         for ax, place in zip(axes, places, strict=False):
             here = [row for row in hits if row.scenario == place and row.ideal_severity is not None]
             most = max((max(row.severity or 0.0, row.ideal_severity or 0.0) for row in here), default=1.0)
-            ax.plot([0.0, most], [0.0, most], color=MUTED, linewidth=0.7)
+            if here:
+                ax.plot([0.0, most], [0.0, most], color=MUTED, linewidth=0.7)
             for who in names:
                 own: list[CaseResult] = [row for row in here if row.ads == who]
                 colour, marker = look_of(who, names)
@@ -395,6 +396,7 @@ def boundary(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
             ax.plot(places[order], share, color=colour, linestyle=line_of(who, names), drawstyle="steps-post",
                     label=f"{who}: {int(hit.sum())} of {len(own)} collide")  # fmt: skip
         ax.set_xlim(-1.0, 1.0)
+        ax.set_ylim(-0.03, 1.03)
         ax.set_xlabel("criticality y of the concrete scenario (0: the boundary, above: safe)")
         ax.set_ylabel("share of its collisions so far")
         figure.legend(loc="outside lower center", ncols=1 if width == "column" else 2)
