@@ -1,6 +1,6 @@
 """Moving pictures of scenarios for the docs' gallery: SUMO drives one point of each, and the drive becomes an SVG.
 
-    python tools/animate_scenarios.py docs/pictures/moving                 every scenario that ships on straight roads
+    python tools/animate_scenarios.py docs/pictures/moving                 every one that ships on a plain straight road
     python tools/animate_scenarios.py docs/pictures/moving a.toml b.toml   these files
 
 The picture runs by itself in any browser, without a script. Seen from above; the camera goes with the ego.
@@ -102,7 +102,7 @@ def main() -> int:
     parser.add_argument("scenarios", nargs="*")
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
-    for use in given.scenarios or [name for name, one in SCENARIOS.items() if not one.road.bent]:
+    for use in given.scenarios or [name for name, one in SCENARIOS.items() if not (one.road.bent or one.road.shaped)]:
         logical = find(use, Path.cwd())
         path = given.folder / f"{logical.name}.svg"
         path.write_text(drawn(logical), encoding="utf-8")

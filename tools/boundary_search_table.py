@@ -16,7 +16,7 @@ from sumo_eval.record.engines import run_cases
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.drawn_points import evenly, from_shares
+from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.studies.boundary import find_boundary
@@ -73,7 +73,7 @@ def trials(logical: LogicalScenario, method: str, budget: int) -> FloatArray:
     points = (
         evenly(logical, 4 * budget, stream)
         if method == "Sobol"
-        else from_shares(logical, stream.random((4 * budget, 2)))
+        else logical.from_shares(stream.random((4 * budget, 2)))
     )
     return points[logical.feasible(points)][:budget]
 

@@ -7,14 +7,15 @@ simulation's step; only whether bodies touch is asked step by step, as the harne
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from sumo_eval.ads.lane_change import shortest_duration, smooth_step
 from sumo_eval.ads.overtaking import CLEARANCE, EMERGENCY_GAP, EMERGENCY_LATERAL
-from sumo_eval.ads.perception import safe_gap
+from sumo_eval.ads.perception import covers, safe_gap
 from sumo_eval.cosim.contact import Body, first_touch
 from sumo_eval.cosim.impossible import FASTEST
 from sumo_eval.method.criticality import ideal_impact_speed
@@ -34,6 +35,10 @@ _BEND = 1.0  # m by which bodies on a bent road may be nearer to each other than
 
 Line = tuple[Piece, ...]
 """The line that a road follows; none: a straight one."""
+
+
+_Moving = Callable[[float], "_Shape"]
+"""Where a body is at a time."""
 
 
 class Foresight(NamedTuple):
@@ -62,7 +67,8 @@ def foresee(concrete: ConcreteScenario, settings: SimulationSettings) -> tuple[F
         meets = first_meeting(ego, settings.vehicle, actor, settings.step, until, concrete.road.line) is not None
         in_path = abs(actor.start.y - ego.y) < 0.5 * (actor.width + settings.vehicle.width)
         changes = first_change(actor, caught_up=in_path and actor.start.speed < ego.speed)
-        noticed = first_sight(ego, actor, actors, changes, 1.0 - settings.ideal_visible_share, until)
+        nearer = [partial(_shape, other) for other in actors if other is not actor]
+        noticed = first_sight(ego, settings, partial(_shape, actor), nearer, changes, until)
         slowest = actor.start.speed if actor.brake is None else 0.0
         found.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(found)
@@ -152,10 +158,11 @@ class _Track:
         x, y, heading, speed, across = self.state(time)
         return Body(x, y, heading, speed, self.length, self.width, across)
 
-    def half_width(self, time: float) -> float:
-        """Half the extent of the turned body across the road, m."""
-        heading = self.state(time)[2]
-        return 0.5 * (self.length * abs(math.sin(heading)) + self.width * abs(math.cos(heading)))
+    def shape(self, time: float) -> _Shape:
+        """Where it is and how far it reaches."""
+        x, y, heading, _, _ = self.state(time)
+        c, s = abs(math.cos(heading)), abs(math.sin(heading))
+        return _Shape(x, y, 0.5 * (self.length * c + self.width * s), 0.5 * (self.length * s + self.width * c))
 
 
 def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, until: float) -> tuple[Foresight, ...]:
@@ -167,15 +174,14 @@ def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, un
     found = tracks([concrete], [(vehicle.length, vehicle.width)], step, until)
     theirs = [_Track(actor, step, found.others[0, j]) for j, actor in enumerate(concrete.actors)]
     ego, told = concrete.ego, []
-    hiding = 1.0 - settings.ideal_visible_share
     for j, (actor, track) in enumerate(zip(concrete.actors, theirs, strict=True)):
         rows = found.others[0, j]
         in_path = _on_the_way(ego, actor, vehicle)
         begins = float(found.begins[0, j])
         caught_up = in_path and actor.start.x > ego.x and actor.start.speed * math.cos(actor.heading) < ego.speed
         changes = 0.0 if caught_up or math.isinf(begins) else begins
-        nearer = [other for other in theirs if other is not track]
-        noticed = _first_sight(ego, track, nearer, changes, hiding, until)
+        nearer = [other.shape for other in theirs if other is not track]
+        noticed = first_sight(ego, settings, track.shape, nearer, changes, until)
         along = rows[:, 3] * np.cos(rows[:, 2]) - rows[:, 4] * np.sin(rows[:, 2])
         reacts = actor.model is not None and actor.start.x < ego.x  # it will not drive into whoever keeps its speed
         meets = not reacts and _meets(ego, vehicle, track, found.others[0, j], step, until, concrete.road.line)
@@ -183,29 +189,6 @@ def _foresee_lively(concrete: ConcreteScenario, settings: SimulationSettings, un
         slowest = 0.0 if passes else max(float(along.min()), 0.0)
         told.append(Foresight(noticed, meets, slowest, noticed > changes))
     return tuple(told)
-
-
-def _first_sight(
-    ego: Start, track: _Track, nearer: Sequence[_Track], time: float, hiding: float, until: float
-) -> float:
-    while any(_covers(ego, other, track, time, hiding) for other in nearer):
-        if time > until:
-            return math.inf
-        time += _LOOK
-    return time
-
-
-def _covers(ego: Start, nearer: _Track, track: _Track, time: float, hiding: float) -> bool:
-    """Whether one covers another as the ego sees it, along the line from its front to the hidden one's middle."""
-    eye = ego.x + ego.speed * time
-    if not eye < nearer.x(time) < track.x(time):
-        return False
-    share = (nearer.x(time) - eye) / (track.x(time) - eye)
-    its, hidden = nearer.half_width(time), track.half_width(time) * share
-    own = float(ego.y_at(eye))
-    middle = own + share * (track.y(time) - own)
-    shared = min(its + hidden - abs(nearer.y(time) - middle), 2.0 * its, 2.0 * hidden)
-    return shared > 2.0 * hidden * hiding
 
 
 def _meets(
@@ -236,52 +219,64 @@ def first_change(actor: Actor, *, caught_up: bool) -> float:
     return 0.0 if caught_up else min(moves, default=0.0)
 
 
-def first_sight(ego: Start, actor: Actor, actors: Sequence[Actor], time: float, hiding: float, until: float) -> float:
+def first_sight(
+    ego: Start, settings: SimulationSettings, it: _Moving, others: Sequence[_Moving], time: float, until: float
+) -> float:
     """When another vehicle, whose state changes at a time, can be seen from then on, s; inf if it stays hidden.
 
-    It is hidden while a nearer one covers more than the share `hiding` of its width, looking along the road; the ego
-    keeps its speed. One that has come up to it hides it no longer: bodies are solid, and a collision is seen, also
-    where the script drives through.
+    It is hidden while a nearer one covers so much of its width that less than `ideal_visible_share` shows; the ego
+    keeps its speed.
     """
-    others = [other for other in actors if other is not actor]
-    while any(_hides(ego, other, actor, time, hiding) for other in others):
+
+    def hidden(when: float) -> bool:
+        return any(_hides(ego, settings, other(when), it(when), when) for other in others)
+
+    while hidden(time):
         if time > until:
             return math.inf
         later = time + _LOOK
-        if not any(_hides(ego, other, actor, later, hiding) for other in others):
+        if not hidden(later):
             for _ in range(_HALVINGS):
                 middle = 0.5 * (time + later)
-                hidden = any(_hides(ego, other, actor, middle, hiding) for other in others)
-                time, later = (middle, later) if hidden else (time, middle)
+                time, later = (middle, later) if hidden(middle) else (time, middle)
             return later
         time = later
     return time
 
 
-def _hides(ego: Start, nearer: Actor, actor: Actor, time: float, hiding: float) -> bool:
-    apart = _half_length(nearer, time) + _half_length(actor, time)
-    if not ego.x + ego.speed * time < nearer.x(time) < actor.x(time) - apart:
+def _hides(ego: Start, settings: SimulationSettings, nearer: _Shape, it: _Shape, time: float) -> bool:
+    """Whether one hides another from the ego, as those see who ship (`perception.is_in_sight`): looking along the road
+    at who is in its way, else along the line to him. One that has come up to another hides it no longer: bodies are
+    solid, and a collision is seen, also where a script drives through.
+    """
+    eye = ego.x + ego.speed * time
+    if not eye < nearer.x < it.x - nearer.half_length - it.half_length:
         return False
-    its, hidden = _half_width(nearer, time), _half_width(actor, time)
-    shared = min(its + hidden - abs(nearer.y(time) - actor.y(time)), 2.0 * its, 2.0 * hidden)
-    return shared > 2.0 * hidden * hiding
+    own, hiding = float(ego.y_at(eye)), 1.0 - settings.ideal_visible_share
+    in_the_way = abs(it.y - own) < it.half_width + 0.5 * settings.vehicle.width
+    share = 1.0 if in_the_way else (nearer.x - eye) / (it.x - eye)
+    return covers(nearer.y, nearer.half_width, own, it.y, it.half_width, share, hiding)
+
+
+class _Shape(NamedTuple):
+    """Where a (turned) body is, and half its extents along and across the road, m."""
+
+    x: float
+    y: float
+    half_length: float
+    half_width: float
+
+
+def _shape(actor: Actor, time: float) -> _Shape:
+    heading = _heading(actor, time)
+    c, s = math.cos(heading), abs(math.sin(heading))
+    along, across = 0.5 * (actor.length * c + actor.width * s), 0.5 * (actor.length * s + actor.width * c)
+    return _Shape(actor.x(time), actor.y(time), along, across)
 
 
 def _heading(actor: Actor, time: float) -> float:
     across = 0.0 if actor.slides else actor.lateral_speed(time)
     return math.atan2(across, actor.speed(time)) if across else 0.0
-
-
-def _half_length(actor: Actor, time: float) -> float:
-    """Half the extent of the (turned) body along the road, m."""
-    heading = _heading(actor, time)
-    return 0.5 * (actor.length * math.cos(heading) + actor.width * abs(math.sin(heading)))
-
-
-def _half_width(actor: Actor, time: float) -> float:
-    """Half the extent of the (turned) body across the road, m."""
-    heading = _heading(actor, time)
-    return 0.5 * (actor.length * abs(math.sin(heading)) + actor.width * math.cos(heading))
 
 
 def first_meeting(

@@ -15,7 +15,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, is_visible
+from sumo_eval.ads.perception import bumper_gap, is_in_sight
 from sumo_eval.ads.r157 import (
     HUMAN_BRAKING,
     HUMAN_JERK,
@@ -120,7 +120,7 @@ def fuzzy_demand(scene: Any, after: float) -> float:
     demanded = 0.0
     for j in range(len(others)):
         other = others[j]
-        if not is_visible(me, others, j, SHOWING):
+        if not is_in_sight(me, others, j, SHOWING):
             continue
         if other.x > me.x and considered(me, other, closing_across(me, other)):
             gap = bumper_gap(me, other)

@@ -67,7 +67,7 @@ def coming_into_path(me: Any, others: Any) -> int:
             continue
         enters, leaves = (abs(apart) - reach) / towards, (abs(apart) + reach) / towards
         here, gone = gap / closing, (gap + 2.0 * (me.half_length + other.half_length)) / closing
-        if enters < gone + COURTESY and here < leaves + COURTESY and is_visible(me, others, j, 0.5):
+        if enters < gone + COURTESY and here < leaves + COURTESY and is_in_sight(me, others, j, 0.5):
             nearest = j
     return nearest
 
@@ -133,6 +133,39 @@ def is_visible(me: Any, others: Any, index: int, hiding_share: float) -> bool:
         if me.x < nearer.x < other.x and lateral_overlap(nearer, other) > least:
             return False
     return True
+
+
+@kernel
+def is_in_sight(me: Any, others: Any, index: int, hiding_share: float) -> bool:
+    """Whether no single nearer vehicle ahead covers more than `hiding_share` of a vehicle's width.
+
+    Who reaches into the strip of road that the ego's body sweeps is looked at along the road (`is_visible`). Who is
+    beside it is looked at along the line from the ego to his middle: between parked cars nobody is seen over them.
+    """
+    other = others[index]
+    if math.isnan(other.x) or other.x <= me.x or lateral_overlap(me, other) > 0.0:
+        return is_visible(me, others, index, hiding_share)
+    for j in range(len(others)):
+        nearer = others[j]
+        if me.x < nearer.x < other.x:
+            share = (nearer.x - me.x) / (other.x - me.x)
+            if covers(nearer.y, nearer.half_width, me.y, other.y, other.half_width, share, hiding_share):
+                return False
+    return True
+
+
+@kernel
+def covers(
+    nearer_y: float, nearer_half: float, eye_y: float, other_y: float, other_half: float, share: float, hiding: float
+) -> bool:
+    """Whether a vehicle covers more than the share `hiding` of another's width along the line from the eye to it.
+
+    nearer_half, other_half: half their extents across the road, m. share: of the way to the other, at which the nearer
+    one is; the other's width is so much narrower there.
+    """
+    hidden = other_half * share
+    apart = abs(nearer_y - eye_y - share * (other_y - eye_y))
+    return bool(min(nearer_half + hidden - apart, 2.0 * nearer_half, 2.0 * hidden) > 2.0 * hidden * hiding)
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import BRAKE_PATH, Braked, first_instant, moved, path_command
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, carry_on, is_visible, lateral_overlap, next_ahead, take
+from sumo_eval.ads.perception import bumper_gap, carry_on, is_in_sight, is_visible, lateral_overlap, next_ahead, take
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     GRAVITY,
@@ -153,13 +153,13 @@ def _braking_necessary(
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
     braking = 0.0
     if math.isnan(known.lane):
-        known.lane, known.offset = scenario.road.lane_width * round(other.y / scenario.road.lane_width), 0.0
-        known.time = time
+        known.lane = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
+        known.offset, known.time = other.y - known.lane, time
     else:
         braking = (known.speed - other.along) / scenario.step
     offset = other.y - known.lane
-    if math.isnan(known.strayed) and abs(offset) > p.wander:
-        share = (p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset))
+    if math.isnan(known.strayed) and abs(offset) > p.wander and abs(offset) > abs(known.offset):  # not who is parked
+        share = max((p.wander - abs(known.offset)) / (abs(offset) - abs(known.offset)), 0.0)
         known.strayed = known.time + share * (time - known.time)
     if math.isnan(known.braked) and braking > p.lead_braking:
         known.braked = time - scenario.step  # braking that jumps began at the earliest there
@@ -194,6 +194,8 @@ def _judge_cut_ins(me: Any, others: Any, watched: Any, p: Any, scenario: Any, ti
     for j in range(len(others)):
         other, known = others[j], watched[j]
         if not other.x > me.x or not math.isnan(known.necessary) or not _comes_towards(me, known, scenario):
+            continue
+        if not is_in_sight(me, others, j, SHOWING):
             continue
         left = time_to_collision(me, other)
         evaluated = known.strayed + p.evaluation

@@ -17,7 +17,7 @@ import numpy as np
 from sumo_eval.ads.braking import follow_demand
 from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import is_visible, lateral_overlap
+from sumo_eval.ads.perception import is_in_sight, lateral_overlap
 from sumo_eval.ads.r157 import (
     FOLLOWING_HEADWAY,
     SAFETY_MEMORY,
@@ -93,7 +93,7 @@ def reg157_demand(scene: Any, after: float) -> float:
     now, me, sightings, others, p, granted, scenario = scene
     foresee_all(now, me, sightings, others, after, scenario.step)
     for j in range(len(others)):
-        if is_visible(me, others, j, SHOWING) and demands_braking(me, others[j], p, granted, scenario):
+        if is_in_sight(me, others, j, SHOWING) and demands_braking(me, others[j], p, granted, scenario):
             return float(granted.braking)
     return 0.0
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
 from sumo_eval.ads.lane_change import lane_kept
-from sumo_eval.ads.perception import bumper_gap, is_visible
+from sumo_eval.ads.perception import bumper_gap, is_in_sight
 from sumo_eval.ads.r157 import (
     HUMAN_BRAKING,
     HUMAN_JERK,
@@ -61,7 +61,7 @@ def rss_demand(scene: Any, after: float) -> float:
     foresee_all(now, me, sightings, others, after, scenario.step)
     for j in range(len(others)):
         other = others[j]
-        if not is_visible(me, others, j, SHOWING):
+        if not is_in_sight(me, others, j, SHOWING):
             continue
         if other.x <= me.x or bumper_gap(me, other) >= longitudinal_safe_distance(me.along, other.along):
             continue

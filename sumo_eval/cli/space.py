@@ -125,7 +125,8 @@ def boundary(
     from sumo_eval.studies.boundary_page import summary, write_boundary
     from sumo_eval.studies.slices import slice_of
 
-    logical = slice_of(find(scenario, Path.cwd()), named_values(fix, "--fix"))
+    held = named_values(fix, "--fix")
+    logical = slice_of(find(scenario, Path.cwd()), held)
     setup = Setup(SimulationSettings(), RunSettings(workers=workers), Path.cwd())
     out = out or out_folder.default(scenario, ads)
     out_folder.ready(out)
@@ -154,6 +155,6 @@ def boundary(
         click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():
         click.echo(f"  {number} simulations could not be evaluated ({status}); the search went on without them.")
-    for path in write_boundary(found, out):
+    for path in write_boundary(found, out, held):
         click.echo(str(path))
     sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

@@ -90,6 +90,26 @@ class Likeness:
         return self.length_factor * self.operation_tolerance * self.similarity
 
 
+@dataclass(frozen=True, slots=True)
+class Ingredients:
+    """What the factors of a D_i were made of, for whoever explains them. Lengths m; means over all `drivers`.
+
+    centre_similarity, field_similarity: as in `AnthropomorphicIndex`. lowest: the smallest similarity of the `slices`
+    slices, and lowest_at: where that one is, m.
+    """
+
+    drivers: int
+    ads_length: float
+    mean_length: float
+    ads_operations: int
+    mean_operations: float
+    slices: int
+    centre_similarity: float
+    field_similarity: float
+    lowest: float
+    lowest_at: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AnthropomorphicIndex:
     """D_i of one ADS in one concrete scenario, and everything it was made of.
@@ -121,6 +141,17 @@ class AnthropomorphicIndex:
     share: float = 1.0
     usual: float = 1.0
     likeness: Likeness | None = None
+
+    @property
+    def ingredients(self) -> Ingredients:
+        """What is worth keeping of all that it was made of."""
+        worst = int(np.argmin(self.slice_similarity))
+        return Ingredients(
+            len(self.driver_lengths), float(self.ads_length), float(np.mean(self.driver_lengths)),
+            int(self.ads_operations), float(np.mean(self.driver_operations)), len(self.slices),
+            float(self.centre_similarity), float(self.field_similarity),
+            float(self.slice_similarity[worst]), float(self.slices[worst]),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

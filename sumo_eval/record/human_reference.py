@@ -19,7 +19,14 @@ from itertools import islice
 from pathlib import Path
 
 import sumo_eval.method
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, IndexNote, Likeness, Pairing, indexes_by_group
+from sumo_eval.method.anthropomorphic import (
+    AnthropomorphicIndex,
+    IndexNote,
+    Ingredients,
+    Likeness,
+    Pairing,
+    indexes_by_group,
+)
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
@@ -61,6 +68,7 @@ class CaseIndex:
     manoeuvre: Manoeuvre
     share: float
     likeness: Likeness | None
+    ingredients: Ingredients
 
     @classmethod
     def of(cls, index: AnthropomorphicIndex) -> CaseIndex:
@@ -68,6 +76,7 @@ class CaseIndex:
         return cls(
             float(index.value), float(index.length_factor), float(index.operation_factor), float(index.similarity),
             index.notes, tuple(int(part) for part in index.manoeuvre), float(index.share), index.likeness,
+            index.ingredients,
         )  # fmt: skip
 
 
@@ -93,7 +102,7 @@ class PointResult:
     band: HumanBand | None
 
 
-_RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Likeness, LeftOut, HumanBand)}
+_RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Likeness, LeftOut, HumanBand)}
 
 
 @contextmanager

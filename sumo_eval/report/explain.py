@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 
 import numpy as np
 
 from sumo_eval.errors import unknown
-from sumo_eval.method.anthropomorphic import AnthropomorphicIndex, anthropomorphic_index
 from sumo_eval.method.collision_avoidance import SMALLEST_OVERLAP
 from sumo_eval.method.score_terms import excess, mean_shares, worth
 from sumo_eval.method.zone_partition import ZonePartition, exact_inverse_ttc
+from sumo_eval.record.human_reference import CaseIndex, PointJob, compute_points
+from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
 from sumo_eval.report.words import (
@@ -167,13 +169,12 @@ def _likeness(
         product = " x ".join(number(value, 4) for value in factors)
         yield f"Eqs. 11-12: D_i = {product} = {case.index:z.4f}; its trajectories were let go (`[run] keep`)"
         return
-    drivers = [
-        store.trajectory(one.case)
-        for one in store.facts_at(range(fact.point, fact.point + 1), "human", case.scenario)
-        if one.status == "ok"
-    ]
+    drives = store.facts_at(range(fact.point, fact.point + 1), "human", case.scenario)
+    job = PointJob(tuple(one.case for one in drives if one.status == "ok"), zones.logical.road, (case.case,))
     settings = evaluation.settings.method.anthropomorphic
-    index = anthropomorphic_index(store.trajectory(case.case), drivers, zones.logical.road, settings)
+    with closing(KeptResults(evaluation.folder)) as kept:
+        (found,) = compute_points(store.path, [job], settings, map, lambda done: None, kept)
+    index = found.indexes[case.case]
     yield from _factors(index)
     if abs(index.value - case.index) > ROUNDING:
         yield f"WARNING: the score has D_i = {case.index:z.6f}, which this arithmetic does not give"
@@ -191,21 +192,20 @@ def _likeness(
         yield f"note: {index_note_sentence(note)}"
 
 
-def _factors(index: AnthropomorphicIndex) -> Iterator[str]:
-    lengths, operations = index.driver_lengths, index.driver_operations
+def _factors(index: CaseIndex) -> Iterator[str]:
+    made = index.ingredients
     yield (
-        f"Eq. 12: f_L = min(1, L / mean L of {len(lengths)} drivers) = min(1, {index.ads_length:z.2f} / "
-        f"{np.mean(lengths):z.2f}) = {index.length_factor:z.4f}"
+        f"Eq. 12: f_L = min(1, L / mean L of {made.drivers} drivers) = min(1, {made.ads_length:z.2f} / "
+        f"{made.mean_length:z.2f}) = {index.length_factor:z.4f}"
     )
     ratio = (
-        f"{np.mean(operations):z.2f} / {index.ads_operations}" if index.ads_operations else "no operation by the ADS: 1"
+        f"{made.mean_operations:z.2f} / {made.ads_operations}" if made.ads_operations else "no operation by the ADS: 1"
     )
     yield f"Eq. 12: f_n = min(1, mean n of the drivers / n) = {ratio} = {index.operation_factor:z.4f}"
-    worst = int(np.argmin(index.slice_similarity))
     yield (
-        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {len(index.slices)} slices = {index.similarity:z.4f} "
-        f"(path alone {index.centre_similarity:z.4f}, field alone {index.field_similarity:z.4f}; lowest "
-        f"{index.slice_similarity[worst]:z.4f} at x = {index.slices[worst]:z.1f} m)"
+        f"Eq. 11: mean of min(1, pt/pt_2s) min(1, pv/pv_2s) over {made.slices} slices = {index.similarity:z.4f} "
+        f"(path alone {made.centre_similarity:z.4f}, field alone {made.field_similarity:z.4f}; lowest "
+        f"{made.lowest:z.4f} at x = {made.lowest_at:z.1f} m)"
     )
     product = f"{index.length_factor:z.4f} x {index.operation_factor:z.4f} x {index.similarity:z.4f}"
     yield f"Eq. 12: D_i = {product} = {index.value:z.4f}"

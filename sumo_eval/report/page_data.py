@@ -11,7 +11,7 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from typing import Any
 
@@ -152,6 +152,8 @@ def _scenario(
     logical = zones.logical
     cases = [case for case in evaluation.cases if case.scenario == logical.name]
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
+    telling = telling_slice(view, cases)
+    drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     trajectories: list[Trajectory] = []
     points, hits = {}, {}  # no more of the facts: there may be a hundred thousand of them
     for fact in store.each_fact("ads", logical.name):
@@ -206,11 +208,11 @@ def _scenario(
             "y": view.y,
             "panel": view.panel,
             "panels": list(view.panels),
-            "fixed": {str(column): value for column, value in view.fixed.items()},
-            "slice": {str(column): value for column, value in telling_slice(view, cases).items()},
+            "fixed": {str(column): value for column, value in drawn.fixed.items()},
+            "slice": {str(column): value for column, value in telling.items()},
         },
         "maps": [
-            zone_map(zones, view, panel, MAP_CELLS if logical.search is None else SEARCHED_CELLS)
+            zone_map(zones, drawn, panel, MAP_CELLS if logical.search is None else SEARCHED_CELLS)
             for panel in range(len(view.panels))
         ],
         "lattice": lattice(zones),

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from sumo_eval.results import EVALUATED, CaseResult, Evaluation
-from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scoring.kept_rows import arrays
 from sumo_eval.trajectory import FloatArray
 
@@ -93,27 +93,51 @@ def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, 
     axes = " against ".join(f"{item.name} ({item.low:g} to {item.high:g}{item.behind})" for item in (up, across))
     most = int(number.max(initial=0))
     return [
-        (f"how many cases, up to {most:,} in a tile; {axes}", _tiles(number / max(most, 1), number, "--c", axes)),
+        (
+            f"how many cases, up to {most:,} in a tile; {axes}",
+            _tiles(number / max(most, 1), number, number, "--c", f"number of cases, {axes}", (across, up)),
+        ),
         (
             f"share of them that collided, up to {share.max(initial=0.0):z.0%}; {axes}",
-            _tiles(share, hits, "--hit", axes),
+            _tiles(share, hits, share, "--hit", f"share that collided, {axes}", (across, up)),
         ),
     ]
 
 
-def _tiles(shade: FloatArray, number: FloatArray | IntArray, colour: str, axes: str) -> Markup:
+def _tiles(
+    shade: FloatArray,
+    number: FloatArray | IntArray,
+    said: FloatArray | IntArray,
+    colour: str,
+    words: str,
+    axes: tuple[Parameter, Parameter],
+) -> Markup:
+    """A square for each tile with something in it, which carries its middle and what it says for the saved table."""
     size = TILES * _SIDE
+    middle = [[item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)] for item in axes]
     made = [
-        Markup('<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}"/>').format(
+        Markup(
+            '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" data-row="{:z.6g},{:z.6g},{:.4g}"/>'
+        ).format(
             place % TILES * _SIDE,
             size - _SIDE - place // TILES * _SIDE,
             _SIDE,
             _SIDE,
             colour,
             _FAINTEST + (1.0 - _FAINTEST) * float(shade[place]),
+            middle[0][place % TILES],
+            middle[1][place // TILES],
+            said[place],
         )
         for place in np.flatnonzero(number > 0).tolist()
     ]
-    return Markup('<svg class="density" role="img" aria-label="{}" viewBox="0 0 {} {}">{}</svg>').format(
-        axes, size, size, Markup().join(made)
+    return Markup(
+        '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" viewBox="0 0 {} {}">{}</svg>'
+    ).format(
+        words,
+        ",".join((*(item.name for item in axes), words.partition(",")[0])),
+        words,
+        size,
+        size,
+        Markup().join(made),
     )

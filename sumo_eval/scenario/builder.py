@@ -126,6 +126,7 @@ class _Builder:
             entries.append((name, self._number(formula, f"[define] {name}")))
             self.known.append(name)
         definitions = Definitions(tuple(entries), tuple(self.options.items()))
+        self.road = self._road()
         self.numbers_of = {item.name: number_of for number_of, item in enumerate(table.vehicle)}
         self.moves_of = {
             item.name: {move.name: index for index, move in enumerate(item.manoeuvre) if move.name}
@@ -143,8 +144,7 @@ class _Builder:
         spread = [item for item in parameters if item.distribution is not None]
         joint = self._joint(parameters)
         told = bool(spread) or density is not None or joint is not None
-        body = self._body()
-        road = self._road()
+        body, road = self._body(), self.road
         for vehicle in table.vehicle:
             self._check_on_map(vehicle, road)
         ego = table.ego
@@ -345,7 +345,8 @@ class _Builder:
         if road.opendrive is not None:
             return self._opendrive(road.opendrive)
         if road.network is not None:
-            return read_road(self.folder / road.network, road.edges, end.x)
+            read = read_road(self.folder / road.network, road.edges, end.x)
+            return replace(read, network=None) if self._reacts() else read  # shadows of bodies have lanes in ours alone
         if road.edges:
             raise InputError(f"`road.edges` of {self.where} name edges of a `network`, and there is none.")
         if end.x > road.length:
@@ -360,6 +361,11 @@ class _Builder:
         return Road(
             name, end.x, road.lanes, road.lane_width, road.length - end.x, line=line, spans=spans, crossings=crossings
         )
+
+    def _reacts(self) -> bool:
+        """Whether somebody in it is driven by a model of SUMO's."""
+        vehicles = [*self.table.vehicle, *(it for option in self.table.option for it in option.given.vehicle)]
+        return bool(self.table.stream) or any(move.do == "follow" for it in vehicles for move in it.manoeuvre)
 
     def _opendrive(self, file: str) -> Road:
         road, end = self.table.road, self.table.end
@@ -395,8 +401,8 @@ class _Builder:
     def _stream(self, item: StreamTable) -> Stream:
         what = f"stream `{item.name}`"
         check_name("`name`", f"a stream of {self.where}", item.name)
-        if item.lane >= self.table.road.lanes and self.table.road.network is None:
-            raise must_be("`lane`", f"{what} of {self.where}", f"below {self.table.road.lanes}", item.lane)
+        if item.lane >= self.road.lanes:
+            raise must_be("`lane`", f"{what} of {self.where}", f"below {self.road.lanes}", item.lane)
         above = ("density", "speed", "headway", "min_gap", "acceleration", "deceleration")
         numbers = [(key, self._quantity(getattr(item, key), f"{key} of {what}")) for key in ("begin", "end")]
         for key in above:
@@ -494,7 +500,7 @@ class _Builder:
             return (), False
         if bool(item.points) == bool(item.lanes) or len(item.lanes) != len(item.places):
             raise InputError(f"{name} in {self.where} must have either `points`, or as many `lanes` as `places`.")
-        road = self.table.road
+        road = self.road
         for lane in item.lanes:
             if not 0 <= lane < road.lanes:
                 raise must_be("Each of `lanes`", f"{name} in {self.where}", f"within 0..{road.lanes - 1}", lane)

@@ -20,6 +20,7 @@ from sumo_eval.scenario.requirement import Requirements
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 Values = Mapping[str, FloatArray]
+DIGITS = 6  # of a range, to which drawn values are rounded: the last digit of a machine decides nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,19 @@ class Parameter:
         ascending = all(a < b for a, b in itertools.pairwise(self.values))
         if self.values and not (ascending and self.values[0] == self.low and self.values[-1] == self.high):
             raise must_be("`values`", f"parameter `{self.name}`", "ascending, from low to high", self.values)
+
+    def from_shares(self, shares: FloatArray) -> FloatArray:
+        """Values (n,) at shares 0..1 of the range; of listed values each has an equal part of the shares."""
+        if self.values:
+            place = np.minimum((shares * len(self.values)).astype(np.intp), len(self.values) - 1)
+            return np.asarray(np.array(self.values, dtype=np.float64)[place])
+        return self.rounded(self.low + shares * (self.high - self.low))
+
+    def rounded(self, values: FloatArray) -> FloatArray:
+        """Values (n,) to `DIGITS` digits of the range, and within it."""
+        digits = DIGITS - math.floor(math.log10(self.high - self.low))
+        found: FloatArray = np.clip(np.round(values, digits), self.low, self.high)
+        return found
 
     @property
     def behind(self) -> str:
@@ -244,8 +258,15 @@ class LogicalScenario:
         return (np.asarray(points, dtype=np.float64) - self.low) / (self.high - self.low)
 
     def from_unit(self, unit_points: ArrayLike) -> FloatArray:
-        """Points (n, k) of the unit box in the parameters' own units."""
+        """Points (n, k) of the unit box in the parameters' own units, also between the values of those that are listed:
+        `from_shares` has points that exist.
+        """
         return self.low + np.asarray(unit_points, dtype=np.float64) * (self.high - self.low)
+
+    def from_shares(self, shares: ArrayLike) -> FloatArray:
+        """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one of them."""
+        rows = np.asarray(shares, dtype=np.float64)
+        return np.column_stack([item.from_shares(rows[:, column]) for column, item in enumerate(self.parameters)])
 
     def column(self, name: str) -> int:
         """Which column of `points` a parameter is."""

@@ -1,28 +1,40 @@
-"""A straight road inside a SUMO network of the user's: found, checked, and laid along the x axis.
+"""A road inside a SUMO network of the user's: found, checked, and laid along the x axis.
 
-Everything in this package drives along x with the right lane's centre line at y = 0. So the whole network is turned and
-moved, as one rigid body, until the chosen edges lie there; its topology stays as it is. Its outermost lanes may begin
-and end where edges meet: square, as SUMO has them.
+Everything in this package drives along x with the right lane's centre line at y = 0. Where the chosen edges are
+straight, the whole network is turned and moved, as one rigid body, until they lie there; its topology stays as it is.
+Where they bend, the line along their lanes is fitted (`fitted_line`), and the road is one with that line, for which a
+network is written as for every other that bends. The outermost lanes may begin and end where edges meet: square, as
+SUMO has them.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.concrete import NetworkFile, Road
+from sumo_eval.scenario.road.fitted_line import WITHIN, Pose, fitted_line, onto_the_line
 from sumo_eval.scenario.road.lanes import LaneSpan
+from sumo_eval.scenario.road.reference_line import Piece, drawn_points, frame_places, map_places
+from sumo_eval.scenario.road.table import bend_name, check_line
+from sumo_eval.trajectory import FloatArray
 
 STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
 SPEED_LIMIT = 60.0  # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
+_ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
+PARALLEL = 0.3  # m that a lane may be off its place beside the line of a road that bends
 
 Point = tuple[float, float]
 Turn = Callable[[Point], Point]
@@ -39,8 +51,8 @@ class _Lane:
 def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     """The road along `edges` of a .net.xml, judged until x = `end`, m from the begin of the first edge.
 
-    Raises InputError where the file is no network, an edge is not in it, or the edges are not one straight road with
-    the same lanes throughout.
+    Raises InputError where the file is no network, an edge is not in it, or the edges are not one road with the same
+    lanes throughout.
     """
     path = path.resolve()
     owner = f"network {path.name}"
@@ -61,26 +73,18 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     width = lanes[0][0].width
     if len({lane.width for of_edge in lanes for lane in of_edge}) > 1:
         raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width.")
+    bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
+    if not _is_straight(lanes):
+        return _bent_road(root, network, lanes, end, owner, bare)
     turn, places = _laid(lanes)
-    for of_edge in lanes:
-        for lane in of_edge:
-            off = max(abs(turn(point)[1] - places[lane.id] * width) for point in lane.shape)
-            if off > STRAIGHT:
-                raise must_be(
-                    f"Lane `{lane.id}`", owner, f"straight within {STRAIGHT:g} m of the first", f"{off:.2f} m"
-                )
     length = turn(lanes[-1][0].shape[-1])[0]
     count = max(places.values()) + 1
-    spans = tuple(span for lane in sorted({0, count - 1}) if (span := _span(lane, edges, lanes, places, turn, owner)))
-    for name, of_edge in zip(edges, lanes, strict=True):
-        inner = set(range(count)) - {span.lane for span in spans}
-        if missing := inner - {places[lane.id] for lane in of_edge}:
-            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not all of one side's",
-                          f"none in place {min(missing)}")  # fmt: skip
-    if not 0.0 < end <= length:
-        raise must_be("The end of the case", owner, f"within the {length:.1f} m of its edges", end)
+    begins = [turn(of_edge[0].shape[0])[0] for of_edge in lanes]
+    ends = [turn(of_edge[0].shape[-1])[0] for of_edge in lanes]
+    spans = _spans(edges, [{places[lane.id] for lane in of_edge} for of_edge in lanes], begins, ends, owner)
+    _check_end(end, length, owner)
     return Road(
-        name=f"{path.name.removesuffix('.net.xml').removesuffix('.xml')}_{network.sha256[:8]}",
+        name=f"{bare}_{network.sha256[:8]}",
         length=end,
         lanes=count,
         lane_width=width,
@@ -106,20 +110,153 @@ def _laid(lanes: Sequence[Sequence[_Lane]]) -> tuple[Turn, dict[str, int]]:
     return (moved if lowest else turn), {lane: place - lowest for lane, place in places.items()}
 
 
-def _span(
-    lane: int, edges: Sequence[str], lanes: Sequence[Sequence[_Lane]], places: dict[str, int], turn: Turn, owner: str
-) -> LaneSpan | None:
-    """Where an outermost lane is, None where it is throughout."""
-    there = [any(places[it.id] == lane for it in of_edge) for of_edge in lanes]
-    if all(there):
-        return None
-    first, last = there.index(True), len(there) - 1 - there[::-1].index(True)
-    if not all(there[first : last + 1]):
-        gap = edges[first + there[first:].index(False)]
-        raise InputError(f"Edge `{gap}` of {owner} must have the outermost lane that edges before and behind it have.")
-    begin = turn(lanes[first][0].shape[0])[0] if first else -math.inf
-    end = turn(lanes[last][0].shape[-1])[0] if last + 1 < len(there) else math.inf
-    return LaneSpan(lane, begin, end)
+def _spans(
+    edges: Sequence[str], there: Sequence[set[int]], begins: Sequence[float], ends: Sequence[float], owner: str
+) -> tuple[LaneSpan, ...]:
+    """Where outermost lanes are that are not there throughout. there: the places from the right that each edge has
+    lanes in. begins, ends: of each edge along the road, m.
+    """
+    count, found = max(set().union(*there)) + 1, []
+    for lane in sorted({0, count - 1}):
+        has = [lane in of_edge for of_edge in there]
+        if all(has):
+            continue
+        first, last = has.index(True), len(has) - 1 - has[::-1].index(True)
+        if not all(has[first : last + 1]):
+            gap = edges[first + has[first:].index(False)]
+            raise InputError(
+                f"Edge `{gap}` of {owner} must have the outermost lane that edges before and behind it have."
+            )
+        begin = begins[first] if first else -math.inf
+        end = ends[last] if last + 1 < len(has) else math.inf
+        found.append(LaneSpan(lane, begin, end))
+    inner = set(range(count)) - {span.lane for span in found}
+    for name, of_edge in zip(edges, there, strict=True):
+        if missing := inner - of_edge:
+            raise must_be(f"Edge `{name}`", owner, "without lanes only on the outside, and not all of one side's",
+                          f"none in place {min(missing)}")  # fmt: skip
+    return tuple(found)
+
+
+def _check_end(end: float, length: float, owner: str) -> None:
+    if not 0.0 < end <= length:
+        raise must_be("The end of the case", owner, f"within the {length:.1f} m of its edges", end)
+
+
+def _is_straight(lanes: Sequence[Sequence[_Lane]]) -> bool:
+    """Whether all lanes are within `STRAIGHT` of places beside the line from end to end of the first one."""
+    first, width = lanes[0][0], lanes[0][0].width
+    if math.dist(first.shape[0], first.shape[-1]) < width:  # it comes back to where it began
+        return False
+    turn, places = _laid(lanes)
+    return all(
+        abs(turn(point)[1] - places[lane.id] * width) <= STRAIGHT
+        for of_edge in lanes for lane in of_edge for point in lane.shape
+    )  # fmt: skip
+
+
+# -- a road that bends -------------------------------------------------------------------------------------------------
+
+
+def _bent_road(
+    root: etree._Element, network: NetworkFile, lanes: Sequence[Sequence[_Lane]], end: float, owner: str, bare: str
+) -> Road:
+    """The road along edges that bend, of the line along a lane that all of them have."""
+    edges, width = network.edges, lanes[0][0].width
+    links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
+    shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
+    there = [{shift + k for k in range(len(of_edge))} for shift, of_edge in zip(shifts, lanes, strict=True)]
+    common = set.intersection(*there)
+    if not common:
+        raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
+    lane, lowest = min(common), min(set().union(*there))
+    shapes = [of_edge[lane - shift].shape for shift, of_edge in zip(shifts, lanes, strict=True)]
+    between = [
+        tuple(p for name in link.vias.get(lane - shift, ()) for p in _shape(root, name))
+        for link, shift in zip(links, shifts, strict=False)
+    ]
+    way = [*shapes[0]]
+    for via, shape in zip(between, shapes[1:], strict=True):
+        way += [*via, *shape]
+    what = f"the road along {', '.join(edges)} of {owner}"
+    line, begins = _line_along(np.array(way), what)
+    if lane > lowest:  # the right-hand lane of all begins or ends on the way: its line is beside this one
+        s = drawn_points(line, 0.0, sum(piece.length for piece in line), 2.0)
+        x, y, _ = map_places(line, s, -width * (lane - lowest))
+        line, beside = _line_along(np.column_stack([x, y]), what)
+        begins = _seen_before(begins, beside)
+    count = max(set().union(*there)) - lowest + 1
+    check_line(line, count, width, what)
+    for of_edge, shift in zip(lanes, shifts, strict=True):
+        for index, it in enumerate(of_edge):
+            _, across, _ = frame_places(line, *onto_the_line(np.array(it.shape), begins).T)
+            off = float(np.abs(across - width * (shift + index - lowest)).max())
+            if off > PARALLEL:
+                raise must_be(f"Lane `{it.id}`", owner, f"beside the first within {PARALLEL:g} m", f"{off:.2f} m")
+    joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
+    along = frame_places(line, *joints.T)[0].tolist()
+    spans = _spans(edges, [{k - lowest for k in of_edge} for of_edge in there], along[::2], along[1::2], owner)
+    _check_end(end, along[-1], owner)
+    return Road(
+        name=f"{bare}_{network.sha256[:8]}{bend_name(line, named=True)}", length=end, lanes=count, lane_width=width,
+        run_out=along[-1] - end, speed_limit=SPEED_LIMIT, line=line, spans=spans,
+    )  # fmt: skip
+
+
+def _line_along(way: FloatArray, what: str) -> tuple[tuple[Piece, ...], Pose]:
+    """The line along places (n, 2), of which those that are nearly one count once."""
+    kept = [way[0]]
+    kept += [place for place in way[1:] if math.dist(place, kept[-1]) > _ONE_PLACE and math.dist(place, way[-1]) > 0.0]
+    line, begins, off = fitted_line(np.array([*kept, way[-1]]))
+    if off > WITHIN:
+        raise must_be(
+            "The lanes", what, f"without corners, so that a line can follow them within {WITHIN:g} m", f"{off:.2f} m"
+        )
+    return line, begins
+
+
+def _seen_before(first: Pose, then: Pose) -> Pose:
+    """A pose that is given from another one."""
+    c, s = math.cos(first[2]), math.sin(first[2])
+    return first[0] + then[0] * c - then[1] * s, first[1] + then[0] * s + then[1] * c, first[2] + then[2]
+
+
+class _Link(NamedTuple):
+    """How the lanes of an edge go on in the next one: the index of each is greater by `-shift`; the lanes within the
+    junction between, by the index before it.
+    """
+
+    shift: int
+    vias: dict[int, tuple[str, ...]]
+
+
+def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
+    found = [it for it in root.iter("connection") if it.get("from") == one and it.get("to") == other]
+    if not found:
+        raise InputError(f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does.")
+    told = [(int(it.get("fromLane", "0")), int(it.get("toLane", "0")), it.get("via")) for it in found]
+    shifts = Counter(before - after for before, after, _ in told)
+    shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
+    vias = {before: _vias(root, via) for before, after, via in told if before - after == shift}
+    return _Link(shift, vias)
+
+
+def _vias(root: etree._Element, via: str | None) -> tuple[str, ...]:
+    """The lanes within a junction, one behind the other, from the first on."""
+    found: list[str] = []
+    while via is not None and via not in found:
+        found.append(via)
+        edge, _, index = via.rpartition("_")
+        further = [it for it in root.iter("connection") if it.get("from") == edge and it.get("fromLane") == index]
+        via = further[0].get("via") if further else None
+    return tuple(found)
+
+
+def _shape(root: etree._Element, name: str) -> tuple[Point, ...]:
+    return next((_points(it.get("shape", "")) for it in root.iter("lane") if it.get("id") == name), ())
+
+
+# -- a straight one ----------------------------------------------------------------------------------------------------
 
 
 @functools.lru_cache(maxsize=16)

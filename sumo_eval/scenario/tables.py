@@ -42,7 +42,7 @@ class ConstraintTable(Checked):
 
 @dataclass(frozen=True, slots=True)
 class RoadTable(Checked):
-    """A road, written for the scenario, or a straight one found in a network of the user's."""
+    """A road, written for the scenario, or found in a network of the user's."""
 
     name: Annotated[str | None, About("name of its files; default: from its measures")] = None
     lanes: Annotated[int, Ge(1), About("number of lanes")] = 2

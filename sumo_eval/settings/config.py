@@ -161,7 +161,12 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
 
 
 def _place(item: Any) -> tuple[Any, ...]:
-    return tuple(part for part in item["loc"] if part not in _UNION_BRANCHES)
+    return tuple(part for part in item["loc"] if part not in _UNION_BRANCHES and not _is_branch(part))
+
+
+def _is_branch(part: object) -> bool:
+    """Whether a part of a place is pydantic's name for one of several kinds: a class's, or that of listed texts."""
+    return isinstance(part, str) and (part.startswith("literal[") or (part[:1].isupper() and part.endswith("Table")))
 
 
 def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) -> str:
@@ -202,6 +207,7 @@ _DEMANDS = {
     "int_parsing": "a whole number",
     "float_type": "a number",
     "dict_type": "a table",
+    "dataclass_type": "a table",
     "string_type": "a text",
     "bool_type": "true or false",
     "greater_than": "greater than {gt:g}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,8 +55,12 @@ def summary(found: FailureBoundary) -> dict[str, Any]:
     }
 
 
-def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
-    """Write `trials.csv`, `boundary.json` and `boundary.html` into a folder and return their paths."""
+def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, float] | None = None) -> tuple[Path, ...]:
+    """Write `trials.csv`, `boundary.json` and `boundary.html` into a folder and return their paths.
+
+    held: the parameters that the search held fixed, by name.
+    """
+    held = dict(held or {})
     table, plain, page = folder / "trials.csv", folder / "boundary.json", folder / "boundary.html"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -64,7 +69,8 @@ def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
             writer.writerow(map(cell, [*found.logical.names, "collided"]))
             for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
                 writer.writerow([*(repr(value) for value in row), int(hit)])
-        plain.write_text(json.dumps(summary(found), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        told = {**summary(found), "held": held}
+        plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
     names = found.logical.names
@@ -72,7 +78,7 @@ def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
         page,
         kicker="The boundary of failure",
         title=f"{found.logical.name}: where {found.ads} collides",
-        sentences=_sentences(found),
+        sentences=_sentences(found, held),
         figure=picture(found),
         rows=[
             [*names, "collided"],
@@ -81,16 +87,18 @@ def write_boundary(found: FailureBoundary, folder: Path) -> tuple[Path, ...]:
                 for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True)
             ),
         ],
-        least_width=340 * (len(PANELS) if len(names) > 2 else 1),
+        least_width=340 * len(PANELS) if len(names) > 2 else 300,
     )
     return table, plain, page
 
 
-def _sentences(found: FailureBoundary) -> list[str]:
+def _sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
     """What the page says above the chart."""
     told = summary(found)
     share = f"{found.ads} collides in {told['collision_share_of_space']:z.1%} of the space"
     said = [f"{share}, from {told['simulations']} simulations. The line is where both outcomes are equally likely."]
+    if held:
+        said.append(f"Held fixed: {', '.join(f'{name} = {value:g}' for name, value in held.items())}.")
     if found.not_evaluated:
         lost = sum(found.not_evaluated.values())
         said.append(f"{lost} of them could not be evaluated; the search went on without these.")

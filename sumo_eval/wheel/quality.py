@@ -14,9 +14,10 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from sumo_eval.scenario.concrete import ConcreteScenario
+from sumo_eval.settings import VehicleSettings
 from sumo_eval.settings.checked import About, Checked, NotNegative
 from sumo_eval.trajectory import Recording
-from sumo_eval.wheel.tape import ROW, Tape
+from sumo_eval.wheel.tape import ROW, Tape, settings_of
 
 BRAKES = 0.5  # m/s2 of braking beyond what the pedals gave before the event from which a person has reacted
 STEERS = 0.35  # m/s2 of acceleration across the road
@@ -102,7 +103,8 @@ class Quality:
 def quality_of(recording: Recording, tape: Tape, concrete: ConcreteScenario, time: Mapping[str, Any]) -> Quality:
     """The quality of a drive, from what was recorded and what was measured of it in time (`window.timing`)."""
     frames, pauses = time.get("frames") or 0, [it for it in tape.notes if it["note"] == "pause"]
-    event, step = first_event(concrete), float(tape.head["simulation"]["step"])
+    event, settings = first_event(concrete), settings_of(tape.head)
+    vehicle = concrete.ego_vehicle(settings.vehicle)
     return Quality(
         end=recording.end_reason,
         dropped=time["dropped"] / frames if frames else None,
@@ -111,8 +113,8 @@ def quality_of(recording: Recording, tape: Tape, concrete: ConcreteScenario, tim
         pauses=len(pauses),
         paused=float(sum(it["seconds"] for it in pauses)),
         event=event,
-        reaction=None if event is None else reaction(recording, event),
-        unanswered=round(max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0) * step, 4),
+        reaction=None if event is None else reaction(recording, event, vehicle),
+        unanswered=round(max((k - row[SEEN] for k, row in enumerate(tape.rows)), default=0) * settings.step, 4),
         stepped_down=time.get("stepped_down"),
         drawn=time.get("renderer"),
     )
@@ -125,16 +127,17 @@ def first_event(concrete: ConcreteScenario) -> float | None:
     return min((begin for begin in begins if np.isfinite(begin)), default=None)
 
 
-def reaction(recording: Recording, event: float) -> float | None:
+def reaction(recording: Recording, event: float, vehicle: VehicleSettings) -> float | None:
     """From an event to the first braking or steering that was not there before it, s; None where there is none.
 
-    Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across the road beyond that at the event,
-    v times the rate of the heading.
+    Braking: 0.5 m/s2 below the acceleration at the event. Steering: 0.35 m/s2 across beyond that at the event, of the
+    path that the steering wheel asks for, v^2 tan(angle / steering ratio) / wheelbase; so a bend of the road alone, on
+    which nobody moves the wheel, is no answer.
     """
     ego = recording.ego
     if len(ego) < 3:
         return None
-    across = ego.speed * np.gradient(ego.heading, ego.time)
+    across = ego.speed**2 * np.tan(ego.steering_wheel_angle / vehicle.steering_ratio) / vehicle.wheelbase
     before = int(np.searchsorted(ego.time, event + 1e-9, side="right")) - 1
     at = max(before, 0)
     after = ego.time > event + 1e-9

@@ -34,7 +34,7 @@ def severity(recording) -> float:
 
 def drawn(name: str, count: int, seed: int = 5):
     logical = catalogue.load(name)
-    points = logical.from_unit(np.random.default_rng(seed).random((8 * count, len(logical.names))))
+    points = logical.from_shares(np.random.default_rng(seed).random((8 * count, len(logical.names))))
     return list(logical.concretes(points[logical.feasible(points)][:count]))
 
 
@@ -66,6 +66,15 @@ def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle(name):
 @pytest.mark.parametrize("name", SCRIPTED)
 def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name):
     assert_nobody_is_gentler(name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS))
+
+
+def test_nobody_sees_a_child_through_parked_cars_nor_brakes_for_these():
+    child = catalogue.load("child_from_behind_parked_cars")
+    case = child.concrete(ego_speed=13.9545, running_speed=2.74439, time_to_place=0.546293)
+    ideal, careful = simulate(case, "ideal_braking", SETTINGS), simulate(case, "careful_driver", SETTINGS)
+    assert 0.0 < severity(ideal) < severity(careful)
+    # the child runs from 24 m before it on; until then there are parked cars, which stand
+    assert careful.ego.speed[careful.ego.x < 160.0 - 24.0].min() == 13.9545
 
 
 FAST = catalogue.load("r157_cut_out").concrete(ego_speed=37.0, obstacle_gap=2.0, lateral_speed=1.0)

@@ -11,6 +11,7 @@ from sumo_eval.ads.perception import (
     bumper_gap,
     carry_on,
     gap_behind,
+    is_in_sight,
     is_visible,
     lateral_overlap,
     lead_in_path,
@@ -96,6 +97,22 @@ def test_those_ahead_come_one_after_the_other_the_nearest_first():
 def test_a_nearer_vehicle_hides_what_it_covers(lead_y, share, seen):
     lead, obstacle = mover("lead", 130.0, lead_y), mover("obstacle", 160.0)
     assert is_visible(mover("ego", 100.0), (obstacle, lead), 0, share) is seen
+
+
+@pytest.mark.parametrize(
+    ("eye", "x", "y", "seen"),
+    [
+        (100.0, 160.0, -4.5, True),  # at 156 m the line to the child is at -4.2 m, right of the car's -3.9 to -2.1 m
+        (140.0, 160.0, -4.5, False),  # and here at -3.6 m
+        (100.0, 160.0, -3.0, False),
+        (100.0, 160.0, -2.0, True),  # at -1.87 m, left of the car
+        (100.0, 150.0, -3.0, True),  # before the parked car
+        (100.0, 160.0, -0.5, True),  # in the ego's way
+    ],
+)
+def test_who_is_beside_the_way_is_seen_along_the_line_to_him(eye, x, y, seen):
+    child = mover("child", x, y)._replace(half_width=0.1)
+    assert is_in_sight(mover("ego", eye), (child, mover("parked", 156.0, -3.0)), 0, 0.5) is seen
 
 
 def test_nothing_behind_the_ego_hides_what_is_ahead():

@@ -97,4 +97,5 @@ def test_boundary_finds_an_edge_and_writes_it(tmp_path):
     assert "Every trial ended alike" in done.output
     found = json.loads((tmp_path / "out" / "boundary.json").read_text())
     assert found["simulations"] == 16
+    assert found["held"] == {"ego_speed": 30.0, "obstacle_speed": 5.0}
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"trials.csv", "boundary.json", "boundary.html"}

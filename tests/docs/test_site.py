@@ -93,6 +93,18 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
         module.leaderboard()
 
 
+@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in"])
+def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
+    """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
+    spec = importlib.util.spec_from_file_location("animate_scenarios", ROOT / "tools" / "animate_scenarios.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    kept = DOCS / "pictures" / "moving" / f"{name}.svg"
+    assert module.drawn(find(name, ROOT)) == kept.read_text(encoding="utf-8")
+
+
 def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:
     formulas = (DOCS / "formulas.md").read_text(encoding="utf-8")
     assert formulas.count("```math") >= 7
@@ -109,7 +121,6 @@ def test_the_scenario_of_the_tutorial_is_one(tmp_path: Path) -> None:
 
 
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("matplotlib")  # a cell draws
     monkeypatch.chdir(tmp_path)
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]

@@ -112,7 +112,7 @@ use = "ramp_merge?follower=1.5"
 method = "sobol"
 count = 4
 [method.zones]
-grid_points = 500
+grid_points = 1000
 [[ads]]
 name = "idm"
 controller = "idm"

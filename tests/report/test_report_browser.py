@@ -232,9 +232,9 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Pag
 def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, evaluation: Evaluation) -> None:
     case = [case for case in evaluation.cases if case.ads == builders.CALM and case.collided][-1]
     opened.run(f"(location.hash = '#case:' + encodeURIComponent({json.dumps(case.case)}), null)")
-    opened.wait("document.getElementById('case-facts').textContent.includes('delta-v at contact-3.75 m/s')")
+    opened.wait("document.getElementById('case-facts').textContent.includes('delta-v at contact-3.75\u00a0m/s')")
     text = opened.run("document.getElementById('case-facts').textContent")
-    assert "smallest gap ahead0.00 m" in text
+    assert "smallest gap ahead0.00\u00a0m" in text
     assert "largest inverse TTC" not in text, "it has no bound at contact"
     assert f"verdict{LOOKS[verdicts(evaluation)[case.case]].words}" in text
 
@@ -300,6 +300,37 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.problems == []
 
 
+WRITTEN_IN_CELLS = """(async () => {
+    // Words on the tiles of heat maps: the colour of each against the pixel of the map beneath it.
+    const light = (colour) => colour.map((v) => v / 255)
+        .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+        .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+    const ratios = [];
+    for (const image of document.querySelectorAll(".heatmaplayer image")) {
+        const box = image.getBoundingClientRect();
+        if (!box.width) continue;
+        const map = new Image();
+        map.src = image.getAttribute("href") ?? image.getAttribute("xlink:href");
+        await map.decode();
+        const canvas = new OffscreenCanvas(map.naturalWidth, map.naturalHeight);
+        const context = canvas.getContext("2d", { willReadFrequently: true });
+        context.drawImage(map, 0, 0);
+        for (const word of image.closest(".heatmaplayer").querySelectorAll("text")) {
+            if (!word.textContent.trim()) continue;
+            const at = word.getBoundingClientRect();
+            const [x, y] = [at.x + at.width / 2 - box.x, at.y + at.height / 2 - box.y];
+            if (x < 0 || y < 0 || x > box.width || y > box.height) continue;
+            const pixel = [x / box.width * canvas.width, y / box.height * canvas.height];
+            const beneath = context.getImageData(...pixel, 1, 1).data;
+            if (beneath[3] < 128) continue;
+            const ink = getComputedStyle(word.querySelector("tspan") ?? word).fill.match(/[\\d.]+/g).map(Number);
+            const [a, b] = [light(ink.slice(0, 3)), light([...beneath].slice(0, 3))];
+            ratios.push((Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05));
+        }
+    }
+    return ratios;
+})()"""
+
 CONTRAST = """(() => {
     const light = (colour) => colour.map((v) => v / 255)
         .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
@@ -334,6 +365,9 @@ def test_every_word_can_be_read_in_the_light_and_in_the_dark(opened: Page) -> No
         )
         assert opened.run("document.documentElement.dataset.theme") == theme.lower()
         assert opened.run(CONTRAST) == []
+        written = opened.run(WRITTEN_IN_CELLS)
+        assert written
+        assert min(written) >= 4.5
     assert opened.problems == []
 
 
@@ -404,4 +438,7 @@ def test_the_terms_of_c_are_the_numbers_of_the_table(opened: Page, evaluation: E
 def test_no_page_is_wider_than_its_window(opened: Page, width: int) -> None:
     opened.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=width < 500)
     opened.wait(f"document.documentElement.scrollWidth <= {width}", 20.0)  # charts follow the window a little later
+    cut = """[...document.querySelectorAll('.scroll, .overflow')].filter((one) => one.scrollWidth > one.clientWidth + 1)
+        .map((one) => one.textContent.trim().slice(0, 60))"""
+    assert width < 1400 or opened.run(cut) == [], "no table hides its last column"
     opened.call("Emulation.clearDeviceMetricsOverride")

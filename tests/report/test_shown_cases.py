@@ -51,7 +51,7 @@ def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
     told = re.findall(r"This page has (\d+) of (\d+) cases", page)
     assert sum(int(number) for number, _ in told) == 4 * len(evaluation.scores)
     assert sum(int(number) for _, number in told) == of
-    assert page.count('<svg class="density"') == 2 * len(evaluation.scores)
+    assert page.count('<svg class="density" data-chart="') == 2 * len(evaluation.scores), "each can be saved"
 
 
 def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
@@ -65,6 +65,7 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
     }
     (words, number), (share_words, share) = density_maps(logical, cases, 0, 1)
     assert number.count("<rect") == len(places)
+    assert sum(int(row.split(",")[2]) for row in re.findall(r'data-row="([^"]*)"', number)) == len(cases)
     assert 0 < share.count("<rect") <= sum(case.collided for case in cases)
     assert words.startswith("how many cases, up to ")
     assert share_words.startswith("share of them that collided, up to ")

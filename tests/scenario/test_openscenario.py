@@ -16,7 +16,7 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
 from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
-from sumo_eval.scenario.openscenario.conformity import ROWS, table
+from sumo_eval.scenario.openscenario.conformity import ROWS, USED, table
 from sumo_eval.scenario.openscenario.describe import described
 from sumo_eval.scenario.openscenario.logical import (
     Read,
@@ -289,6 +289,23 @@ def test_a_move_with_a_condition_plays_on_a_road_that_bends(tmp_path: Path) -> N
     assert other.acts[0].offset == pytest.approx(straight.acts[0].offset)
 
 
+def test_speeds_and_gaps_beside_the_line_of_a_road_that_bends_are_over_the_ground(tmp_path: Path) -> None:
+    """A left bend of 500 m: who drives 15 m/s in the left lane, 0.25 m on, is 501.75 - 3.75 m from its centre, and
+    comes 15 m further each second there, by the chord: with 6 m/s2 it stands after 15 / 6 = 2.5 s and 18.75 m.
+    """
+    brake = BRAKE.replace('value="5"/><SpeedActionTarget>', 'value="6"/><SpeedActionTarget>')
+    path = written(tmp_path, events=TIMED.format(n=1, action=brake, delay=0, when=AT.format(2)))
+    (tmp_path / "road.xodr").write_text(ROAD.replace("<line/>", '<arc curvature="0.002"/>'), encoding="utf-8")
+    logical = find(str(path))
+    scene = logical.concrete(only=0.0)
+    assert scene.actors[0].start.speed == pytest.approx(15.0 / (1.0 - 3.75 / 501.75))
+    seen = tracks([scene], [(4.0, 1.8)], 0.05, 6.0).others[0, 0]
+    x, y, _ = map_places(logical.road.line, *seen[:, :3].T)
+    way = np.cumsum(np.hypot(np.diff(x), np.diff(y)))
+    assert way[39] == pytest.approx(2.0 * 15.0, abs=1e-3)
+    assert way[-1] == pytest.approx(2.0 * 15.0 + 18.75, abs=1e-3)
+
+
 def _at(lane: int, s: float) -> str:
     return f'<Position><LanePosition roadId="0" laneId="{lane}" s="{s}"/></Position>'
 
@@ -520,6 +537,17 @@ def test_of_a_file_whose_road_is_decided_by_two_parameters_every_point_of_each_r
 
 
 @needs_catalogues
+def test_values_that_play_nowhere_are_counted_with_their_reason() -> None:
+    """UN R157's several targets: 12 speeds, 6 first and 5 second bodies. The first one's truck of 18.75 m reaches
+    16.375 m from its axle, the second bodies begin 12.25 to 14.3 m from there: 60 of the 360 points of a road.
+    """
+    file = ALKS / "alks_scenario_4_2_4_multiple_blocking_targets_variation.xosc"
+    reasons = [why for _, why in concrete_points(read_file(file)) if why is not None]
+    assert (len(reasons), len(set(reasons))) == (60, 1)
+    assert "<ScenarioObject>: its body must be clear of `TargetBlocking` at the start" in reasons[0]
+
+
+@needs_catalogues
 def test_the_files_of_euro_ncap_play_without_their_night_duplicates() -> None:
     """22 of 22 play, 388 of 388 cases by day; an ego that turns does so on three radii, 3 cases each."""
     counts = {}
@@ -581,6 +609,25 @@ def test_every_element_that_the_catalogues_use_is_in_the_list() -> None:
                 assert tag in known, (file.name, tag)
             if tag.endswith("Action") and element.getparent().tag in ("PrivateAction", "LongitudinalAction"):
                 assert tag in known or tag in ("LongitudinalAction", "LateralAction", "RoutingAction"), (file.name, tag)
+
+
+@needs_catalogues
+def test_how_often_the_catalogues_use_each_element_is_counted() -> None:
+    """In their files and whatever these lead to: scenario files, and all catalogs of the folders that they name."""
+    copies = {"osc_alks": ALKS.parent, "ncap_2026": NCAP.parents[4]}
+    for column, (name, copy) in enumerate(copies.items()):
+        roots: dict[Path, etree._Element] = {}
+        left = [file.resolve() for file in COLLECTIONS[name].files(copy)]
+        while left:
+            file = left.pop()
+            if file in roots:
+                continue
+            roots[file] = etree.parse(file).getroot()
+            left += [(file.parent / it.get("filepath")).resolve() for it in roots[file].iter("ScenarioFile")]
+            for folder in roots[file].iter("Directory"):
+                left += [it.resolve() for it in (file.parent / folder.get("path")).glob("*.xosc")]
+        found = {row.element: sum(len(list(root.iter(row.element))) for root in roots.values()) for row in ROWS}
+        assert found == {row.element: USED.get(row.element, (0, 0))[column] for row in ROWS}
 
 
 ENDED = (
@@ -683,9 +730,11 @@ def written_as_read(read: Read, fixed: dict[str, float], folder: Path) -> tuple[
         theirs = concrete(read, point)
         bodies = [(actor.body, actor.length, actor.width) for actor in theirs.actors]
         for space in spaces:
-            again = space.concrete(
-                **{key: value for key, value in point.items() if key in space.names} or {"only": 0.0}
-            )
+            try:
+                own = {key: value for key, value in point.items() if key in space.names}
+                again = space.concrete(**own or {"only": 0.0})
+            except InputError:  # a point of another kind's file
+                continue
             if [(actor.body, actor.length, actor.width) for actor in again.actors] == bodies:
                 same_case(again, theirs)
                 break
@@ -704,18 +753,20 @@ def catalogue_files() -> list[Path]:
 @needs_catalogues
 @pytest.mark.parametrize("file", catalogue_files(), ids=lambda file: file.stem)
 def test_every_file_of_the_catalogues_is_written_with_its_own_cases(tmp_path: Path, file: Path) -> None:
-    """On each of its roads. Of a file with more points than 300, those at the first value of its last axes."""
+    """On each of its roads. Of a file with more points than 300, those that have the last axes in common with the first
+    point that plays.
+    """
     for number, (_, read) in enumerate(uses_of(file, file.name)):
         fixed: dict[str, float] = {}
         size = grid_size(read.space)
+        plays = next(point for point, why in concrete_points(read) if why is None)
         for axis in reversed(read.space.axes):
             if size > 300:
                 size //= len(axis.values)
-                fixed[axis.name] = axis.values[0]
+                fixed[axis.name] = plays[axis.name]
         folder = tmp_path / str(number)
         folder.mkdir()
-        _, plays = written_as_read(read, fixed, folder)
-        assert 0 < plays <= size
+        assert 0 < written_as_read(read, fixed, folder)[1] <= size
 
 
 @needs_catalogues

@@ -229,6 +229,15 @@ def test_a_csv_that_cannot_be_used_is_refused_in_a_sentence(tmp_path, text, sent
     assert sentence in str(caught.value)
 
 
+def test_points_at_shares_exist_where_a_parameter_lists_its_values():
+    space = catalogue.load("lane_drop_cut")
+    shares = np.linspace(0.0, 1.0, 9)[:, None] * np.ones(len(space.names))
+    points = space.from_shares(shares)
+    assert points[:, space.column("side")].tolist() == [-1.0] * 4 + [1.0] * 5
+    assert points[[0, -1]].tolist() == [space.low.tolist(), space.high.tolist()]
+    assert len(space.concretes(points[space.feasible(points)])) > 0
+
+
 def test_a_sampler_of_the_users_is_a_function_of_space_number_and_stream(tmp_path):
     (tmp_path / "mine.py").write_text(
         "def corners(space, n, rng):\n    return space.from_unit(rng.integers(0, 2, (n, len(space.names))))\n"

@@ -225,6 +225,14 @@ def test_all_mistakes_of_a_kind_are_named_at_once(file):
     assert "`ego.spede`" in str(caught.value)
 
 
+def test_what_may_be_a_table_or_a_word_is_refused_in_one_sentence(tmp_path):
+    (tmp_path / "s.toml").write_text('name = "s"\nparameter = []\nego = { speed = 20.0 }\nzone = "nobody"\n')
+    with pytest.raises(InputError) as caught:
+        read_scenario(tmp_path / "s.toml")
+    assert str(caught.value).endswith("must be a table or 'none', got 'nobody'.")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_file_that_is_not_there():
     with pytest.raises(InputError, match="There is no scenario file"):
         catalogue.find("nowhere.toml")

@@ -3,16 +3,18 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from lxml import etree
 
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.road.lanes import LaneSpan
+from sumo_eval.scenario.road.reference_line import Piece, arc, curvatures, map_places
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scenario.sumo_network import laid_along_x, read_road
 from sumo_eval.settings import SimulationSettings, VehicleSettings
@@ -105,9 +107,70 @@ def test_a_road_that_is_not_there_is_refused(network, edges, end, sentence):
     assert sentence in str(caught.value)
 
 
-def test_a_bent_road_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"straight within 0.1 m of the first, got '2.00 m'"):
-        read_road(turned(tmp_path / "bent.net.xml", bend=2.0), ["road"], 600.0)
+BENT = Road("bent", 900.0, 3, 3.5, 100.0, line=(Piece(100.0), Piece(80.0, 0.0, 1 / 250.0), arc(400.0, 250.0)),
+            spans=(LaneSpan(0, end=660.0), LaneSpan(2, begin=420.0)))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory):
+    """A network of three edges round a bend, turned, moved, and rounded to centimetres."""
+    return turned(tmp_path_factory.mktemp("bent") / "hill.net.xml", road=BENT)
+
+
+def test_law_a_network_that_bends_is_the_road_along_its_lanes(bent):
+    road = read_road(bent, ["road0", "road1", "road2"], 900.0)
+    assert (road.lanes, road.lane_width, road.network) == (3, 3.5, None)
+    assert road.length + road.run_out == pytest.approx(1000.0, abs=0.1)
+    right, left = road.spans
+    assert (right.lane, right.end, left.lane, left.begin) == (
+        0, pytest.approx(660.0, abs=0.2), 2, pytest.approx(420.0, abs=0.2),
+    )  # fmt: skip
+    s = np.arange(0.0, 1000.0, 5.0)
+    x, y, heading = map_places(road.line, s, 0.0)
+    wanted_x, wanted_y, wanted_heading = map_places(BENT.line, s, 0.0)
+    assert np.hypot(x - wanted_x, y - wanted_y).max() < 0.1
+    assert np.abs(heading - wanted_heading).max() < 0.006
+    assert 1.0 / curvatures(road.line, 400.0) == pytest.approx(250.0, rel=0.02)
+
+
+def test_edges_that_bend_are_driven_in_their_order_and_some_way_that_a_car_can(bent, tmp_path):
+    for edges, sentence in (
+        (["road0", "road2"], "Edge `road0` of network hill.net.xml must lead to edge `road2`: no lane of it does."),
+        (["road0", "road1", "road2"], "of its edges, got 1200"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            read_road(bent, edges, 1200.0)
+    corner = turned(tmp_path / "corner.net.xml", bend=800.0)
+    with pytest.raises(InputError, match=r"must be at least 7.5 m, so that the ego can drive its innermost"):
+        read_road(corner, ["road"], 600.0)
+
+
+def test_traffic_reacts_on_a_straight_network_too(network, tmp_path):
+    (tmp_path / "chased.toml").write_text(
+        'name = "chased"\nzone = "none"\n'
+        'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
+        'road = { network = "town.net.xml", edges = ["road"] }\nego = { speed = "v", x = 120.0 }\n'
+        'end = { x = 600.0, time = 6.0 }\n[[vehicle]]\nname = "rear"\nspeed = 30.0\ngap_behind = 40.0\n'
+        'manoeuvre = [{ do = "follow", model = "IDM" }]\n'
+    )
+    chased = simulate(read_scenario(tmp_path / "chased.toml").concrete(v=20.0), "no_reaction")
+    assert (chased.error, chased.collision) == (None, None)
+    assert chased.actors["rear"].speed.min() < 25.0
+
+
+def test_traffic_reacts_on_a_network_that_bends(bent, tmp_path):
+    (tmp_path / "hill.toml").write_text(
+        'name = "hill"\nzone = "none"\n'
+        'parameter = [{ name = "v", unit = "m/s", low = 20.0, high = 30.0, step = 5.0 }]\n'
+        f'road = {{ network = "{bent}", edges = ["road0", "road1", "road2"] }}\n'
+        'ego = { speed = "v", y = 3.5 }\nend = { x = 600.0 }\n'
+        '[[stream]]\nname = "queue"\nlane = 1\nbegin = 30.0\nend = 160.0\ndensity = 20.0\nspeed = 12.0\n'
+    )
+    logical = read_scenario(tmp_path / "hill.toml")
+    together = list(simulate_many([logical.concrete(v=v) for v in (20.0, 30.0)], "idm"))
+    assert [(it.error, it.collision) for it in together] == [(None, None)] * 2
+    assert np.abs(together[1].ego.y - 3.5).max() < 0.3
+    assert together[1].ego.speed.min() < 15.0
 
 
 def test_a_network_that_changed_after_reading_is_refused(network):

@@ -147,10 +147,11 @@ const sumoPage = (() => {
     return new XMLSerializer().serializeToString(copy);
   }
 
-  /** Give every drawing that names its data, `data-chart`, its buttons. What a title says of a mark is its row. */
+  /** Give every drawing that names its data, `data-chart`, its buttons. A mark's row is its `data-row`, or what its title says. */
   function saveDrawings() {
     for (const drawing of document.querySelectorAll("svg[data-chart]")) {
-      const rows = () => [["what"], ...[...drawing.querySelectorAll("title")].map((one) => [one.textContent])];
+      const told = [...drawing.querySelectorAll("[data-row]")];
+      const rows = () => drawing.dataset.head ? [drawing.dataset.head.split(","), ...told.map((one) => one.dataset.row.split(","))] : [["what"], ...[...drawing.querySelectorAll("title")].map((one) => [one.textContent])];
       drawing.before(saver(drawing.dataset.chart, () => standAlone(drawing), rows));
     }
   }

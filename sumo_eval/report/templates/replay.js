@@ -102,8 +102,9 @@ const sumoReplay = (() => {
     return [...parts, { ring: [[glass, 0.8 * wide], [glass, -0.8 * wide]], role: "glass" }];
   }
 
-  /** A body from above, drawn as what it is. t: in the coordinates that `project` takes to the sheet. hollow: outline alone. */
-  function drawBody(context, t, time, project, fill, hollow) {
+  /** A body from above, drawn as what it is. t: in the coordinates that `project` takes to the sheet. hollow: outline alone.
+   *  plain: without windows, across which a label would be written. */
+  function drawBody(context, t, time, project, fill, hollow, plain = false) {
     const [x, y, heading] = ["x", "y", "heading"].map((channel) => at(t, channel, time));
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
     const local = ([a, b]) => project([x + a * c - b * s, y + a * s + b * c]);
@@ -112,7 +113,7 @@ const sumoReplay = (() => {
     context.lineWidth = 1.2;
     context.fillStyle = fill;
     for (const { ring, role } of bodyParts(t, pixel)) {
-      if (role === "glass" && hollow) continue;
+      if (role === "glass" && (hollow || plain)) continue;
       outline(context, ring.map(local));
       if (!hollow && role !== "glass") context.fill();
       context.strokeStyle = role === "glass" ? "rgba(255,255,255,0.75)" : role === "head" && !hollow ? "#fff" : fill;
@@ -366,13 +367,15 @@ const sumoReplay = (() => {
     context.textAlign = "center";
     const step = stepOf(scale);
     for (let x = Math.ceil(left / step) * step; px(x) < width; x += step) {
+      const words = `${x} m`, half = context.measureText(words).width / 2;
       context.fillRect(px(x), py(low) + 3, 1, 4);
-      context.fillText(`${x} m`, px(x), py(low) + 18);
+      if (px(x) >= half && px(x) <= width - half) context.fillText(words, px(x), py(low) + 18);
     }
     const car = (t, fill, label) => {
-      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null);
       context.font = `600 10px ${FONT}`;
-      if (label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12) {
+      const written = label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12;
+      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null, written);
+      if (written) {
         context.fillStyle = "#fff";
         context.fillText(label, px(at(t, "x", time)), py(at(t, "y", time)) + 3.5);
       }

@@ -469,6 +469,18 @@
     .filter(({ item }) => item.ads === ads && shows(item));
 
   const MOST_TILES = 2_000;
+  const CIVIDIS = ["#00224e", "#35456c", "#666970", "#948e77", "#c8b866", "#fee838"].map((colour, k) => [k / 5, colour]);
+  const bytes = (colour) => [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+
+  /** Black or white, whichever is read better on the colour of a scale at a share of it: above 4.5 to 1 on any colour. */
+  function inkOn(scale, share) {
+    const after = Math.max(1, scale.findIndex(([at]) => at >= share)), [[low, below], [high, above]] = [scale[after - 1], scale[after]];
+    const part = high > low ? (Math.min(Math.max(share, 0), 1) - low) / (high - low) : 1;
+    const [from, to] = [below, above].map(bytes);
+    const light = from.map((value, k) => (value + part * (to[k] - value)) / 255).map((value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4))
+      .reduce((sum, value, k) => sum + value * [0.2126, 0.7152, 0.0722][k], 0);
+    return light > 0.179 ? "#000" : "#fff"; // where (light + 0.05)^2 = 0.05 * 1.05, both are read as well
+  }
 
   /** A cell for each value of the axes where the cases form a grid, else a square for each case. look: case -> { z, word, text }. */
   function tiles(scenario, view, found, look, colours) {
@@ -489,7 +501,7 @@
       const [row, column] = [ys.indexOf(entry.at[1]), xs.indexOf(entry.at[0])];
       const shownAs = look(entry.item);
       z[row][column] = shownAs.z;
-      words[row][column] = shownAs.word;
+      words[row][column] = `<span style="color:${inkOn(scale.colorscale, (shownAs.z - zmin) / (zmax - zmin))}">${shownAs.word}</span>`;
       hover[row][column] = shownAs.text;
       index[row][column] = entry.index;
     }
@@ -505,7 +517,7 @@
       z: item[quantity], word: fixed(item[quantity], 2),
       text: `${caseHover(scenario, item)}<br>length ${fixed(item.lengthFactor, 2)}, operations ${fixed(item.operationFactor, 2)}, similarity ${fixed(item.similarity, 2)}`,
     });
-    return [tiles(scenario, view, found, look, { colorscale: "Cividis", zmin: 0, zmax: 1 })];
+    return [tiles(scenario, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: 1 })];
   }
 
   // --- preventability ------------------------------------------------------------------------------------------------
@@ -522,8 +534,8 @@
 
   function preventedTraces(scenario, view, ads, shows, _, scenarioIndex) {
     const look = (item) => {
-      const { words, letter, ink } = data.verdicts[item.verdict];
-      return { z: VERDICTS.indexOf(item.verdict) + 0.5, word: `<span style="color:${ink}">${letter}</span>`, text: `${caseHover(scenario, item)}<br>${words}` };
+      const { words, letter } = data.verdicts[item.verdict];
+      return { z: VERDICTS.indexOf(item.verdict) + 0.5, word: letter, text: `${caseHover(scenario, item)}<br>${words}` };
     };
     return [
       tiles(scenario, view, casesOf(scenario, view, ads, shows), look, { colorscale: VERDICT_SCALE, zmin: 0, zmax: VERDICTS.length }),
@@ -577,7 +589,7 @@
           card.querySelector("[data-most]").textContent = short(+most.toPrecision(3));
           const found = casesOf(of, view, ads, (item) => shows(item) && item[term()] !== null);
           const look = (item) => ({ z: item[term()], word: fixed(item[term()], term() === "severity" ? 1 : 2), text: caseHover(of, item) });
-          return [tiles(of, view, found, look, { colorscale: "Cividis", zmin: 0, zmax: most })];
+          return [tiles(of, view, found, look, { colorscale: CIVIDIS, zmin: 0, zmax: most })];
         },
       });
       const hardest = Math.max(...scenario.cases.map((item) => item.severity ?? 0));
@@ -681,7 +693,7 @@
       row.className = long ? "long" : "";
       const [dt, dd] = ["dt", "dd"].map((tag) => document.createElement(tag));
       dt.textContent = name;
-      dd.textContent = value;
+      dd.textContent = long ? value : String(value).replace(/(?<=\d) (?=[^\s\d]{1,5}$)/, "\u00a0"); // no unit on a line of its own
       row.append(dt, dd);
       return row;
     }));

@@ -9,6 +9,7 @@ const sumoScene = (() => {
   const COAT = 1, LAMP = 2, GROUND = 3; // what a vertex takes its colour from beside its own: the vehicle's, its brake lamps
   const FLOATS = 10; // of a vertex: place, normal, colour, kind
   const DASH = 3, GAP = 6, POSTS = 50; // m
+  const PIECE = 200, ROUND = 190, SIGHT = 900; // m of road, round its middle, and from where the fog leaves 3 % of what stands there
   const FAR = 1500, NEAR = 0.25; // m
   const SLOW = 1 / 38, FAST = 1 / 57; // s a frame from which the resolution falls, below which it rises
   const ENOUGH = 15; // pictures between two changes of it
@@ -222,8 +223,16 @@ const sumoScene = (() => {
 
   /** The road's surface and markings, in the order in which they cover each other, and the posts and trees beside it. */
   function roadMeshes(road, onMap, [begin, end]) {
-    const surface = new Mesh(), things = new Mesh();
+    const surface = new Mesh(), pieces = []; // what stands beside the road, by pieces of it, of which only those in sight are drawn
     const bent = Boolean(road.line && road.line.length), step = bent ? 4 : 200;
+    const beside = (s) => {
+      const k = Math.max(0, Math.floor((s - begin) / PIECE));
+      while (pieces.length <= k) {
+        const [x, y] = onMap(road, begin + (pieces.length + 0.5) * PIECE, (road.left + road.right) / 2);
+        pieces.push({ mesh: new Mesh(), x, y });
+      }
+      return pieces[k].mesh;
+    };
     const place = (s, d, z = 0) => { const [x, y] = onMap(road, s, d); return [x, y, z]; };
     const strip = (from, to, d0, d1, colour, longest = step) => {
       const parts = Math.max(1, Math.ceil((to - from) / longest));
@@ -279,7 +288,7 @@ const sumoScene = (() => {
     const clear = (x, y) => !bent || line.every(([a, b]) => Math.hypot(a - x, b - y) > half + 5);
     for (let s = Math.ceil(begin / POSTS) * POSTS; s < end; s += POSTS) {
       for (const d of [road.right - 1.1, road.left + 1.1]) {
-        const [x, y] = place(s, d);
+        const [x, y] = place(s, d), things = beside(s);
         things.box([x - 0.06, y - 0.06, 0], [x + 0.06, y + 0.06, 1], WHITE);
         things.box([x - 0.07, y - 0.07, 0.68], [x + 0.07, y + 0.07, 0.86], BLACK);
       }
@@ -291,11 +300,12 @@ const sumoScene = (() => {
         const off = 14 + 45 * random(), shift = 20 * random(), high = 4 + 5 * random();
         const [x, y] = place(s + shift, (road.left + road.right) / 2 + side * (half + off));
         if (!clear(x, y)) continue;
+        const things = beside(s);
         things.box([x - 0.2, y - 0.2, 0], [x + 0.2, y + 0.2, 0.35 * high], [0.36, 0.28, 0.22]);
         things.ball([x, y, 0.68 * high], 0.3 * high, [0.30 + 0.08 * random(), 0.43 + 0.06 * random(), 0.28], 0.42 * high);
       }
     }
-    return { surface, things };
+    return { surface, pieces };
   }
 
   // --- cameras -------------------------------------------------------------------------------------------------------
@@ -421,12 +431,12 @@ const sumoScene = (() => {
     /** The road that is drawn; onMap as in `sumoReplay`; extent: [from, to] along it, m. */
     function onRoad(road, onMap, extent) {
       if (standing && standing.road === road && standing.extent[0] <= extent[0] && standing.extent[1] >= extent[1]) return;
-      if (standing) for (const part of ["surface", "things"]) {
-        gl.deleteBuffer(standing[part].buffer);
-        gl.deleteVertexArray(standing[part].array);
+      if (standing) for (const part of [standing.surface, ...standing.pieces.map(({ mesh }) => mesh)]) {
+        gl.deleteBuffer(part.buffer);
+        gl.deleteVertexArray(part.array);
       }
       const made = roadMeshes(road, onMap, extent);
-      standing = { road, onMap, extent, surface: upload(made.surface), things: upload(made.things) };
+      standing = { road, onMap, extent, surface: upload(made.surface), pieces: made.pieces.map((it) => ({ ...it, mesh: upload(it.mesh) })) };
     }
 
     /** vehicles: [{ kind, x, y, heading, length, width, colour "#rrggbb", brakes, alpha, me }]; contact: [{ x, y, heading,
@@ -455,7 +465,11 @@ const sumoScene = (() => {
       gl.uniform1f(names.alpha, 1);
       gl.disable(gl.BLEND);
       gl.enable(gl.DEPTH_TEST);
-      put(standing.things);
+      const view = unit(from.look.map((v, k) => v - from.eye[k]));
+      for (const { mesh, x, y } of standing.pieces) {
+        const [dx, dy] = [x - from.eye[0], y - from.eye[1]];
+        if (Math.hypot(dx, dy) < SIGHT + ROUND && dx * view[0] + dy * view[1] > -ROUND) put(mesh);
+      }
       for (const it of near) if (!(it.alpha < 1)) vehicle(it, it.me && camera.mode === "seat");
       if (contact) {
         gl.uniform1f(names.flatly, 1);

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 Treatment = Literal["played", "ignored", "refused"]
@@ -100,11 +102,65 @@ ROWS = (
     Row("trigger", "priority", "played", "all; two moves across at once are refused"),
 )  # fmt: skip
 
+USED: Mapping[str, tuple[int, int]] = MappingProxyType({
+    "ParameterDeclarations": (15, 20),
+    "VariableDeclarations": (0, 10),
+    "CatalogLocations": (15, 10),
+    "RoadNetwork": (15, 10),
+    "ParameterValueDistribution": (14, 22),
+    "Vehicle": (6, 7),
+    "Pedestrian": (1, 2),
+    "MiscObject": (1, 0),
+    "ObjectController": (15, 0),
+    "LanePosition": (26, 24),
+    "RelativeLanePosition": (9, 3),
+    "RoadPosition": (0, 10),
+    "RelativeRoadPosition": (0, 1),
+    "RelativeObjectPosition": (0, 5),
+    "RoutePosition": (0, 15),
+    "TrajectoryPosition": (0, 8),
+    "Polyline": (1, 10),
+    "ClothoidSpline": (0, 3),
+    "TeleportAction": (33, 25),
+    "SpeedAction": (29, 14),
+    "LaneChangeAction": (4, 0),
+    "LaneOffsetAction": (5, 0),
+    "LongitudinalDistanceAction": (5, 1),
+    "FollowTrajectoryAction": (1, 6),
+    "AssignRouteAction": (0, 6),
+    "SynchronizeAction": (0, 7),
+    "EntityAction": (0, 3),
+    "EnvironmentAction": (0, 10),
+    "AppearanceAction": (0, 5),
+    "ControllerAction": (15, 0),
+    "ActivateControllerAction": (15, 0),
+    "VariableAction": (0, 2),
+    "SimulationTimeCondition": (54, 3),
+    "StoryboardElementStateCondition": (8, 2),
+    "ParameterCondition": (0, 6),
+    "VariableCondition": (0, 21),
+    "RelativeDistanceCondition": (4, 2),
+    "TimeHeadwayCondition": (1, 0),
+    "SpeedCondition": (0, 1),
+    "RelativeSpeedCondition": (0, 2),
+    "TraveledDistanceCondition": (0, 13),
+    "CollisionCondition": (0, 1),
+    "StandStillCondition": (0, 11),
+    "AngleCondition": (0, 1),
+    "ConditionGroup": (67, 50),
+    "StopTrigger": (15, 11),
+})  # fmt: skip
+"""How often the files of UN R157 (asam-oss/OSC-ALKS-scenarios) and of Euro NCAP 2026, frontal, standard range
+(vectorgrp/OSC-NCAP-scenarios) use an element, with the scenario files and catalogs that they name; others: never.
+"""
+
 
 def table() -> str:
     """The list as a table of Markdown."""
-    lines = ["| kind | element | | how |", "|---|---|---|---|"]
-    lines += [
-        f"| {row.kind} | `{row.element}` | {row.treatment} | {row.words or 'named with its line'} |" for row in ROWS
-    ]
+    lines = ["| kind | element | | how | UN R157 | Euro NCAP |", "|---|---|---|---|---|---|"]
+    for row in ROWS:
+        counts = " | ".join(str(count) if count else "" for count in USED.get(row.element, (0, 0)))
+        lines.append(
+            f"| {row.kind} | `{row.element}` | {row.treatment} | {row.words or 'named with its line'} | {counts} |"
+        )
     return "\n".join(lines)

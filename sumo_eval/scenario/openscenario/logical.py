@@ -535,7 +535,8 @@ def _without_roads(space: Space, frame: Frame, scenes: Sequence[tuple[dict[str, 
             roads.setdefault(point[axis.name], set()).add(_shape(found.frame))
         several = axis.choices and len(set.union(*roads.values())) > 1
         if several and (everywhere or all(len(it) == 1 for it in roads.values())):
-            kept = tuple(choice for choice in axis.choices if _shape(frame) in roads.get(choice[0], ()))
+            own = _shape(frame)  # a value that plays nowhere stays, to be counted with its reason
+            kept = tuple(choice for choice in axis.choices if own in roads.get(choice[0], {own}))
             axes.append(replace(axis, choices=kept))
         else:
             axes.append(axis)

@@ -41,7 +41,7 @@ from sumo_eval.scenario.openscenario.reading import (
 )  # fmt: skip
 from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text, within
 from sumo_eval.scenario.road.opendrive import beside
-from sumo_eval.scenario.road.reference_line import Piece, frame_places, tightest
+from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
 
 EGO = "Ego"
 _AT_ONCE = 1e-6  # s that a speed takes which is told to change at once
@@ -435,7 +435,7 @@ class _Player:
             gap = number(element, "timeGap", scope) * (other.speed if ahead else entity.speed)
         else:
             gap = number(element, "distance", scope)
-        apart = gap + 0.5 * (entity.length + other.length)
+        apart = (gap + 0.5 * (entity.length + other.length)) / self._ground(other.frame)
         entity.frame = entity.frame._replace(x=other.frame.x + (apart if ahead else -apart))
 
     # -- the story -----------------------------------------------------------------------------------------------------
@@ -776,8 +776,15 @@ class _Player:
         if len(entity.way) > 2:
             raise fault(entity.element, "a trajectory of more than one straight line is not played")
         heading = 0.0 if abs(frame.heading) < 1e-6 else frame.heading
-        start = Start(frame.x, frame.y, entity.speed)
         across = self._on_map(entity) if entity.on_map else None
+        ground = 1.0 if across is not None or any(act.table for act in acts) else self._ground(frame)
+        start = Start(frame.x, frame.y, entity.speed / ground)
+        acts = [
+            act._replace(speed=act.speed / ground, acceleration=act.acceleration / ground)
+            if act.kind == played.SPEED
+            else act
+            for act in acts
+        ]
         plain = (
             across is None and heading == 0.0 and not any(act.program for act in acts) and self._beside_nothing(frame.y)
         )
@@ -805,6 +812,12 @@ class _Player:
             acts=tuple(acts),
             on_map=None if across is None else (across.x, across.y, across.heading),
         )
+
+    def _ground(self, at: Pose) -> float:
+        """m over the ground for a metre along the road's line, at a place beside it: 1 on a straight road."""
+        if not self.frame.line or self.turning is not None:
+            return 1.0
+        return 1.0 - float(curvatures(self.frame.line, at.x)) * at.y
 
     def _beside_nothing(self, y: float) -> bool:
         """Whether a place across the road is on its lanes."""

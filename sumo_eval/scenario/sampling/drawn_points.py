@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.scenario.logical import LogicalScenario, Parameter
+from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
-DIGITS = 6  # of a range
 CANDIDATES = 64  # drawn for each point that is chosen among them
 MOST_CANDIDATES = 2**18
 LEAST_DANGER = 0.05  # share of the attention that goes where nothing is dangerous: no place is left out
@@ -27,7 +26,7 @@ def latin_hypercube(logical: LogicalScenario, request: Request) -> Drawn:
     """One point in each of `count` layers of every axis."""
     count = request.wanted(_owner(logical))
     stream = random_stream(request.seed, "sampling", logical.name, "latin_hypercube")
-    return Drawn(from_shares(logical, _qmc().LatinHypercube(len(logical.names), rng=stream).random(count)))
+    return Drawn(logical.from_shares(_qmc().LatinHypercube(len(logical.names), rng=stream).random(count)))
 
 
 def sobol(logical: LogicalScenario, request: Request) -> Drawn:
@@ -37,14 +36,14 @@ def sobol(logical: LogicalScenario, request: Request) -> Drawn:
     if count & (count - 1):
         notes = (f"Sobol points are evenest in powers of 2; {count} is none.",)
     stream = random_stream(request.seed, "sampling", logical.name, "sobol")
-    return Drawn(from_shares(logical, _sobol(len(logical.names), count, stream)), notes=notes)
+    return Drawn(logical.from_shares(_sobol(len(logical.names), count, stream)), notes=notes)
 
 
 def halton(logical: LogicalScenario, request: Request) -> Drawn:
     """The first `count` points of a scrambled Halton sequence."""
     count = request.wanted(_owner(logical))
     stream = random_stream(request.seed, "sampling", logical.name, "halton")
-    return Drawn(from_shares(logical, _qmc().Halton(len(logical.names), rng=stream).random(count)))
+    return Drawn(logical.from_shares(_qmc().Halton(len(logical.names), rng=stream).random(count)))
 
 
 def by_exposure(logical: LogicalScenario, request: Request) -> Drawn:
@@ -65,14 +64,9 @@ def by_exposure_and_danger(logical: LogicalScenario, request: Request) -> Drawn:
     return Drawn(points, exposure=float(np.mean(drawn_more)) / drawn_more, notes=_fewer(len(points), request))
 
 
-def from_shares(logical: LogicalScenario, shares: FloatArray) -> FloatArray:
-    """Points (n, k) at these shares 0..1 of each axis; a parameter with listed values takes one of them."""
-    return np.column_stack([_values(item, shares[:, column]) for column, item in enumerate(logical.parameters)])
-
-
 def evenly(logical: LogicalScenario, count: int, stream: np.random.Generator) -> FloatArray:
     """The first `count` points (n, k) of a scrambled Sobol sequence over the box."""
-    return from_shares(logical, _sobol(len(logical.names), count, stream))
+    return logical.from_shares(_sobol(len(logical.names), count, stream))
 
 
 def steadily(k: int, count: int) -> FloatArray:
@@ -99,9 +93,9 @@ def _drawn(logical: LogicalScenario, request: Request, label: str, attention: ob
     columns, density = [], np.ones(len(shares))
     for column, item in enumerate(logical.parameters):
         if item.distribution is None or item.values:
-            columns.append(_values(item, shares[:, column]))
+            columns.append(item.from_shares(shares[:, column]))
         else:
-            values = _rounded(item, item.distribution.quantile(shares[:, column], item.low, item.high))
+            values = item.rounded(item.distribution.quantile(shares[:, column], item.low, item.high))
             density = density * item.distribution.density(values, item.low, item.high)
             columns.append(values)
     points = np.column_stack(columns)
@@ -131,19 +125,6 @@ def _fewer(found: int, request: Request) -> tuple[str, ...]:
 def _sobol(k: int, count: int, stream: np.random.Generator) -> FloatArray:
     """The first points (count, k) of a scrambled Sobol sequence; drawn to the next power of 2, where it is even."""
     return np.asarray(_qmc().Sobol(k, rng=stream).random_base2(max(0, math.ceil(math.log2(count))))[:count])
-
-
-def _values(item: Parameter, shares: FloatArray) -> FloatArray:
-    if item.values:
-        place = np.minimum((shares * len(item.values)).astype(np.intp), len(item.values) - 1)
-        return np.asarray(np.array(item.values, dtype=np.float64)[place])
-    return _rounded(item, item.low + shares * (item.high - item.low))
-
-
-def _rounded(item: Parameter, values: FloatArray) -> FloatArray:
-    digits = DIGITS - math.floor(math.log10(item.high - item.low))
-    found: FloatArray = np.clip(np.round(values, digits), item.low, item.high)
-    return found
 
 
 def _qmc() -> Any:

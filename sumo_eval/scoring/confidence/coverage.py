@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
-from sumo_eval.scenario.sampling.drawn_points import from_shares, steadily
+from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
 BUCKETS = 5  # of each parameter's range
@@ -54,7 +54,7 @@ class SpaceCoverage:
 def space_coverage(zones: ZonePartition, points: FloatArray) -> SpaceCoverage:
     """What cases at `points` (n, k) cover of the space that `zones` partitions."""
     logical = zones.logical
-    everywhere = from_shares(logical, steadily(len(logical.names), COUNTED))
+    everywhere = logical.from_shares(steadily(len(logical.names), COUNTED))
     everywhere = everywhere[logical.feasible(everywhere)]
     place, possible = _buckets(logical, points), _buckets(logical, everywhere)
     sizes = [_count(item) for item in logical.parameters]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.sampling.drawn_points import from_shares, steadily
+from sumo_eval.scenario.sampling.drawn_points import steadily
 from sumo_eval.trajectory import FloatArray
 
 NEIGHBOURS = 6
@@ -36,7 +36,7 @@ def further_cases(logical: LogicalScenario, points: FloatArray, influence: Float
     unit = logical.to_unit(points)
     near = np.asarray(KDTree(unit).query(unit, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(points), -1)
     variance = np.var(influence[near], axis=1)
-    candidates = from_shares(logical, steadily(len(logical.names), CANDIDATES))
+    candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
     distance, cell = (np.asarray(part) for part in KDTree(unit).query(where))

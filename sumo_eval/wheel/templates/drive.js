@@ -34,7 +34,16 @@ const sumoDrive = (() => {
   };
   const REASONS = { 4400: "refused", 4401: "unknown", 4409: "taken", 4429: "refused" };
 
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const themed = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; window.dispatchEvent(new Event("resize")); };
+  dark.addEventListener("change", themed); // the player draws in the colours of the page's theme
+  themed();
+
   const stage = document.getElementById("stage");
+  const dark = matchMedia("(prefers-color-scheme: dark)"); // what the style sheet follows, the drawings follow too
+  const follow = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };
+  follow();
+  dark.addEventListener("change", follow);
   let plainer = 0, plainest = "", insisted = false; // which of PLAINER, and why, for all drives of this page; whether a camera was chosen
   let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
