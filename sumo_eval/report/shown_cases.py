@@ -117,7 +117,8 @@ def _tiles(
     middle = [[item.low + (item.high - item.low) * (k + 0.5) / TILES for k in range(TILES)] for item in axes]
     made = [
         Markup(
-            '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" data-row="{:z.6g},{:z.6g},{:.4g}"/>'
+            '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
+            'data-row="{:z.6g},{:z.6g},{:.4g}"/>'
         ).format(
             place % TILES * _SIDE,
             size - _SIDE - place // TILES * _SIDE,
