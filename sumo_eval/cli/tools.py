@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
+from sumo_eval.cli.progress import Progress
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
@@ -122,6 +123,7 @@ def _check_scenario(use: str) -> NoReturn:
 def _check_controller(locator: str, step_timeout: float, case_timeout: float, seed: int) -> None:
     from sumo_eval.record.apart import check_apart
     from sumo_eval.record.edge_cases import edge_cases
+    from sumo_eval.record.loops import WORLD, compiled, ready
     from sumo_eval.scenario import catalogue
     from sumo_eval.text import last_lines
 
@@ -130,6 +132,10 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
         for name in ("front_vehicle_low_speed", "front_vehicle_cut_out")
         for case in edge_cases(catalogue.load(name), seed)
     ]
+    if WORLD not in compiled():
+        check_apart(locator, (), Path.cwd())  # what cannot be loaded is refused before anything is compiled
+        with Progress() as progress:
+            ready({WORLD}, progress)  # else the first drive would wait for it, and be told as slow
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
     if printed:
         click.echo(f"It printed:\n{last_lines(printed, _LINES)}", err=True)

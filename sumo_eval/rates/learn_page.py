@@ -199,7 +199,7 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     middle, high = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
     out.append(
         table(("replay error, m", "median", "90 %"),
-              [(what, f"{middle[j]:z.2f}", f"{high[j]:z.2f}")
+              [(what, f"{middle[j]:.2f}", f"{high[j]:.2f}")
                for j, what in enumerate(("along", "across", "together"))])
     )  # fmt: skip
     return out
