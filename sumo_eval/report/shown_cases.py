@@ -118,7 +118,7 @@ def _tiles(
     made = [
         Markup(
             '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
-            'data-row="{:z.6g},{:z.6g},{:.4g}"/>'
+            'data-row="{:z.6g},{:z.6g},{:z.4g}"/>'
         ).format(
             place % TILES * _SIDE,
             size - _SIDE - place // TILES * _SIDE,

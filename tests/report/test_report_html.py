@@ -25,7 +25,7 @@ from sumo_eval.report.page_data import choose_view, telling_slice
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count, unevaluated
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
 from sumo_eval.scenario import LogicalScenario, Parameter, catalogue
 from sumo_eval.settings import DriverSettings
 
@@ -116,10 +116,10 @@ def test_the_ranking_has_a_section_where_there_is_one(evaluation: Evaluation) ->
     """Two ADSs whose difference may be chance share the first place."""
     assert ranking_content(evaluation, Beside()) is None
     ranked = SimpleNamespace(
-        ranking=SimpleNamespace(
+        ranking=Ranking(
             weights={"a": 1.0, "b": 2.0}, level=0.95,
-            ads=[SimpleNamespace(ads=name, place=1, s_plus=60.0, interval=(50.0, 70.0)) for name in ("x", "<y>")],
-            pairs=[SimpleNamespace(above="x", below="<y>", difference=1.5, interval=(-2.0, 5.0), told_apart=False)],
+            ads=tuple(RankedAds(name, 1, 60.0, (50.0, 70.0)) for name in ("x", "<y>")),
+            pairs=(RankedPair("x", "<y>", 1.5, (-2.0, 5.0), told_apart=False),),
         )
     )  # fmt: skip
     content = ranking_content(ranked, Beside())  # type: ignore[arg-type]

@@ -40,10 +40,6 @@ const sumoDrive = (() => {
   themed();
 
   const stage = document.getElementById("stage");
-  const dark = matchMedia("(prefers-color-scheme: dark)"); // what the style sheet follows, the drawings follow too
-  const follow = () => { document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };
-  follow();
-  dark.addEventListener("change", follow);
   let plainer = 0, plainest = "", insisted = false; // which of PLAINER, and why, for all drives of this page; whether a camera was chosen
   let socket = null, over = false, drive = null, device = matchMedia("(pointer: coarse)").matches ? "touch" : "keys", calibration = null, shown = null;
 
