@@ -7,8 +7,15 @@
 #   make check   lint, format, types, import contracts, circles, dead names
 PYTHON ?= python3
 VENV ?= .venv
+# Half as many again as there are cores: some tests wait for the clock, the others drive meanwhile.
+TEST_PROCESSES ?= $(shell expr \( $$(getconf _NPROCESSORS_ONLN) \* 3 + 1 \) / 2)
 OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
+PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# What pip does after installing, but on every core, and not for the packages' own tests and tools.
+COMPILE_INSTALLED = $(BIN)/python -m compileall -j 0 -qq -x '/(tests|tools|validators)/' $(VENV)/lib/python3*/site-packages 2>/dev/null || true
+
+IN_PARALLEL = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 # The formulas, the files and the words, without a simulator; what is slow in these files is left out by name.
 QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/test_config.py tests/test_trajectory.py tests/test_text.py \
@@ -27,16 +34,16 @@ score: $(VENV)/.installed
 test: $(VENV)/.installed-dev
 	$(BIN)/python -m compileall -q sumo_eval tests
 	$(BIN)/python -m sumo_eval.record.loops
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest $(IN_PARALLEL)
 
 quick: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -n auto --dist loadfile -k "not shipped_table_is_what_the_tool" $(QUICK)
+	$(BIN)/python -m pytest $(IN_PARALLEL) -k "not shipped_table_is_what_the_tool" $(QUICK)
 
 campaign: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -m campaign
 
 coverage: $(VENV)/.installed-dev
-	$(BIN)/python -m coverage run -m pytest -n auto --dist loadfile
+	$(BIN)/python -m coverage run -m pytest $(IN_PARALLEL)
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
@@ -53,20 +60,23 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(PIP_INSTALL) --editable .
+	@$(COMPILE_INSTALLED)
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'tasi==0.15.4' || \
+	$(PIP_INSTALL) --editable '.[dev]'
+	$(PIP_INSTALL) --no-deps 'tasi==0.15.4' || \
 	  echo "The wheel tasi, a recording, cannot be had: the example on recorded people is skipped."
+	@$(COMPILE_INSTALLED)
 	@touch $@ $(VENV)/.installed
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.installed-docs: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	$(PIP_INSTALL) --editable '.[docs]'
+	@$(COMPILE_INSTALLED)
 	@touch $@
 
 clean:

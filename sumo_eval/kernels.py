@@ -19,7 +19,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -112,6 +112,22 @@ def _numba() -> Any:
     while _waiting:
         _register(_waiting.pop())
     return numba
+
+
+def set_up() -> None:
+    """Import numba with all that it imports when a loop is first called, but for scipy.linalg.
+
+    numba imports that only to see whether it is there, for a sixth of the time until a run's first child can begin. No
+    rule multiplies matrices; who does so in numba gets scipy.linalg then. For a process that imports nothing meanwhile.
+    """
+    _numba()
+    absent = [name for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules]
+    sys.modules.update({name: ModuleType(name) for name in absent})
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        for name in absent:
+            del sys.modules[name]
 
 
 def _register(function: Callable[..., Any]) -> None:

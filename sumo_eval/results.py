@@ -136,12 +136,12 @@ class CaseResult:
 
         One whose ideal vehicle could not be evaluated is.
         """
-        return leaves_no_index(self.zone, self.collided, self.ideal_severity)
+        return self.zone == "safe" and self.collided and not self.ideal_severity
 
     @property
     def counts_for_index(self) -> bool:
         """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
-        return may_have_index(self.zone, self.collided, self.struck_from_behind)
+        return self.zone == "safe" and not self.collided and not self.struck_from_behind
 
     @property
     def avoidable(self) -> bool:
@@ -162,16 +162,6 @@ class CaseResult:
     def evaluated(self) -> bool:
         """Whether the case has an outcome that counts."""
         return self.status in EVALUATED
-
-
-def leaves_no_index(zone: Zone, collided: bool, ideal_severity: float | None) -> bool:
-    """`CaseResult.voids_index` of a row of which these fields are known."""
-    return zone == "safe" and collided and not ideal_severity
-
-
-def may_have_index(zone: Zone, collided: bool, struck_from_behind: bool) -> bool:
-    """`CaseResult.counts_for_index` of a row of which these fields are known."""
-    return zone == "safe" and not collided and not struck_from_behind
 
 
 @dataclass(frozen=True, slots=True)
@@ -434,6 +424,11 @@ class RankedPair:
     interval: tuple[float, float] | None
     told_apart: bool
 
+    @property
+    def drove_alike(self) -> bool:
+        """Whether both drove every case that weighs alike: their difference is 0, exactly."""
+        return self.interval == (0.0, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Ranking:
@@ -465,6 +460,9 @@ class InParts(Protocol):
 
     def part(self, ads: str, scenario: str) -> Sequence[CaseResult]:
         """Those of one ADS in one scenario."""
+
+    def in_scenario(self, scenario: str) -> Sequence[CaseResult]:
+        """Those of all ADSs in one scenario."""
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""
@@ -515,6 +513,12 @@ class Evaluation:
         if isinstance(self.cases, InParts):
             return self.cases.part(ads, scenario)
         return [case for case in self.cases if (case.ads, case.scenario) == (ads, scenario)]
+
+    def cases_in(self, scenario: str) -> Sequence[CaseResult]:
+        """The cases of all ADSs in one scenario."""
+        if isinstance(self.cases, InParts):
+            return self.cases.in_scenario(scenario)
+        return [case for case in self.cases if case.scenario == scenario]
 
     def case(self, key: str) -> CaseResult | None:
         """A case by its key; None where there is none."""

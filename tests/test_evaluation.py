@@ -23,9 +23,11 @@ from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
     EvaluationSettings,
+    MethodSettings,
     RunSettings,
     SamplingSettings,
     ScenarioSettings,
+    ZoneSettings,
 )
 from sumo_eval.settings.config import PAPER_EVALUATION, read_evaluation
 
@@ -55,6 +57,7 @@ def test_the_ideal_vehicle_scores_c_1_in_each_shipped_scenario(tmp_path: Path) -
         ads=(AdsSettings("ideal", "ideal_braking"),),
         drivers=DriverSettings(count=2),
         run=RunSettings(workers=2),
+        method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),  # C asks the criterion
     )
     scores = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
     assert {score.scenario: score.c for score in scores} == dict.fromkeys(names, 1.0)

@@ -142,6 +142,50 @@ def test_every_loop_is_compiled_for_one_kind_of_arguments():
         assert len(loop.compiled.signatures) == 1, loop.__name__
 
 
+@kernels.rows
+def _grow(values, by):
+    """A loop that is compiled in a moment; what it does has a last bit to get wrong."""
+    for i in range(len(values)):
+        values[i] = 0.1 * values[i] * values[i] * values[i] + by
+    return len(values)
+
+
+@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+def test_a_bound_loop_gives_the_bits_of_the_plain_call_and_other_arrays_are_bound_anew():
+    """Who calls bound code says of which arrays it is: those of another type or layout must get code of their own."""
+    numbers = np.random.default_rng(5).normal(size=50)
+    wide = np.repeat(numbers, 2)
+    codes = []
+    for values in (numbers, numbers.astype(np.float32), wide[::2]):
+        plain, by_code = values.copy(), values.copy()
+        if not values.flags.contiguous:
+            plain, by_code = wide.copy()[::2], wide.copy()[::2]
+        code = kernels.bound(_grow, by_code, 0.7)
+        assert (code(by_code, 0.7), _grow(plain, 0.7)) == (50, 50)
+        assert by_code.tobytes() == plain.tobytes() != values.tobytes()
+        assert kernels.bound(_grow, values[:5] if values.flags.contiguous else wide[:10:2], -1.0) is code
+        codes.append(code)
+    assert len(set(codes)) == 3
+
+
+def test_what_is_bound_where_nothing_is_compiled_is_the_loop_itself():
+    def loop(values):
+        return len(values)
+
+    assert kernels.bound(loop, np.zeros(2)) is loop
+
+
+@pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+def test_numba_set_up_without_linear_algebra_still_multiplies_matrices():
+    script = (
+        "import sys, numpy as np; from sumo_eval import kernels; kernels.set_up()\n"
+        "early = 'scipy.linalg' in sys.modules\n"
+        "import numba; print(early, numba.njit(lambda a: a @ a)(np.array([[1.0, 2.0], [3.0, 4.0]])).tolist())"
+    )
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.split(maxsplit=1) == ["False", "[[7.0, 10.0], [15.0, 22.0]]\n"]
+
+
 def test_machine_code_of_other_sources_lies_elsewhere(tmp_path, monkeypatch):
     """numba looks at the loop's own file and its place; an edited rule in another file must not go on as before."""
     before = kernels.cache_folder()

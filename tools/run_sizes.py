@@ -5,6 +5,9 @@
     python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
     python tools/run_sizes.py compared CASES [CASES ...]       two runs of so many made-up rows, nothing recorded, side
                                                                by side: each size in a process of its own
+    python tools/run_sizes.py rows CASES [CASES ...]           what comes of so many made-up rows: scores, intervals
+                                                               (of a few replicates), tables, JUnit, ledger, what
+                                                               pages say of all cases
 
 Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
 depend on that. Seconds are of processor time, children included.
@@ -18,10 +21,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,8 +40,18 @@ from sumo_eval.record.store import open_store
 from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import judge
-from sumo_eval.report.terminal import comparison_lines
+from sumo_eval.report.junit import run_suites, write_junit
+from sumo_eval.report.people import people_rows, worst_cases
+from sumo_eval.report.preventability import preventability
+from sumo_eval.report.shown_cases import shown_cases
+from sumo_eval.report.tables import cases_csv
+from sumo_eval.report.terminal import comparison_lines, ledger_lines
+from sumo_eval.report.words import collision_shares, explain_a, explain_h, index_notes
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario import catalogue
+from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.confidence.drivers import driver_deviations
+from sumo_eval.scoring.confidence.intervals import Judged, score_intervals, strata
 from sumo_eval.scoring.kept_scores import RowWriter
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
@@ -51,6 +65,7 @@ from sumo_eval.settings import (
 )
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
+FEW_REPLICATES = 20  # of 2,000: each costs as much as any other, and they are held some at a time
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
 MADE_UP = EvaluationSettings("made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),))
@@ -146,24 +161,60 @@ def measure(folder: Path) -> None:
         )
 
 
+def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluation:
+    """A run of one ADS whose rows are made up; its scores are those of two of them."""
+    folder.mkdir()
+    row = made_up_row()
+    writer = RowWriter(KeptResults(folder), folder.name.encode())
+    for first in range(0, cases, POINTS_AT_ONCE):
+        some = range(first, min(first + POINTS_AT_ONCE, cases))
+        writer.add(row.scenario, row.ads, [another(row, number, changed=changed) for number in some])
+    kept_rows = writer.rows(row.ads, row.scenario)
+    score = combine(row.ads, row.scenario, kept_rows[:2], MethodSettings())
+    return Evaluation(folder.name, folder, MADE_UP, {}, (), (score,), kept_rows)
+
+
+def from_rows(cases: int) -> None:
+    """A line for each thing that is made of all rows of a run."""
+    with tempfile.TemporaryDirectory() as place:
+        run = made_up_run(Path(place) / "run", cases)
+        rows, logical = run.cases_of("first", "cut_in"), catalogue.load("cut_in")
+        points = np.column_stack([np.linspace(0.0, 1.0, cases)] * len(logical.names))
+        score = combine("first", "cut_in", rows, MethodSettings())
+        run = replace(run, scores=(score,))
+        drivers = driver_deviations(rows, {}, {}, DriverSettings(), 1)
+        judged = Judged(
+            "first", case_terms(rows, MethodSettings()), np.arange(cases), np.zeros(cases, dtype=np.bool_), drivers
+        )
+        groups = strata(points, "sobol")
+        parts: dict[str, Callable[[], object]] = {
+            "scores": lambda: combine("first", "cut_in", rows, MethodSettings()),
+            f"intervals of {FEW_REPLICATES} replicates": lambda: score_intervals(
+                [judged], groups, MethodSettings(), 1, "cut_in", replicates=FEW_REPLICATES, even=points
+            ),
+            "cases.csv": lambda: cases_csv(run, Path(place) / "cases.csv"),
+            "junit.xml": lambda: write_junit(run_suites(run), Path(place) / "junit.xml"),
+            "ledger": lambda: ledger_lines(run),
+            "shown cases": lambda: shown_cases(replace(run, zones=(SimpleNamespace(scenario="cut_in"),))),  # type: ignore[arg-type]
+            "preventability": lambda: preventability(run),
+            "people": lambda: (people_rows(run), worst_cases(run), index_notes(run)),
+            "why": lambda: (explain_a(score, rows, MADE_UP), explain_h(score, rows), collision_shares(rows, MADE_UP)),
+            "all rows one by one": lambda: sum(row.collided for row in run.cases),
+        }
+        print(f"{cases} cases: {getrusage(RUSAGE_SELF).ru_maxrss // 1024} MB with their terms and strata", flush=True)
+        for name, part in parts.items():
+            began = time.process_time()
+            part()
+            took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
+            print(f"  {name}: {took:.2f} s, {1e6 * took / cases:.1f} us a case; {peak} MB at most", flush=True)
+
+
 def compared(cases: int) -> None:
     """Compare two runs of one ADS whose rows are made up; every hundredth case changed."""
-    began, row = time.process_time(), made_up_row()
-    runs = []
+    began = time.process_time()
     with tempfile.TemporaryDirectory() as place:
-        for name in ("base", "new"):
-            folder = Path(place) / name
-            folder.mkdir()
-            kept = KeptResults(folder)
-            writer = RowWriter(kept, name.encode())
-            for first in range(0, cases, POINTS_AT_ONCE):
-                rows = [another(row, number, changed=name == "new") for number in range(first, min(first + 512, cases))]
-                writer.add(row.scenario, row.ads, rows)
-            kept_rows = writer.rows(row.ads, row.scenario)
-            score = combine(row.ads, row.scenario, kept_rows[:2], MethodSettings())
-            runs.append(Evaluation(name, folder, MADE_UP, {}, (), (score,), kept_rows))
+        base, new = (made_up_run(Path(place) / name, cases, changed=name == "new") for name in ("base", "new"))
         made, before = time.process_time(), getrusage(RUSAGE_SELF).ru_maxrss
-        base, new = runs
         found = compare(base, new, GateSettings())
         lines = comparison_lines(found, judge(new, found, GateSettings()), new)
         took, peak = time.process_time() - made, getrusage(RUSAGE_SELF).ru_maxrss
@@ -213,5 +264,10 @@ if __name__ == "__main__":
             subprocess.run([sys.executable, __file__, "compared-in-this-process", size], check=True)
     elif task == "compared-in-this-process":
         compared(int(place))
+    elif task == "rows":
+        for size in (place, *rest):
+            subprocess.run([sys.executable, __file__, "rows-in-this-process", size], check=True)
+    elif task == "rows-in-this-process":
+        from_rows(int(place))
     else:
         raise SystemExit(__doc__)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.braking import follow_demand
+from sumo_eval.ads.cycle import cycles_of
 from sumo_eval.ads.lane_change import lane_kept
 from sumo_eval.ads.perception import bumper_gap, is_in_sight
 from sumo_eval.ads.r157 import (
@@ -110,6 +111,8 @@ def considered(me: Any, other: Any, lateral_closing: float) -> bool:
 
 
 _PARAMETERS = [*fields("standstill_gap"), *flags("as_coded")]
+_MEMORY = [("safety", SAFETY_MEMORY), *fields("told"), *flags("steps")]
+"""safety: its brakes, and where the ego is. told: the acceleration told in this cycle, m/s2. steps: driven so far."""
 
 
 @kernel
@@ -133,26 +136,34 @@ def fuzzy_demand(scene: Any, after: float) -> float:
 
 @kernel
 def fuzzy_safety_model(
-    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, scenario: Any, time: float
+    me: Any, others: Any, memory: Any, sightings: Any, later: Any, p: Any, cycle: Any, scenario: Any, time: float
 ) -> float:
-    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2."""
-    sight_all(memory, me, others, sightings, scenario.step)
-    scene = (memory.me, memory.then, sightings, later, p, scenario)
-    return -follow_demand(
-        memory.braking, fuzzy_demand, scene, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, scenario.vehicle, scenario.step
-    )
+    """The strongest braking that any vehicle ahead demands, as an acceleration, m/s2; decided once a cycle.
+
+    CFS asks for more the harder the ego brakes already, so beside a limit of it the demand goes up and down from look
+    to look. cycle: the scenario, with a cycle as its step.
+    """
+    if memory.steps % round(cycle.step / scenario.step) == 0:
+        safety = memory.safety
+        sight_all(safety, me, others, sightings, cycle.step)
+        scene = (safety.me, safety.then, sightings, later, p, cycle)
+        memory.told = -follow_demand(
+            safety.braking, fuzzy_demand, scene, time, REACTION, HUMAN_BRAKING, HUMAN_JERK, cycle.vehicle, cycle.step
+        )
+    memory.steps += 1
+    return float(memory.told)
 
 
 @rows
 def fuzzy_safety_model_rows(
     egos: Records, seen: Records, memory: Records, sightings: Records, later: Records, parameters: Records,
-    scenario: Records, time: float,
+    cycles: Records, scenario: Records, time: float,
 ) -> None:  # fmt: skip
     """`fuzzy_safety_model` for every row."""
     for i in range(len(egos)):
         if egos[i].live:
             egos[i].command.acceleration = fuzzy_safety_model(
-                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], scenario[0], time
+                egos[i].seen, seen[i], memory[i], sightings[i], later[i], parameters[i], cycles[i], scenario[0], time
             )
             egos[i].command.steering = lane_kept(egos[i], scenario[0])
 
@@ -174,7 +185,12 @@ class FuzzySafetyModel(Compiled):
 
     @classmethod
     def arrays(cls, together: Sequence[Any], scenario: Records, others: int) -> tuple[Records, ...]:
-        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters."""
+        """Memory, what is remembered of the others, room for where they are foreseen to be, parameters, and what a
+        cycle is.
+        """
         count = len(together)
         later = np.zeros((count, others), MOVER)
-        return np.zeros(count, SAFETY_MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS)
+        return (
+            np.zeros(count, _MEMORY), unknown(count, others, SIGHTING), later, records(together, _PARAMETERS),
+            cycles_of(scenario, count),
+        )  # fmt: skip

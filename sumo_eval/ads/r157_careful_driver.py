@@ -85,10 +85,10 @@ _WATCHED = fields(
 )  # fmt: skip
 """What the driver remembers of another vehicle, nan where there is nothing.
 
-lane: y of the centre of the lane where it was first seen, m. offset, time, speed: of the last look. strayed: when it
-was further off that centre than wandering explains, s. braking: its deceleration of the last step, m/s2. braked: when
-that exceeded the driver's threshold, s. evaluated: when an event of it has been evaluated, s. necessary: when braking
-for it became necessary, s.
+lane: y of the centre of the lane where it was first seen, or of the place where it stood then, m. offset, time, speed:
+of the last look. strayed: when it was further off there than wandering explains, s. braking: its deceleration of the
+last step, m/s2. braked: when that exceeded the driver's threshold, s. evaluated: when an event of it has been
+evaluated, s. necessary: when braking for it became necessary, s.
 """
 
 
@@ -153,7 +153,8 @@ def _braking_necessary(
 def _look_at(other: Any, known: Any, p: Any, scenario: Any, time: float) -> None:
     braking = 0.0
     if math.isnan(known.lane):
-        known.lane = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
+        centre = scenario.road.lane_width * round(other.y / scenario.road.lane_width)
+        known.lane = centre if other.speed > 0.0 else other.y
         known.offset, known.time = other.y - known.lane, time
     else:
         braking = (known.speed - other.along) / scenario.step

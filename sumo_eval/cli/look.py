@@ -29,15 +29,18 @@ def report(run: Path) -> None:
 def explain(run: Path, case: str | None) -> None:
     """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
     from sumo_eval.evaluation import score, zone_partitions
-    from sumo_eval.report.explain import explain_case
-    from sumo_eval.report.replay import known_case
-    from sumo_eval.report.terminal import ledger_lines
+    from sumo_eval.report.explain import explain_case, known_case
 
     if case is not None:
         known_case(run, case)  # a misspelt one is told before anything is computed
     with Progress() as progress:
         evaluation = score(run, progress=progress)
-    lines = ledger_lines(evaluation) if case is None else explain_case(evaluation, zone_partitions(evaluation), case)
+    if case is None:
+        from sumo_eval.report.terminal import ledger_lines  # and with it what draws tables, which a case does not need
+
+        lines = ledger_lines(evaluation)
+    else:
+        lines = explain_case(evaluation, zone_partitions(evaluation), case)
     for line in lines:
         click.echo(line)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     a scenario file says how often that is per vehicle-km ([met], as `learn` writes it).
     """
     from sumo_eval.rates.campaign import read_campaign, run_campaign
-    from sumo_eval.rates.campaign_page import sentences, write_campaign
+    from sumo_eval.rates.campaign_page import lost_words, sentences, write_campaign
 
     settings = read_campaign(file)
     if budget is not None:
@@ -72,9 +73,9 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
         found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
     for sentence in sentences(found):
         click.echo(sentence)
-    lost = sum(sum(part.not_evaluated.values()) for rate in found.rates for part in rate.parts)
+    lost = sum((rate.lost for rate in found.rates), Counter[str]())
     if lost:
-        click.echo(f"{lost} drives could not be evaluated and count as without a collision.")
+        click.echo(lost_words(lost))
     for path in write_campaign(found, out):
         click.echo(str(path))
     sys.exit(NOT_EVALUATED if lost else DONE)

@@ -51,9 +51,10 @@ def run(
 ) -> None:
     """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
     from sumo_eval.record.children import warm_up
-    from sumo_eval.settings.config import read_evaluation
 
     if evaluation is not None:
+        from sumo_eval.settings.config import read_evaluation
+
         read_evaluation(evaluation)  # a mistake in it is told at once
     with Heard():
         warm_up()  # before the imports below, which take a second

@@ -76,7 +76,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
     """Step until every case has ended."""
     settings = world.settings
     step, every = settings.step, round(settings.record_interval / settings.step)
-    as_read = int(stage.as_read)
+    as_read, asked = int(stage.as_read), stage.asked
     moved = 0
     try:
         driver.begin(world, stage)
@@ -87,7 +87,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
         while world.going:
             after = world.steps + 1
             driver.step(world, world.steps * step)
-            closely = stage.closely(world.steps)
+            closely = asked or stage.closely(world.steps)
             now = after * step
             sampling = after % every == 0
             if sampling:
@@ -99,7 +99,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             try:
                 stage.tell(world, count)
             except stage.traci.TraCIException as error:
-                if not stage.asked:
+                if not asked:
                     raise
                 raise ControllerError(  # who asks SUMO has just taken a vehicle away
                     f"After the ADS's step at {world.time:.2f} s SUMO cannot move the ego: {said(error)}."
@@ -107,7 +107,7 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             stage.step()
             driver.after(world, now)
             stage.read(world)
-            if stage.compares(world.steps):
+            if not as_read and stage.compares(world.steps):
                 stage.compare(world)
             moved = 0
             if world.players is not None:

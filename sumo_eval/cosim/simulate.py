@@ -61,6 +61,7 @@ _LOG = logging.getLogger(__name__)
 SORTED_AT_ONCE = 4096  # cases whose recordings are held until those before them are there
 TOGETHER = 512  # cases in one simulation: enough to share a step's fixed cost, few enough for the processor's caches
 
+USUAL = SimulationSettings()  # checked once, and not for every case
 ON_TRACI = Alone("on_traci")
 ONE_OBJECT = Alone("one_object")
 NOT_TOGETHER = Alone("not_together")
@@ -88,7 +89,7 @@ def simulate(
     clock) ends the run with `end_reason` "ads_error" and a sentence in `error`, too slow a step with "ads_timeout", a
     fault of SUMO with "sim_error". What was driven until then is kept.
     """
-    settings = concrete.simulation(settings or SimulationSettings())
+    settings = concrete.simulation(settings or USUAL)
     check_intervals(settings)
     ads = load_controller(controller, folder)
     every = _steps_between(controller, period, settings)
@@ -226,7 +227,7 @@ def simulate_together(
     seeds: of each case, of what the conditions leave to chance. wrap: put around the policy of each case. batches:
     whether a policy over arrays may see many cases at once; its numbers may depend on which.
     """
-    basis = settings or SimulationSettings()
+    basis = settings or USUAL
     check_intervals(basis)
     given = seeds or [0] * len(cases)
     if isinstance(controller, list | tuple):

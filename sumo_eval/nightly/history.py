@@ -11,7 +11,7 @@ from pathlib import Path
 from sumo_eval.errors import InputError
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.words import SCORES, cases_of
-from sumo_eval.results import Evaluation, ScenarioResult
+from sumo_eval.results import Evaluation, ScenarioResult, columns
 
 HISTORY = "history.sqlite"
 FORMAT_VERSION = 1
@@ -214,5 +214,5 @@ def _quantities(evaluation: Evaluation, score: ScenarioResult) -> dict[str, floa
         "unavoidable_collisions": score.unavoidable_collisions,
         "caused_collisions": score.caused_collisions,
         "not_evaluated": score.not_evaluated,
-        "run_time": sum(case.wall_time or 0.0 for case in cases_of(evaluation, score)),
+        "run_time": sum(time or 0.0 for _, time in columns(cases_of(evaluation, score), "zone", "wall_time")),
     }

@@ -39,11 +39,14 @@ TICKS = 5
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One night on a chart, in the SVG's own units, and what a person reads when pointing at it."""
+    """One night on a chart, in the SVG's own units, what a person reads when pointing at it, and its row of the saved
+    table: night, series, value.
+    """
 
     x: float
     y: float
     words: str
+    row: tuple[str, str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,7 @@ class Gate:
     half: float
     colour: str
     words: str
+    row: tuple[str, str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +160,7 @@ def _chart(
                 parts.append([])
             else:
                 words = f"{ads}, {_date(night.night)}: {value:z.6g} {unit}".rstrip()
-                parts[-1].append(Point(round(at[night.night], 2), height(value), words))
+                parts[-1].append(Point(round(at[night.night], 2), height(value), words, (night.night, ads, value)))
         latest = series.get((nights[-1].night, ads))
         lines.append(
             Line(
@@ -172,6 +176,7 @@ def _chart(
             round(at[gate.night], 2), height(gate.threshold), round(0.42 * step, 2),
             COLOURS[names.index(gate.ads) % len(COLOURS)],
             f"gate of {gate.ads}, {_date(gate.night)}: {gate.threshold:z.6g} {unit}".rstrip(),
+            (gate.night, f"gate of {gate.ads}", gate.threshold),
         )
         for gate in limits
         if gate.threshold is not None and gate.ads in names

@@ -114,6 +114,11 @@ class AdsRate:
     loss: tuple[float, float, float]
     limit: float
 
+    @property
+    def lost(self) -> Counter[str]:
+        """How many drives could not be evaluated, by why."""
+        return sum((Counter(part.not_evaluated) for part in self.parts), Counter[str]())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Campaign:

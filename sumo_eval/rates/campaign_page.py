@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -92,6 +93,12 @@ def rate_words(rate: tuple[float, float, float]) -> str:
     return f"{amount(rate[0])} ({interval(rate[1], rate[2])})"
 
 
+def lost_words(lost: Mapping[str, int]) -> str:
+    """That drives could not be evaluated, and why."""
+    why = ", ".join(f"{status} {count}" for status, count in sorted(lost.items()))
+    return f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a collision."
+
+
 def sentences(campaign: Campaign) -> list[str]:
     """The result, a line an ADS and one for the people."""
     said = [
@@ -129,9 +136,8 @@ def parts(campaign: Campaign) -> list[Piece]:
 def _of_one(rate: AdsRate) -> Fold:
     """An ADS's rate by scenario, and what it rests on."""
     inside: list[Text | Table] = [_split(rate)]
-    lost = sum(sum(part.not_evaluated.values()) for part in rate.parts)
-    if lost:
-        inside.append(Text(f"{lost} drives could not be evaluated and count as without a collision.", "note"))
+    if rate.lost:
+        inside.append(Text(lost_words(rate.lost), "note"))
     if rate.collisions[0] == 0.0:
         inside.append(
             Text(f"No drive that counted collided. The upper limit holds whatever the collisions may look like; it "

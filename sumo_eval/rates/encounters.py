@@ -44,11 +44,12 @@ BRAKING_HEADWAY: Final = 5.0  # s; a leader that brakes further ahead does not c
 REAR_HEADWAY: Final = 4.0  # s; who is further behind in the new lane does not count
 LEAD_HEADWAY: Final = 6.0  # s; who is further ahead in the old lane does not count
 
-NOT_WHOLE, NO_OTHER, BESIDE, REAR_MOVES = (
+NOT_WHOLE, NO_OTHER, BESIDE, REAR_MOVES, LEAD_MOVES = (
     "not recorded from its beginning to its end",
     "no vehicle ahead that it reveals",
     "does not fit a lane change of 1 to 15 s",
     "the vehicle behind changes lane as well",
+    "the vehicle ahead changes lane meanwhile",
 )
 """Why an event has no parameters."""
 
@@ -366,6 +367,8 @@ def _braking(tracks: _Tracks, event: Mapping[str, Any]) -> tuple[dict[str, float
     if ego_x is None or ego_speed is None:
         return NOT_WHOLE
     part = slice(whole.start + first, whole.start + last + 1)
+    if np.ptp(tracks.lane[part]):
+        return LEAD_MOVES
     duration = (last - first) * INTERVAL
     x0, speed, rate = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
     values = {
@@ -384,6 +387,8 @@ def _approach(tracks: _Tracks, event: Mapping[str, Any]) -> tuple[dict[str, floa
     ego_x = tracks.at(ego, begin, tracks.x)
     if part is None or ego_x is None:
         return NOT_WHOLE
+    if np.ptp(tracks.lane[part]):
+        return LEAD_MOVES
     _, speed, acceleration = constant_acceleration(tracks.t[part] - begin, tracks.x[part])
     values = {
         "ego_speed": float(event["ego_speed"]),

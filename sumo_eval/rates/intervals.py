@@ -10,7 +10,15 @@ import numpy as np
 from sumo_eval.trajectory import FloatArray
 
 LEVEL: Final = 0.95
-Z: Final = 1.959963984540054  # the normal distribution's 97.5 % point
+OUTERMOST: Final = 3  # spacings between the furthest values by which an end is told
+
+
+def of_each(count: int, level: float = LEVEL) -> float:
+    """The level of each of `count` intervals that hold all at once with probability `level` (Sidak 1967).
+
+    Exact where they are independent, and never below `level` for two-sided intervals of normal estimates.
+    """
+    return float(level ** (1.0 / max(count, 1)))
 
 
 def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[float, float]:
@@ -23,25 +31,30 @@ def rate_interval(events: int, exposure: float, level: float = LEVEL) -> tuple[f
 
 
 def end_interval(values: FloatArray, *, upper: bool, level: float = LEVEL) -> tuple[float, float]:
-    """Where a range ends, by the two values (n,) that reach furthest (Robson and Whitlock 1964).
+    """Where a range ends, by the k + 1 values of (n,) that reach furthest, k = `OUTERMOST` (after Robson and Whitlock
+    1964, who take k = 1).
 
-    The end lies beyond the furthest value, and beyond it by more than (level / (1 - level)) times the distance from the
-    second furthest with probability 1 - level, whatever the distribution, as long as its density at the end is neither
-    0 nor infinite. Where it fades out instead there is no end, and the interval says little.
+    The end lies beyond the furthest value, and by more than c = (1 - level)^(-1/k) - 1 times the distance from there to
+    the value k further in with probability (1 + c)^-k = 1 - level: the spacings there are alike where the density is
+    even over the outermost values, and e / (e + g) of one and the sum g of k others is then a beta (1, k). Where the
+    density fades out instead there is no end, and the interval says little.
     """
     ordered = np.sort(values)
-    last, before = (ordered[-1], ordered[-2]) if upper else (ordered[0], ordered[1])
-    beyond = float(last + (last - before) * level / (1.0 - level))
+    k = min(OUTERMOST, len(ordered) - 1)
+    last, within = (ordered[-1], ordered[-1 - k]) if upper else (ordered[0], ordered[k])
+    beyond = float(last + (last - within) * ((1.0 - level) ** (-1.0 / k) - 1.0))
     return (float(last), beyond) if upper else (beyond, float(last))
 
 
-def rank_correlation(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
-    """Spearman's rank correlation of (n,) and (n,), and its 95 % limits (Bonett and Wright 2000)."""
+def rank_correlation(a: FloatArray, b: FloatArray, level: float = LEVEL) -> tuple[float, float, float]:
+    """Spearman's rank correlation of (n,) and (n,), and its limits (Bonett and Wright 2000)."""
+    from scipy.special import ndtri
+
     ranks = [np.argsort(np.argsort(values, kind="stable"), kind="stable").astype(np.float64) for values in (a, b)]
     rho = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
     if len(a) < 4:
         return rho, -1.0, 1.0
-    half = Z * math.sqrt((1.0 + rho**2 / 2.0) / (len(a) - 3))
+    half = float(ndtri((1.0 + level) / 2.0)) * math.sqrt((1.0 + rho**2 / 2.0) / (len(a) - 3))
     middle = math.atanh(min(max(rho, -1.0 + 1e-12), 1.0 - 1e-12))
     return rho, math.tanh(middle - half), math.tanh(middle + half)
 

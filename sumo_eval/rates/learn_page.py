@@ -182,6 +182,12 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
         table(("parameter", "unit", "range in the file", "median", "lower end, 95 %", "upper end, 95 %",
                "Kolmogorov distance, held out"), parameters)
     )  # fmt: skip
+    out.append(
+        Text(
+            "Intervals of ends hold all ends of this table at once with 95 %, where events do not grow rare "
+            "towards the ends; intervals of correlations hold all correlations at once with 95 %."
+        )
+    )
     if learnt.thinned:
         out.append(Text(f"{learnt.thinned} events are left out of the distribution, evenly: it holds {len(rows)}."))
     out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]

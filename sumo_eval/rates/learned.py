@@ -5,10 +5,11 @@ and a rate, and what is known of how well it describes what was recorded.
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,8 +19,8 @@ import tomli_w
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.errors import InputError
 from sumo_eval.rates.encounters import CLASSES, Encounters, Found, Moved, find_encounters
-from sumo_eval.rates.intervals import end_interval, kolmogorov, rank_correlation, rate_interval
-from sumo_eval.rates.scenes import CAR_LENGTH, SCENES, content_of
+from sumo_eval.rates.intervals import end_interval, kolmogorov, of_each, rank_correlation, rate_interval
+from sumo_eval.rates.scenes import CAR_LENGTH, SCENES, Quantity, content_of
 from sumo_eval.rates.value_sets import value_sets
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint, JointKind
@@ -27,7 +28,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.undisturbed import tracks
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import cell
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 FOLDS: Final = 5  # in which vehicles are held out
 FACTORS: Final = (0.15, 0.2, 0.27, 0.36, 0.48, 0.64, 0.85)  # bandwidths of a KDE that are tried, over the data's spread
@@ -61,11 +62,12 @@ class Learnt:
     """What was learnt of a class. logical: the scenario as its file says it; None: too few events.
 
     kept: which of the encounters' rows the distribution is fitted to, (n,) True or False; outside: how many are not,
-    for a constraint. constants: parameters that do not vary. ends: parameter -> 95 % intervals of the range's lower and
-    upper end. correlations: pairs -> Spearman's rank correlation and its 95 % interval. models: held out, the best
-    first. replay: root mean square distance, m, of the other's scripted motion to its recorded one, along and across
-    the road and together, (n, 3). needed: events for a distribution. thinned: events that it leaves out, evenly, where
-    there are more than `MOST_FITTED`; ends and correlations are those of all.
+    for a constraint. constants: parameters that do not vary. ends: parameter -> intervals of the range's lower and
+    upper end, which hold all ends of the class at once with 95 %. correlations: pairs -> Spearman's rank correlation
+    and its interval, which hold all of the class at once with 95 %. models: held out, the best first. replay: root mean
+    square distance, m, of the other's scripted motion to its recorded one, along and across the road and together,
+    (n, 3). needed: events for a distribution. thinned: events that it leaves out, evenly, where there are more than
+    `MOST_FITTED`; ends and correlations are those of all.
     """
 
     encounters: Encounters
@@ -117,7 +119,28 @@ def learn(
     return Lesson(found, learnt, found.notes, source)
 
 
-def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What is read off a class's events before anything is fitted to them. content: of the scenario file, which is
+    written without a distribution. rows: the parameters (n, k) of the events that are kept; the other fields are
+    `Learnt`'s.
+    """
+
+    rate: tuple[float, float, float]
+    needed: int
+    constants: Mapping[str, float]
+    logical: LogicalScenario | None = None
+    content: Mapping[str, Any] = field(default_factory=dict)
+    kept: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    rows: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = field(default_factory=dict)
+    correlations: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
+
+
+def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> Measured:
+    """Rate, ranges and correlations of a class, with their intervals, and its scenario file without a distribution; no
+    file where there are too few events for one.
+    """
     scene = SCENES[encounters.name]
     rate = (
         encounters.events / found.kilometres,
@@ -131,38 +154,44 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     }
     free = [name for name in names if name not in constants]
     needed = LEAST_EVENTS * len(free)
-    nothing = Learnt(encounters, rate, None, None, constants, 0, {}, {}, (), np.zeros((0, 3)), needed, 0)
     if n < needed or not free:
-        return nothing
-    floors = {item.name: item.floor for item in scene.quantities}
+        return Measured(rate, needed, constants)
+    known = {item.name: item for item in scene.quantities}
     rows = rows[:, [names.index(name) for name in free]]
-    ranges = {name: _range(rows[:, j], floors[name]) for j, name in enumerate(free)}
+    ranges = {name: _range(rows[:, j], known[name]) for j, name in enumerate(free)}
     name = PREFIX + encounters.name
     content = content_of(name, encounters.name, ranges, constants, found.lane_width, _source(source, found))
     content["met"] = {
         "events": encounters.events, "vehicle_km": round(found.kilometres, 3), "where": _source(source, found)
     }  # fmt: skip
     path = folder / f"{encounters.name}.toml"
-    table = folder / f"{encounters.name}.events.csv"
     _write(path, content)  # without the joint distribution: its constraints say which events are possible
     logical = read_scenario(path)
     kept = logical.in_box(rows) & logical.feasible(rows)
     rows = rows[kept]
     if len(rows) < needed:
         path.unlink()
-        return nothing
-    low, high = tuple(logical.low.tolist()), tuple(logical.high.tolist())
+        return Measured(rate, needed, constants)
+    each = of_each(2 * len(free))
     ends = {
-        each: (end_interval(rows[:, j], upper=False), end_interval(rows[:, j], upper=True))
-        for j, each in enumerate(free)
+        name: (end_interval(rows[:, j], upper=False, level=each), end_interval(rows[:, j], upper=True, level=each))
+        for j, name in enumerate(free)
     }
-    correlations = {
-        (free[i], free[j]): rank_correlation(rows[:, i], rows[:, j])
-        for i in range(len(free))
-        for j in range(i + 1, len(free))
-    }
-    outside = int((~kept).sum())
-    places = np.flatnonzero(kept)
+    pairs = list(itertools.combinations(range(len(free)), 2))
+    each = of_each(len(pairs))
+    correlations = {(free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], each) for i, j in pairs}
+    return Measured(rate, needed, constants, logical, content, kept, rows, ends, correlations)
+
+
+def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
+    met = measure(encounters, found, folder, source)
+    if met.logical is None:
+        return Learnt(
+            encounters, met.rate, None, None, met.constants, 0, {}, {}, (), np.zeros((0, 3)), met.needed, 0
+        )  # fmt: skip
+    free = list(met.logical.names)
+    low, high = tuple(met.logical.low.tolist()), tuple(met.logical.high.tolist())
+    rows, places = met.rows, np.flatnonzero(met.kept)
     if len(places) > MOST_FITTED:
         even = np.linspace(0, len(places) - 1, MOST_FITTED).round().astype(np.intp)
         places, rows = places[even], rows[even]
@@ -170,32 +199,37 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     models = choose_model(rows, free, (low, high), fold_of(who))
     best = models[0]
     kind, factor = best.named
+    path = folder / f"{encounters.name}.toml"
+    table = folder / f"{encounters.name}.events.csv"
     _write_events(table, who, free, rows)
-    content["joint"] = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
-    _write(path, content)
-    value_sets(name, free, rows, path.name, rate, folder / f"{encounters.name}.xosc")
+    distribution = {"events": table.name, "kind": kind} | ({} if factor is None else {"bandwidth": factor})
+    _write(path, {**met.content, "joint": distribution})
+    value_sets(PREFIX + encounters.name, free, rows, path.name, met.rate, folder / f"{encounters.name}.xosc")
     logical = read_scenario(path)
     joint = Joint(kind, tuple(free), tuple(map(tuple, rows.tolist())), low, high, factor, table.name)
-    motions = [encounters.motions[place] for place in places]
-    replay = replay_errors(logical, encounters.name, rows, motions)
-    thinned = int(kept.sum()) - len(rows)
+    replay = replay_errors(logical, encounters.name, rows, [encounters.motions[place] for place in places])
     return Learnt(
-        encounters, rate, logical, joint, constants, outside, ends, correlations, models, replay, needed, thinned
-    )
+        encounters, met.rate, logical, joint, met.constants, int((~met.kept).sum()), met.ends, met.correlations,
+        models, replay, met.needed, len(met.rows) - len(rows),
+    )  # fmt: skip
 
 
 def _source(source: str, found: Found) -> str:
     return f"{source}: {len(found.recordings)} recordings, {found.kilometres:.1f} vehicle-km in {found.hours:.2f} h"
 
 
-def _range(values: FloatArray, floor: float | None) -> tuple[float, float]:
-    """A range that holds the values and one kernel deviation beyond, rounded outwards, at least `floor`."""
+def _range(values: FloatArray, quantity: Quantity) -> tuple[float, float]:
+    """A range that holds the values and one kernel deviation beyond, rounded outwards; there is nothing above the
+    quantity's ceiling, and below its floor only what was recorded.
+    """
     width = float(values.std(ddof=1)) * len(values) ** -0.2
     scale = 10.0 ** (math.floor(math.log10(max(float(np.ptp(values)), 1e-6))) - 2)
     low = math.floor((values.min() - width) / scale) * scale
     high = math.ceil((values.max() + width) / scale) * scale
-    if floor is not None:
-        low = max(low, min(floor, float(values.min())))
+    if quantity.floor is not None:
+        low = max(low, min(quantity.floor, float(values.min())))
+    if quantity.ceiling is not None:
+        high = min(high, quantity.ceiling)
     return round(low, 6), round(high, 6)
 
 

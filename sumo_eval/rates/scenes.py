@@ -15,17 +15,19 @@ from sumo_eval.rates.encounters import APPROACH_WINDOW
 CAR_LENGTH: Final = 4.5  # m, of every vehicle of a learnt scenario
 END_X, END_TIME, ROAD_LENGTH = 1500.0, 45.0, 5000.0  # m, s, m: when a case of a learnt scenario is over
 GRID_POINTS: Final = 1500  # about so many has the default grid of a learnt scenario
-SLOWEST: Final = 0.5  # m/s; no vehicle of a learnt scenario is slower
+SLOWEST, FASTEST = 0.5, 60.0
+"""m/s; no vehicle of a learnt scenario begins slower, nor faster than roads of scenario files allow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A parameter of a class. floor: below it there is none, in `unit`; None: no such bound."""
+    """A parameter of a class. floor, ceiling: below and above it there is none, in `unit`; None: no such bound."""
 
     name: str
     unit: str
     about: str
     floor: float | None = None
+    ceiling: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +51,16 @@ class Scene:
     behind: bool = False
 
 
-EGO_SPEED: Final = Quantity("ego_speed", "m/s", "speed of the ego at t = 0", SLOWEST)
+EGO_SPEED: Final = Quantity("ego_speed", "m/s", "speed of the ego at t = 0", SLOWEST, FASTEST)
 DURATION: Final = Quantity("duration", "s", "of the move to the side", 0.5)
-MOVING: Final = f">= {SLOWEST:g}"
+
+
+def _bounds(speed: str, who: str) -> tuple[tuple[str, str], ...]:
+    """Constraints that keep a vehicle's speed at t = 0 between `SLOWEST` and `FASTEST`."""
+    return (
+        (f"{speed} >= {SLOWEST:g}", f"one where {who} moves"),
+        (f"{speed} <= {FASTEST:g}", f"one where {who} is no faster than {FASTEST:g} m/s"),
+    )
 
 
 def _moving(speed: str) -> str:
@@ -91,7 +100,7 @@ def _moves_in(about: str, gap_about: str, level: int, sign: str) -> Scene:
             },
         ),
         {"other_speed": _moving("ego_speed - closing_speed")},
-        ((f"ego_speed - closing_speed {MOVING}", "one where the other moves"),),
+        _bounds("ego_speed - closing_speed", "the other"),
         "other",
         "other",
         lanes=2 if level == 1 else 3,
@@ -141,8 +150,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         ),
         {"lead_speed": _moving("ego_speed - lead_closing"), "revealed_speed": _moving("ego_speed - closing_speed")},
         (
-            (f"ego_speed - lead_closing {MOVING}", "one where the lead moves"),
-            (f"ego_speed - closing_speed {MOVING}", "one where the revealed vehicle moves"),
+            *_bounds("ego_speed - lead_closing", "the lead"),
+            *_bounds("ego_speed - closing_speed", "the revealed vehicle"),
             (f"gap >= lead_gap + {CAR_LENGTH + 1.0:g}", "one where the revealed vehicle is ahead of the lead"),
         ),
         "lead",
@@ -173,7 +182,7 @@ SCENES: Final[Mapping[str, Scene]] = {
             },
         ),
         {"lead_speed": _moving("ego_speed - closing_speed"), "braking": "min(duration, lead_speed / deceleration)"},
-        ((f"ego_speed - closing_speed {MOVING}", "one where the lead moves"),),
+        _bounds("ego_speed - closing_speed", "the lead"),
         "lead",
         "lead",
     ),
@@ -202,7 +211,7 @@ SCENES: Final[Mapping[str, Scene]] = {
             },
         ),
         {"lead_speed": _moving("ego_speed - closing_speed")},
-        ((f"ego_speed - closing_speed {MOVING}", "one where the lead moves"),),
+        _bounds("ego_speed - closing_speed", "the lead"),
         "lead",
         "lead",
     ),
@@ -236,8 +245,8 @@ SCENES: Final[Mapping[str, Scene]] = {
         ),
         {"lead_speed": _moving("ego_speed - lead_closing"), "rear_speed": _moving("ego_speed + rear_closing")},
         (
-            (f"ego_speed - lead_closing {MOVING}", "one where the lead moves"),
-            (f"ego_speed + rear_closing {MOVING}", "one where the vehicle behind moves"),
+            *_bounds("ego_speed - lead_closing", "the lead"),
+            *_bounds("ego_speed + rear_closing", "the vehicle behind"),
         ),
         "rear",
         "lead",

@@ -73,7 +73,7 @@ def child_context() -> BaseContext:
     """Where process pools get their children from."""
     context = _Context()
     if _KIND == "forkserver":
-        context.set_forkserver_preload(["sumo_eval.record.worker", "sumo_eval.record.loaded_loops"])
+        context.set_forkserver_preload(["sumo_eval.record.loaded_loops"])
     return cast("BaseContext", context)
 
 

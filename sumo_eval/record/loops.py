@@ -31,6 +31,7 @@ from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
+OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction")
 _LONG = {
     WORLD: 14, PLAYED: 12, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2, "reg157": 2,
 }  # fmt: skip

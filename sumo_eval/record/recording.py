@@ -23,17 +23,13 @@ from sumo_eval.record.identity import (
     with_fingerprint,
 )
 from sumo_eval.record.progress import Progress, Stopping, never
-from sumo_eval.record.store import Store
+from sumo_eval.record.store import RECORDED, Store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
-
-RECORDED = "recorded"
-"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
-
 
 REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
 """What collisions are measured against, by role: Ug is the ideal vehicle's, U0 that of one who does nothing."""

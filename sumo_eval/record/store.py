@@ -31,6 +31,9 @@ from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 
 FORMAT_VERSION = 4
 
+RECORDED = "recorded"
+"""What the controller of a recorded person's drive is called, and the setting `drivers.source` that asks for them."""
+
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (
     "case" TEXT PRIMARY KEY, scenario TEXT NOT NULL, point INTEGER NOT NULL, role TEXT NOT NULL, driver TEXT NOT NULL,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from heapq import nsmallest
 from typing import Any
 from urllib.parse import quote
 
 from sumo_eval.report.words import count, point
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, ScenarioResult
 
 PASSED, FAILED, NOT_EVALUATED = "passed", "failed", "not evaluated"
 MOST_LINES = 40  # of a terminal; checks.csv has all
@@ -35,70 +37,70 @@ class CheckedCase:
         return NOT_EVALUATED if self.missed is None else FAILED if check in self.missed else PASSED
 
 
-def checked_cases(evaluation: Evaluation) -> list[CheckedCase]:
-    """All cases of scenarios that have requirements, in the order of the evaluation."""
-    return [
-        CheckedCase(
-            case.case, case.scenario, case.ads, point(case.values),
-            None if case.requirements_missed is None
-            else tuple(name for name in case.requirements_missed.split("; ") if name),
-        )
-        for case in evaluation.cases
-        if case.scenario in evaluation.checks
-    ]  # fmt: skip
+def checked_cases(evaluation: Evaluation, scores: Iterable[ScenarioResult] | None = None) -> Iterator[CheckedCase]:
+    """All cases of scenarios that have requirements, in the order of the evaluation, or those of some scores; one after
+    the other.
+    """
+    for score in evaluation.scores if scores is None else scores:
+        if score.scenario not in evaluation.checks:
+            continue
+        for case in evaluation.cases_of(score.ads, score.scenario):
+            missed = (
+                None if case.requirements_missed is None else tuple(filter(None, case.requirements_missed.split("; ")))
+            )
+            yield CheckedCase(case.case, case.scenario, case.ads, point(case.values), missed)
 
 
 def check_lines(evaluation: Evaluation) -> Iterator[str]:
     """A line for each case with its verdict, failed ones first where they are too many; and a sentence before them."""
-    cases = checked_cases(evaluation)
-    if not cases:
+    verdicts = Counter(one.verdict for one in checked_cases(evaluation))
+    number = verdicts.total()
+    if not number:
         return
-    passed = sum(one.verdict == PASSED for one in cases)
-    yield f"{passed} of {count(len(cases), 'case')} pass all checks of their scenarios:"
-    shown = cases
-    if len(cases) > MOST_LINES:
-        shown = sorted(cases, key=lambda one: (FAILED, NOT_EVALUATED, PASSED).index(one.verdict))[:MOST_LINES]
+    yield f"{verdicts[PASSED]} of {count(number, 'case')} pass all checks of their scenarios:"
+    shown: Iterable[CheckedCase] = checked_cases(evaluation)
+    if number > MOST_LINES:
+        order = (FAILED, NOT_EVALUATED, PASSED)
+        shown = nsmallest(MOST_LINES, shown, key=lambda one: order.index(one.verdict))
     for one in shown:
         why = f": {'; '.join(one.missed)}" if one.missed else ""
         yield f"  {one.verdict}  {one.ads} in {one.scenario}, {one.point}{why}"
-    if len(cases) > MOST_LINES:
-        yield f"  and {len(cases) - MOST_LINES} more, all in checks.csv."
+    if number > MOST_LINES:
+        yield f"  and {number - MOST_LINES} more, all in checks.csv."
 
 
 def checks_content(evaluation: Evaluation) -> Mapping[str, Any] | None:
     """For each scenario with requirements: what they are, how often each ADS misses them, and each row's verdict."""
-    cases = checked_cases(evaluation)
-    if not cases:
-        return None
     tables = []
     for scenario, checks in evaluation.checks.items():
-        here = [one for one in cases if one.scenario == scenario]
-        names = list(dict.fromkeys(one.ads for one in here))
+        scores = [score for score in evaluation.scores if score.scenario == scenario]
+        if not scores:
+            continue
+        names = [score.ads for score in scores]
+        failed, passed = {name: Counter[str]() for name in names}, Counter[str]()
+        points: set[int] = set()
         rows: dict[str, dict[str, CheckedCase]] = {}
-        for one in here:
-            rows.setdefault(one.point, {})[one.ads] = one
+        for one in checked_cases(evaluation, scores):
+            failed[one.ads].update(name for name in checks if one.verdict_of(name) == FAILED)
+            passed[one.ads] += one.verdict == PASSED
+            points.add(hash(one.point))  # of a million points the texts would be 100 MB
+            if len(rows) < MOST_ROWS or one.point in rows:
+                rows.setdefault(one.point, {})[one.ads] = one
         tables.append(
             {
                 "scenario": scenario,
                 "ads": names,
-                "checks": [
-                    (
-                        name,
-                        text,
-                        [sum(one.verdict_of(name) == FAILED for one in here if one.ads == ads) for ads in names],
-                    )
-                    for name, text in checks.items()
-                ],
-                "passed": [sum(one.verdict == PASSED for one in here if one.ads == ads) for ads in names],
-                "of": len(rows),
+                "checks": [(name, text, [failed[ads][name] for ads in names]) for name, text in checks.items()],
+                "passed": [passed[ads] for ads in names],
+                "of": len(points),
                 "rows": [
                     (
                         place,
                         [(found.get(ads), quote(found[ads].case, safe="") if ads in found else "") for ads in names],
                     )
-                    for place, found in list(rows.items())[:MOST_ROWS]
+                    for place, found in rows.items()
                 ],
-                "more": max(0, len(rows) - MOST_ROWS),
+                "more": max(0, len(points) - MOST_ROWS),
             }
         )
-    return {"tables": tables}
+    return {"tables": tables} if tables else None

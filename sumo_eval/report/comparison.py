@@ -21,7 +21,7 @@ from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
 from sumo_eval.results import EVALUATED, CaseResult, Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
-from sumo_eval.scoring.kept_rows import Column, arrays
+from sumo_eval.scoring.kept_rows import Chosen, Column, arrays, names_at, point_numbers
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -149,28 +149,6 @@ class InTurn(Sequence[ChangedCase]):
                 return part[left]
             left -= len(part)
         raise IndexError(place)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class InPlaces(Sequence[CaseResult]):
-    """Chosen rows of a run, (n,), each read where it is asked for."""
-
-    cases: Sequence[CaseResult]
-    rows: IntArray
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @overload
-    def __getitem__(self, place: int) -> CaseResult: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[CaseResult]: ...
-
-    def __getitem__(self, place: int | slice) -> CaseResult | Sequence[CaseResult]:
-        if isinstance(place, slice):
-            return InPlaces(self.cases, self.rows[place])
-        return self.cases[int(self.rows[place])]
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,7 +311,7 @@ def _compare_ads(
         quantities=_quantity_changes(*terms, base, new, settings),
         counts=counts,
         moved_zone=moved_zone,
-        new_cases=InPlaces(paired.new, paired.new_rows),
+        new_cases=Chosen(paired.new, paired.new_rows),
     )
 
 
@@ -345,14 +323,8 @@ def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> tuple[Pair
     nobody = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
         return Paired(base, new, nobody, nobody), len(base) + len(new)
-    names = [f"values.{name}" for name in sorted(new[0].values)]
-    before, after = arrays(base, *names), arrays(new, *names)
-    point = np.zeros(len(base) + len(new), dtype=np.intp)  # a number for each point, the same in both runs
-    for name in names:
-        values = np.unique(np.concatenate([before[name], after[name]]), return_inverse=True)[1]
-        point = np.unique(point * (int(values.max()) + 1) + values, return_inverse=True)[1]
-    old, now = point[: len(base)], point[len(base) :]
-    places = int(point.max()) + 1
+    old, now = point_numbers([base, new])
+    places = int(max(old.max(), now.max())) + 1
     last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
     last_old[old] = np.arange(len(old))
     last_now[now] = np.arange(len(now))
@@ -444,7 +416,7 @@ def _changes(
         found(more > settings.less_human_by, "more human", more)
     regret = excess(terms[1].severity, terms[1].ideal) - excess(terms[0].severity, terms[0].ideal)
     which = np.flatnonzero(kind >= 0)
-    names = arrays(paired.new, "case")["case"][paired.new_rows[which]] if len(which) else np.empty(0)
+    names = names_at(paired.new, paired.new_rows[which])
     order = np.lexsort((names, -np.abs(np.nan_to_num(by[which])), kind[which]))
     moved = {
         name: np.where(values != 0.0, values, np.nan)[which][order]

@@ -104,7 +104,9 @@ def _space(name: str, item: SpaceCoverage) -> dict[str, Any]:
 
 
 def _picture(pair: PairCoverage) -> dict[str, Any]:
-    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched impossible."""
+    """Cells of one pair's heat map, y upwards: darker is more cases, white none, hatched impossible. row: numbers of
+    both buckets from 1, and the points in them, for the saved table.
+    """
     rows, columns = pair.counts.shape
     most = max(float(pair.counts.max()), 1.0)
     cells = []
@@ -119,6 +121,7 @@ def _picture(pair: PairCoverage) -> dict[str, Any]:
                     "opacity": f"{shade:z.2f}",
                     "kind": "impossible" if count < 0 else "empty" if count == 0 else "hit",
                     "words": "no possible point" if count < 0 else f"{count} points",
+                    "row": (column + 1, row + 1, None if count < 0 else count),
                 }
             )
     return {"x": pair.x, "y": pair.y, "cells": cells, "width": CELL * columns, "height": CELL * rows, "cell": CELL}

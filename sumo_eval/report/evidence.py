@@ -25,6 +25,8 @@ from sumo_eval.report.words import count, people_sentence
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scoring.confidence.intervals import LEVEL
 from sumo_eval.scoring.confidence.risk import risk
+from sumo_eval.scoring.kept_rows import arrays, chosen
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings.random_streams import random_stream
 
 FORMAT_VERSION = 1
@@ -129,15 +131,20 @@ def _claim(score: ScenarioResult, kind: str, **parts: Any) -> Claim:
     return Claim(id=f"{score.scenario}/{score.ads}/{kind}", ads=score.ads, scenario=score.scenario, **parts)
 
 
+def _names(cases: Sequence[CaseResult]) -> tuple[str, ...]:
+    """The first of some cases, by their keys."""
+    return tuple(case.case for case in cases[:MOST_CASES])
+
+
 def _complete(about: str, score: ScenarioResult, cases: Sequence[CaseResult]) -> Claim:
-    missing = [case.case for case in cases if not case.evaluated]
+    missing = chosen(cases, ~OutcomeColumns.of(cases).evaluated)
     return _claim(
         score, "complete",
         claim=f"Every concrete scenario that was chosen for {about} was driven and evaluated.",
-        verdict="not supported" if missing else "supported",
+        verdict="not supported" if len(missing) else "supported",
         argument="Cases are counted when they are planned and when they are stored; one without an outcome is named.",
         evidence=(f"{len(cases) - len(missing)} of {count(len(cases), 'case')} have an outcome that counts.",),
-        interval=None, cases=tuple(missing[:MOST_CASES]), assumptions=(),
+        interval=None, cases=_names(missing), assumptions=(),
     )  # fmt: skip
 
 
@@ -147,16 +154,17 @@ def _collisions(
     """Collision share < p: p is the upper end of its interval."""
     known = evaluation.exposure_known(score.scenario)
     under = "this exposure" if known else "equal weights of its points"
-    judged = [case for case in cases if case.evaluated]
-    hit = tuple(case.case for case in judged if case.collided)
-    exposure = np.array([case.exposure for case in judged])
+    there, read = OutcomeColumns.of(cases), arrays(cases, "exposure", "loss")
+    judged, hit = chosen(cases, there.evaluated), chosen(cases, there.evaluated & there.collided)
+    exposure = read["exposure"][there.evaluated]
     if len(judged) < 2 or not exposure.sum() > 0.0:
         return _claim(
             score, "collisions", claim=f"The collision share of {about} is known.", verdict="open",
             argument="An interval needs two evaluated cases with exposure.",
-            evidence=(f"{count(len(judged), 'case')} evaluated.",), interval=None, cases=hit, assumptions=assumptions,
+            evidence=(f"{count(len(judged), 'case')} evaluated.",), interval=None, cases=_names(hit),
+            assumptions=assumptions,
         )  # fmt: skip
-    loss = np.array([case.loss or 0.0 for case in judged])
+    loss = np.nan_to_num(read["loss"][there.evaluated])
     found = risk(exposure, loss, random_stream(evaluation.settings.seed, "risk", score.scenario, score.ads))
     it = found.collision_probability
     return _claim(
@@ -170,7 +178,7 @@ def _collisions(
             f"As informative as {found.effective_cases:z.1f} equally frequent cases.",
         ),
         interval={"estimate": it.value, "low": it.low, "high": it.high, "level": it.level},
-        cases=hit[:MOST_CASES], assumptions=assumptions,
+        cases=_names(hit), assumptions=assumptions,
     )  # fmt: skip
 
 
@@ -179,8 +187,7 @@ def _preventable(
 ) -> Claim:
     """In the words of assessors: unpreventable for a skilled driver, preventable for the ADS."""
     row = next(it for it in preventability(evaluation) if (it.ads, it.scenario) == (score.ads, score.scenario))
-    found = verdicts(evaluation)
-    against = [case.case for case in cases if found[case.case] in ("preventable", "undecided")]
+    against = chosen(cases, np.isin(verdicts(evaluation, score), ("preventable", "undecided")))
     skilled = reference_ads(evaluation.settings) or "the ideal vehicle"
     undecided = row.undecided + row.not_evaluated
     verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"
@@ -196,7 +203,7 @@ def _preventable(
             f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the ADS.",
             f"{row.off_road} left the road, {row.not_evaluated} not evaluated, of {count(row.cases, 'case')}.",
         ),
-        interval=None, cases=tuple(against[:MOST_CASES]), assumptions=assumptions,
+        interval=None, cases=_names(against), assumptions=assumptions,
     )  # fmt: skip
 
 
@@ -205,13 +212,20 @@ def _avoided(
 ) -> Claim:
     """The avoided share A is above the lower end of its interval."""
     ends = score.avoided_share_interval
+    if ends is not None and ends[0] >= 1.0:  # what was never seen takes something off wherever there is any harm
+        return _claim(
+            score, "avoided", claim=f"{about} had harm to avoid.", verdict="open",
+            argument="Where a car that does nothing hits no harder than the ideal vehicle, A is 1 whoever drives.",
+            evidence=(f"In none of {count(len(cases), 'case')} a car that does nothing does more harm.",),
+            interval=None, cases=(), assumptions=assumptions,
+        )  # fmt: skip
     if score.avoided_share is None or ends is None:
         return _claim(
             score, "avoided", claim=f"The avoided share A of {about} is known.", verdict="open",
             argument="A needs evaluated cases, its interval two of them.", evidence=(), interval=None, cases=(),
             assumptions=assumptions,
         )  # fmt: skip
-    against = [case.case for case in cases if case.avoidable]
+    against = chosen(cases, OutcomeColumns.of(cases).avoidable)
     return _claim(
         score, "avoided",
         claim=f"{about} avoids at least {ends[0]:z.3g} of the harm that the ideal vehicle avoids and a car that does "
@@ -225,15 +239,18 @@ def _avoided(
         ),
         interval={"estimate": score.avoided_share, "low": ends[0], "high": ends[1],
                   "level": LEVEL},
-        cases=tuple(against[:MOST_CASES]), assumptions=assumptions,
+        cases=_names(against), assumptions=assumptions,
     )  # fmt: skip
 
 
 def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, assumptions: tuple[str, ...]) -> Claim:
-    rows = [one for one in checked_cases(evaluation) if (one.ads, one.scenario) == (score.ads, score.scenario)]
-    failed = [one.case for one in rows if one.verdict == FAILED]
-    passed = sum(one.verdict == PASSED for one in rows)
-    verdict: Verdict = "not supported" if failed else "supported" if passed == len(rows) else "open"
+    failed: list[str] = []
+    number = passed = 0
+    for one in checked_cases(evaluation, (score,)):
+        number, passed = number + 1, passed + (one.verdict == PASSED)
+        if one.verdict == FAILED and len(failed) < MOST_CASES:
+            failed.append(one.case)
+    verdict: Verdict = "not supported" if failed else "supported" if passed == number else "open"
     checks = evaluation.checks[score.scenario]
     return _claim(
         score, "checks",
@@ -241,10 +258,10 @@ def _checked(evaluation: Evaluation, about: str, score: ScenarioResult, assumpti
         verdict=verdict,
         argument=f"{count(len(checks), 'condition')} on the whole drive, each evaluated on the recorded trajectories.",
         evidence=(
-            f"{passed} of {count(len(rows), 'case')} pass all.",
+            f"{passed} of {count(number, 'case')} pass all.",
             *(f"{name}: {text}" for name, text in checks.items()),
         ),
-        interval=None, cases=tuple(failed[:MOST_CASES]), assumptions=assumptions,
+        interval=None, cases=tuple(failed), assumptions=assumptions,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 
@@ -46,6 +47,15 @@ def find_case(evaluation: Evaluation, key: str) -> CaseResult:
     found = evaluation.case(key)
     if found is None:
         raise unknown("case", key, [case.case for case in evaluation.cases])
+    return found
+
+
+def known_case(run: Path, key: str) -> Fact:
+    """A drive of an ADS by its case's key. Raises InputError with the nearest known one."""
+    with open_store(run / FACTS) as store:
+        found = store.fact(key)
+        if found is None or found.role != "ads":
+            raise unknown("case", key, [case for case, _, _ in store.names("ads")])
     return found
 
 

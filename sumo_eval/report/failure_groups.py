@@ -11,11 +11,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sumo_eval.report.words import count, outcome
-from sumo_eval.results import CaseResult
+from sumo_eval.report.words import count
+from sumo_eval.results import CaseResult, columns
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.scoring.kept_rows import arrays, names_at, parameters_of
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+IntArray = NDArray[np.intp]
 
 MOST_GROUPS = 12  # of one logical scenario
 MOST_LINKED = 2_000  # failures of one kind that are compared pair by pair; more stand in one group
@@ -39,28 +44,35 @@ class FailureGroup:
     words: str
 
 
-def failure_kind(case: CaseResult) -> str:
-    """How a case failed, in words; empty where it did not."""
-    if not case.evaluated:
-        place = f" at {case.error_place}" if case.error_place else ""
-        return f"not evaluated ({case.status}){place}"
-    if case.collided:
-        kinds = ((case.caused, "caused collision"), (case.avoidable, "avoidable collision"))
-        return next((words for holds, words in kinds if holds), "unavoidable collision")
-    return "off road" if outcome(case) == "off road" else ""
+def failure_kinds(cases: Sequence[CaseResult]) -> tuple[IntArray, list[str]]:
+    """How each case failed: (n,), places in a list of words, whose first are empty and mean that it did not."""
+    there, words = OutcomeColumns.of(cases), ["", "off road", "unavoidable collision", "avoidable collision"]
+    words.append("caused collision")
+    kinds = np.zeros(len(there.safe), dtype=np.intp)
+    for code, flags in enumerate((there.off_road, there.collided, there.avoidable, there.caused), 1):
+        kinds[flags] = code
+    codes: dict[str, int] = {}
+    for number, (status, place) in enumerate(columns(cases, "status", "error_place")):
+        if not there.evaluated[number]:
+            said = f"not evaluated ({status}){f' at {place}' if place else ''}"
+            kinds[number] = codes.setdefault(said, len(words) + len(codes))
+    return kinds, [*words, *codes]
 
 
 def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> list[FailureGroup]:
     """The groups of one logical scenario: the gravest kinds first, and of these the largest groups."""
     found = []
-    for ads in dict.fromkeys(case.ads for case in cases):
-        own = [case for case in cases if case.ads == ads]
-        unit = logical.to_unit(np.array([logical.row(case.values) for case in own]))
-        kinds = np.array([failure_kind(case) for case in own])
-        for kind in sorted({*kinds.tolist()} - {""}, key=_order):
-            members = np.flatnonzero(kinds == kind)
+    everybody = arrays(cases, "ads")["ads"]
+    rows = parameters_of(cases, logical.names)
+    kinds, words = failure_kinds(cases)
+    for ads in dict.fromkeys(everybody.tolist()):
+        own = np.flatnonzero(everybody == ads)
+        unit = logical.to_unit(rows[own])
+        for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
+            members = np.flatnonzero(kinds[own] == kind)
             for group in _linked(unit, members):
-                found.append(_told(logical, own, group, kinds, ads, kind))
+                names = tuple(names_at(cases, own[group]).tolist())
+                found.append(_told(logical, rows[own], group, kinds[own] == kind, ads, words[kind], names))
     found.sort(key=lambda group: (_order(group.kind), -len(group.cases)))
     return found[:MOST_GROUPS]
 
@@ -92,14 +104,22 @@ def _step(values: FloatArray) -> float:
 
 
 def _told(
-    logical: LogicalScenario, own: Sequence[CaseResult], group: np.ndarray, kinds: np.ndarray, ads: str, kind: str
+    logical: LogicalScenario,
+    rows: FloatArray,
+    group: IntArray,
+    alike_there: BoolArray,
+    ads: str,
+    kind: str,
+    names: tuple[str, ...],
 ) -> FailureGroup:
-    rows = np.array([logical.row(case.values) for case in own])
+    """The group in words. rows: all points of the ADS, (n, k). group: which of them are in it. alike_there: which fail
+    so, (n,). names: keys of the group's cases.
+    """
     least, most = rows[group].min(axis=0), rows[group].max(axis=0)
     driven = np.ptp(rows, axis=0)
     narrow = [k for k in range(rows.shape[1]) if most[k] - least[k] < SPANNED * driven[k]]
     inside = np.all((rows[:, narrow] >= least[narrow]) & (rows[:, narrow] <= most[narrow]), axis=1)
-    alike = int(np.sum(inside & (kinds == kind)))
+    alike = int(np.sum(inside & alike_there))
     ranges = {logical.names[k]: (float(least[k]), float(most[k])) for k in narrow}
     where = ", ".join(
         f"{name} {low:z.4g}" + ("" if low == high else f" to {high:z.4g}") + logical.parameters[k].behind
@@ -107,5 +127,4 @@ def _told(
     )
     inside_words = f"{alike} of all {count(int(inside.sum()), 'case')} there"
     words = f"{where}: {inside_words}" if where else f"anywhere in the space: {inside_words}"
-    keys = tuple(own[row].case for row in group.tolist())
-    return FailureGroup(ads, kind, keys, ranges, alike, int(inside.sum()), words)
+    return FailureGroup(ads, kind, names, ranges, alike, int(inside.sum()), words)

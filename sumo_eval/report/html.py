@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
@@ -40,10 +41,11 @@ from sumo_eval.report.words import (
     factor_means,
     index_notes,
     interval_words,
+    likened,
     likeness_means,
+    nobody_drove,
     nobody_recorded,
     number,
-    outcome,
     people_sentence,
     percent,
     point,
@@ -56,6 +58,8 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import SamplingSettings
 
 NOTHING_BESIDE = Beside()
@@ -89,8 +93,8 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "name": evaluation.name,
         "ads_count": len({score.ads for score in evaluation.scores}),
         "cases": len(evaluation.cases),
-        "collisions": sum(case.collided for case in evaluation.cases),
-        "avoidable": sum(case.avoidable for case in evaluation.cases),
+        "collisions": sum(score.collisions for score in evaluation.scores),
+        "avoidable": sum(score.avoidable_collisions for score in evaluation.scores),
         "term": term,
         "glossary": GLOSSARY,
         "unit": severity_unit(settings),
@@ -116,7 +120,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         ],
         "all_missing": len(missing),
         "index_notes": index_notes(evaluation),
-        "synthetic": drivers_are_synthetic(settings) or nobody_recorded(evaluation),
+        "synthetic": (drivers_are_synthetic(settings) or nobody_recorded(evaluation)) and not nobody_drove(evaluation),
         "exposure_known": evaluation.exposure_known(),
         "collision_words": collision_words(evaluation.exposure_known()),
         "drivers_sentence": people_sentence(evaluation),
@@ -168,7 +172,7 @@ def _way(page: Path, file: Path) -> str:
 
 def _badges(evaluation: Evaluation, beside: Beside, missing: int) -> dict[str, str]:
     """What a folded section says of itself in a few words where a reader should not miss it."""
-    avoidable = sum(case.avoidable for case in evaluation.cases)
+    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
     failed = sum(gate.passed is False for gate in beside.gates)
     told = {
         "missing": count(missing, "case") if missing else "",
@@ -188,10 +192,17 @@ def _group(
 ) -> dict[str, Any]:
     """Everything the page says of one logical scenario."""
     logical = zones.logical
-    cases = [case for case in evaluation.cases if case.scenario == logical.name]
+    cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
-    judged = verdicts(evaluation)
-    found = {judged[case.case] for case in cases}
+    scores = [score for score in evaluation.scores if score.scenario == logical.name]
+    found = {verdict for score in scores for verdict in np.unique(verdicts(evaluation, score)).tolist()}
+    there = OutcomeColumns.of(cases)
+    became = {
+        "collision": there.collided,
+        "not evaluated": ~there.collided & ~there.evaluated,
+        "off road": ~there.collided & there.off_road,
+        "no contact": ~there.collided & there.evaluated & ~there.off_road,
+    }
     behind = {item.name: item.behind for item in logical.parameters}
     return {
         "index": index,
@@ -200,15 +211,15 @@ def _group(
         "exposure": logical.exposure_about,
         "probability": collision_words(evaluation.exposure_known(logical.name)),
         "mean": "exposure-weighted mean" if evaluation.exposure_known(logical.name) else "mean over the points",
-        "rows": [_row(score, evaluation) for score in evaluation.scores if score.scenario == logical.name],
+        "rows": [_row(score, evaluation) for score in scores],
         "zone": zone,
         "map_words": view.words,
         "looks": [verdict for verdict in LOOKS if verdict in found],
         "map_note": "" if view.projected or view.fixed else view.note,
         "constraints": [constraint.about for constraint in logical.constraints],
-        "outcomes": [found for found in OUTCOMES if found in {outcome(case) for case in cases}],
-        "has_collisions": any(case.collided for case in cases),
-        "has_index": any(case.index is not None for case in cases),
+        "outcomes": [outcome for outcome in OUTCOMES if became[outcome].any()],
+        "has_collisions": bool(there.collided.any()),
+        "has_index": bool(np.isfinite(arrays(cases, "index")["index"]).any()),
         **_left_out(logical, evaluation, shown, view),
         "share_of_space": percent(sum(zones.zone_shares)),
         "share_of_cases": percent(zone.hazardous_share),
@@ -230,7 +241,7 @@ def _left_out(logical: LogicalScenario, evaluation: Evaluation, shown: Shown, vi
     if shown.places is None:
         return {"left_out": 0, "densities": []}
     everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
-    there = sum(len(shown.among(evaluation.cases_of(ads, logical.name))) for ads in everybody)
+    there = sum(shown.number(evaluation.cases_of(ads, logical.name)) for ads in everybody)
     densities = [] if view.y is None else [
         (ads, density_maps(logical, evaluation.cases_of(ads, logical.name), view.x, view.y)) for ads in everybody
     ]  # fmt: skip
@@ -263,8 +274,9 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
     settings = evaluation.settings
     cases = cases_of(evaluation, score)
     means, likeness = factor_means(cases), likeness_means(cases)
-    hits = collision_shares(cases, settings)
-    losses = dict(zip((case.case for case in cases), share_lost(cases, settings), strict=True))
+    hits, losses = collision_shares(cases, settings), share_lost(cases, settings)
+    indexed = np.isfinite(arrays(cases, "index")["index"])
+    counted, collided = likened(cases)
     return {
         "notes": [score_note(note) for note in score.notes],
         "score": score,
@@ -288,11 +300,14 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "explained_paper": [explain_c(score, cases, settings), explain_d(score, cases), [explain_s(score, settings)]],
         "factor_means": [number(means.get(name), 3) for name in FACTORS],
         "likeness_means": [number(likeness.get(name), 3) for name in LIKENESS_FACTORS],
-        "likened": sum(case.human_likeness is not None for case in cases),
-        "likened_hits": sum(case.human_likeness is not None and case.collided for case in cases),
-        "has_index": any(case.index is not None for case in cases),
-        "indexed": sum(case.index is not None and case.zone == "safe" for case in cases),
-        "collisions": [_collision(share, losses[share.case.case]) for share in hits[:MOST_LISTED]],
+        "likened": counted,
+        "likened_hits": collided,
+        "has_index": bool(indexed.any()),
+        "indexed": int(np.count_nonzero(indexed & OutcomeColumns.of(cases).safe)),
+        "collisions": [
+            _collision(share, float(losses[place]))
+            for share, place in zip(hits[:MOST_LISTED], hits.places[:MOST_LISTED], strict=True)
+        ],
         "more_collisions": max(len(hits) - MOST_LISTED, 0),
     }
 
@@ -307,7 +322,7 @@ def _value(score: ScenarioResult, name: str) -> dict[str, str]:
     }
 
 
-def _collision(share: CollisionShare, a_lost: float | None) -> dict[str, Any]:
+def _collision(share: CollisionShare, a_lost: float) -> dict[str, Any]:
     case = share.case
     kinds = ((case.caused, "caused"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
     return {

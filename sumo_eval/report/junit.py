@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from lxml import etree
+from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError
-from sumo_eval.report.comparison import ChangedCase, Comparison
+from sumo_eval.report.comparison import AdsComparison, ChangedCase, Changes, Comparison
 from sumo_eval.report.gates import GateResult
-from sumo_eval.report.words import count, end_reason, number, placed, point, unevaluated
+from sumo_eval.report.words import count, end_reason, number, placed, point, unevaluated_of, why_missing
 from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scoring.kept_rows import Made, parameters_of
 from sumo_eval.settings import ReportSettings
 
 JUNIT = "junit.xml"
@@ -44,12 +49,12 @@ Suites = Mapping[tuple[str, str], Sequence[Test]]
 
 def run_suites(evaluation: Evaluation) -> Suites:
     """A suite for each ADS in each logical scenario, with a test for each case or for each cell of the space."""
-    reasons = {case.case: placed(sentence, case) for case, sentence in unevaluated(evaluation)}
     report = evaluation.settings.report
-    suites: dict[tuple[str, str], list[Test]] = {}
+    suites: dict[tuple[str, str], Sequence[Test]] = {}
     for score in evaluation.scores:
         cases = evaluation.cases_of(score.ads, score.scenario)
-        tests = [_case_test(case, reasons.get(case.case), report) for case in cases]
+        missing = frozenset(unevaluated_of(evaluation, score).places.tolist())
+        tests: Sequence[Test] = Made((cases, partial(_case_test, missing=missing, report=report)))
         if report.junit == "cell":
             tests = _by_cell(cases, tests, report.junit_cells)
         suites[f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"] = tests
@@ -58,7 +63,7 @@ def run_suites(evaluation: Evaluation) -> Suites:
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:
     """A suite of the gates, and one for each ADS in each logical scenario with a test for each case of both runs."""
-    suites: dict[tuple[str, str], list[Test]] = {
+    suites: dict[tuple[str, str], Sequence[Test]] = {
         ("gates", "gates"): [
             Test(
                 f"{gate.quantity} of {gate.ads} in {gate.scenario}",
@@ -70,43 +75,76 @@ def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]
         ]
     }
     for one in comparison.ads if comparison else ():
-        changed = {one.changed.which[place]: place for place in range(len(one.changed))}
-        suites[f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"] = [
-            _change_test(case, one.changed[changed[place]] if place in changed else None)
-            for place, case in enumerate(one.new_cases)
-        ]
+        suites[f"{one.ads} in {one.scenario} beside the base", f"change.{one.scenario}.{one.ads}"] = Made(
+            (one.new_cases, partial(_test_of_pair, changed=one.changed, place_of=_places(one)))
+        )
     return suites
 
 
+def _places(one: AdsComparison) -> NDArray[np.intp]:
+    """Where each pair stands among the changed ones, (pairs,); -1 where nothing changed."""
+    found = np.full(one.pairs, -1, dtype=np.intp)
+    found[one.changed.which] = np.arange(len(one.changed))
+    return found
+
+
+def _test_of_pair(case: CaseResult, place: int, changed: Changes, place_of: NDArray[np.intp]) -> Test:
+    at = int(place_of[place])
+    return _change_test(case, changed[at] if at >= 0 else None)
+
+
 def write_junit(suites: Suites, path: Path) -> Path:
-    """Write the suites to a file and return its path."""
-    root = etree.Element("testsuites", name="sumo_eval")
-    totals: Counter[str] = Counter()
-    for (name, classname), tests in suites.items():
-        found = Counter(test.verdict for test in tests)
-        suite = etree.SubElement(
-            root, "testsuite", name=_clean(name), tests=str(len(tests)), failures=str(found["failure"]),
-            errors=str(found["error"]), skipped=str(found["skipped"]),
-            time=f"{math.fsum(test.seconds for test in tests):z.3f}",
-        )  # fmt: skip
-        totals.update(tests=len(tests), failures=found["failure"], errors=found["error"], skipped=found["skipped"])
-        for test in tests:
-            item = etree.SubElement(
-                suite, "testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}"
-            )
-            if test.verdict != "passed":
-                verdict = etree.SubElement(item, test.verdict, type=_clean(test.kind), message=_clean(test.message))
-                verdict.text = _clean(test.text) or None
-    for key in ("tests", "failures", "errors", "skipped"):
-        root.set(key, str(totals[key]))
+    """Write the suites to a file and return its path. No more than one test of a case is in memory at a time."""
+    counts = {key: _counted(tests) for key, tests in suites.items()}
+    totals = sum((found for found, _ in counts.values()), Counter[str]())
     try:
-        etree.ElementTree(root).write(path, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+        with path.open("wb") as out:
+            with etree.xmlfile(out, encoding="UTF-8") as file:
+                file.write_declaration()
+                attributes = {key: str(totals[key]) for key in _COUNTED}
+                with file.element("testsuites", name="sumo_eval", **attributes):
+                    for (name, classname), tests in suites.items():
+                        found, seconds = counts[name, classname]
+                        attributes = {key: str(found[key]) for key in _COUNTED}
+                        file.write("\n  ")
+                        with file.element("testsuite", name=_clean(name), **attributes, time=f"{seconds:z.3f}"):
+                            for test in tests:
+                                file.write("\n    ", _element(test, classname))
+                            file.write("\n  ")
+                    file.write("\n")
+            out.write(b"\n")
     except OSError as error:
         raise InputError(f"The JUnit file {path} cannot be written: {error}.") from error
     return path
 
 
-def _case_test(case: CaseResult, reason: str | None, report: ReportSettings) -> Test:
+_COUNTED = ("tests", "failures", "errors", "skipped")
+
+
+def _counted(tests: Iterable[Test]) -> tuple[Counter[str], float]:
+    """How many tests there are by what JUnit calls them, and how long they took, s."""
+    found: Counter[str] = Counter()
+    seconds = array("d")
+    names = {"failure": "failures", "error": "errors", "skipped": "skipped"}
+    for test in tests:
+        found["tests"] += 1
+        if test.verdict in names:
+            found[names[test.verdict]] += 1
+        seconds.append(test.seconds)
+    return found, math.fsum(seconds)
+
+
+def _element(test: Test, classname: str) -> etree._Element:
+    item = etree.Element("testcase", name=_clean(test.name), classname=_clean(classname), time=f"{test.seconds:z.3f}")
+    if test.verdict != "passed":
+        verdict = etree.SubElement(item, test.verdict, type=_clean(test.kind), message=_clean(test.message))
+        verdict.text = _clean(test.text) or None
+        etree.indent(item, level=2)
+    return item
+
+
+def _case_test(case: CaseResult, place: int, missing: frozenset[int], report: ReportSettings) -> Test:
+    reason = placed(why_missing(case), case) if place in missing else None
     name, seconds = f"{point(case.values)}", case.wall_time or 0.0
     if not case.evaluated:
         return Test(name, "error", case.status, _first_line(reason or case.status), reason or "", seconds)
@@ -159,38 +197,46 @@ def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:
 
 def _by_cell(cases: Sequence[CaseResult], tests: Sequence[Test], cells: int) -> list[Test]:
     """One test a cell of the sampled box: a failure when a case in it failed, an error when only errors are in it."""
-    names = list(dict.fromkeys(name for case in cases for name in case.values))
-    low = {name: min(case.values[name] for case in cases) for name in names}
-    high = {name: max(case.values[name] for case in cases) for name in names}
+    if not len(cases):
+        return []
+    names = list(cases[0].values)
+    points = parameters_of(cases, names)
+    low, high = points.min(axis=0), points.max(axis=0)
+    spans = np.where(high > low, high - low, 1.0)
+    place_of = np.minimum(cells - 1, (cells * (points - low) / spans).astype(np.intp))
+    gathered: dict[tuple[int, ...], _Cell] = {}
+    for place, test in zip(map(tuple, place_of), tests, strict=True):
+        cell = gathered.setdefault(place, _Cell())
+        cell.seconds.append(test.seconds)
+        if test.verdict in cell.bad:
+            cell.bad[test.verdict].append((test.kind, f"{test.name}: {test.message}"))
 
-    def cell(case: CaseResult) -> tuple[int, ...]:
-        return tuple(
-            min(cells - 1, int(cells * (case.values[name] - low[name]) / ((high[name] - low[name]) or 1.0)))
-            for name in names
-        )
-
-    gathered: dict[tuple[int, ...], list[Test]] = {}
-    for case, test in zip(cases, tests, strict=True):
-        gathered.setdefault(cell(case), []).append(test)
-
-    def edges(name: str, place: int) -> str:
-        width = (high[name] - low[name]) / cells
-        return f"{name} {low[name] + place * width:g}..{low[name] + (place + 1) * width:g}"
+    def edges(column: int, place: int) -> str:
+        width = (high[column] - low[column]) / cells
+        return f"{names[column]} {low[column] + place * width:g}..{low[column] + (place + 1) * width:g}"
 
     return [
-        _together(", ".join(edges(name, place) for name, place in zip(names, place_of, strict=True)), inside)
-        for place_of, inside in sorted(gathered.items())
+        _together(", ".join(edges(column, at) for column, at in enumerate(place)), cell)
+        for place, cell in sorted(gathered.items())
     ]
 
 
-def _together(name: str, tests: Sequence[Test]) -> Test:
-    seconds = math.fsum(test.seconds for test in tests)
-    for verdict, words in (("failure", "failed"), ("error", "could not be evaluated")):
-        bad = [test for test in tests if test.verdict == verdict]
+@dataclass(frozen=True, slots=True)
+class _Cell:
+    """Tests of one cell: how long each took, s, and of those that did not pass their kind and what is said of them."""
+
+    seconds: array[float] = field(default_factory=lambda: array("d"))
+    bad: Mapping[str, list[tuple[str, str]]] = field(default_factory=lambda: {"failure": [], "error": []})
+
+
+def _together(name: str, cell: _Cell) -> Test:
+    seconds, everyone = math.fsum(cell.seconds), count(len(cell.seconds), "case")
+    verdicts: tuple[tuple[Verdict, str], ...] = (("failure", "failed"), ("error", "could not be evaluated"))
+    for verdict, words in verdicts:
+        bad = cell.bad[verdict]
         if bad:
-            message = f"{len(bad)} of {count(len(tests), 'case')} {words}"
-            text = "\n".join(f"{test.name}: {test.message}" for test in bad)
-            return Test(name, verdict, bad[0].kind, message, text, seconds)  # type: ignore[arg-type]
+            text = "\n".join(line for _, line in bad)
+            return Test(name, verdict, bad[0][0], f"{len(bad)} of {everyone} {words}", text, seconds)
     return Test(name, "passed", seconds=seconds)
 
 

@@ -8,11 +8,12 @@ part of that loss is its Shapley value (`score_terms.product_losses`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
@@ -26,8 +27,12 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
+from sumo_eval.scoring.kept_rows import OfSomeRows, arrays, names_at
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
 
+IntArray = NDArray[np.intp]
 ROUNDING = 1e-9  # an index off the product of its factors by less is only rounding
 WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
 
@@ -44,6 +49,21 @@ class Entry:
     points: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Entries(OfSomeRows[Entry]):
+    """What cases add to a line, the costliest first. parts: in units of the index, (m,). scale: points of a unit."""
+
+    parts: FloatArray
+    scale: float
+
+    def _made(self, place: int) -> Entry:
+        part = float(self.parts[place])
+        return Entry(self._row(place), part, part * self.scale)
+
+
+NOBODY: Final = Entries((), np.empty(0, dtype=np.intp), np.empty(0), 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """One term of the ledger. index: in units of A, H, C or D; points: of S+ or S. entries: its cases, the costliest
@@ -55,12 +75,12 @@ class Line:
     words: str
     index: float
     points: float
-    entries: tuple[Entry, ...] = ()
+    entries: Entries = NOBODY
 
     @property
     def cases(self) -> int:
         """Number of cases that lost something worth counting."""
-        return sum(entry.index <= -WORTH_COUNTING for entry in self.entries)
+        return int(np.count_nonzero(self.entries.parts <= -WORTH_COUNTING))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +103,8 @@ def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
     settings, cases = evaluation.settings, cases_of(evaluation, score)
     whole = worth(settings.method.score)
     lines = (
-        *_scaled("A", whole.a, _avoided_lines(score, cases, settings)),
-        *_scaled("H", whole.h, _human_lines(score, cases)),
+        *_scaled("A", whole.a, cases, _avoided_lines(score, cases, settings)),
+        *_scaled("H", whole.h, cases, _human_lines(score, cases)),
     )
     return Ledger("S+", score.ads, score.scenario, lines, _total(lines))
 
@@ -94,8 +114,8 @@ def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
     settings, cases = evaluation.settings, cases_of(evaluation, score)
     whole = worth(settings.method.score)
     lines = (
-        *_scaled("C", whole.c, _collision_lines(score, cases, settings)),
-        *_scaled("D", whole.d, _likeness_lines(score, cases)),
+        *_scaled("C", whole.c, cases, _collision_lines(score, cases, settings)),
+        *_scaled("D", whole.d, cases, _likeness_lines(score, cases)),
     )
     return Ledger("S", score.ads, score.scenario, lines, _total(lines))
 
@@ -119,114 +139,105 @@ def sentences(found: Ledger) -> list[str]:
     ]
 
 
-_Lines = Iterable[tuple[str, str, float, list[tuple[CaseResult, float]]]]
-"""(equation, words, index where there are no cases, [(case, index)])."""
+_Parts = tuple[IntArray, FloatArray]
+"""Places of cases, and what each adds to a line in units of the index: (m,) each."""
+_NONE: Final[_Parts] = (np.empty(0, dtype=np.intp), np.empty(0))
+_Lines = Iterable[tuple[str, str, float, _Parts]]
+"""(equation, words, index where there are no cases, what its cases add)."""
 
 
-def _scaled(term: Term, scale: float, lines: _Lines) -> list[Line]:
+def _scaled(term: Term, scale: float, cases: Sequence[CaseResult], lines: _Lines) -> list[Line]:
     scaled = []
-    for equation, words, alone, parts in lines:
-        index = math.fsum(part for _, part in parts) if parts else alone
-        costliest = sorted(parts, key=lambda item: (item[1], item[0].case))
-        entries = tuple(Entry(case, part, part * scale) for case, part in costliest)
+    for equation, words, alone, (places, parts) in lines:
+        index = math.fsum(parts.tolist()) if len(places) else alone
+        order = np.lexsort((names_at(cases, places), parts))
+        entries = Entries(cases, places[order], parts[order], scale)
         scaled.append(Line(term, equation, words, index, index * scale, entries))
     return scaled
 
 
 def _avoided_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:
-    yield "", "A = 1, no collision is harder than the ideal vehicle's", 1.0, []
+    yield "", "A = 1, no collision is harder than the ideal vehicle's", 1.0, _NONE
     if score.avoided_share is None:
-        yield "", "A not computed", -1.0, []
+        yield "", "A not computed", -1.0, _NONE
         return
-    losses = avoided_share_losses(case_terms(cases, settings.method)).tolist()
-    lost = [(case, -loss) for case, loss in zip(cases, losses, strict=True) if loss > 0.0]
-    groups: tuple[tuple[str, Callable[[CaseResult], bool]], ...] = (
-        ("collisions that the ADS caused: doing nothing has none", lambda case: case.caused),
-        ("collisions that the ideal vehicle avoids", lambda case: case.avoidable and not case.caused),
-        ("collisions that the ideal vehicle has too, but softer", lambda case: case.unavoidable),
+    losses, there = avoided_share_losses(case_terms(cases, settings.method)), OutcomeColumns.of(cases)
+    groups = (
+        ("collisions that the ADS caused: doing nothing has none", there.caused),
+        ("collisions that the ideal vehicle avoids", there.avoidable & ~there.caused),
+        ("collisions that the ideal vehicle has too, but softer", there.unavoidable),
     )
     for words, belongs in groups:
-        parts = [(case, loss) for case, loss in lost if belongs(case)]
-        if parts:
-            yield "", words, 0.0, parts
+        places = np.flatnonzero(belongs & (losses > 0.0))
+        if len(places):
+            yield "", words, 0.0, (places, -losses[places])
     if score.avoided_share < 0.0:
-        yield "", "A is below 0, worse than doing nothing, and S+ takes 0", -score.avoided_share, []
+        yield "", "A is below 0, worse than doing nothing, and S+ takes 0", -score.avoided_share, _NONE
 
 
 def _human_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
-    yield "", "H = 1, as people drive in every safe case", 1.0, []
+    yield "", "H = 1, as people drive in every safe case", 1.0, _NONE
     if score.human_likeness is None:
-        yield "", f"H not computed: {reason_without_h(score)}", -1.0, []
+        yield "", f"H not computed: {reason_without_h(score)}", -1.0, _NONE
         return
-    counted = [case for case in cases if case.human_likeness is not None]
-    weights = _shares(counted)
-    hits = [case for case in counted if case.collided]
-    if hits:
-        yield (
-            "",
-            "a collision in a safe case that the ideal vehicle avoids",
-            0.0,
-            [(case, -weights[case.case]) for case in hits],
-        )
-    yield from _factor_lines([case for case in counted if not case.collided], weights, "human_likeness")
+    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
+    weights, collided = _shares(cases, counted), OutcomeColumns.of(cases).collided
+    hits = np.flatnonzero(counted & collided)
+    if len(hits):
+        yield "", "a collision in a safe case that the ideal vehicle avoids", 0.0, (hits, -weights[hits])
+    yield from _factor_lines(cases, np.flatnonzero(counted & ~collided), weights, "human_likeness")
 
 
 def _collision_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:
-    yield "17", "C = 1, no collision or none worse than the ideal vehicle's", 1.0, []
+    yield "17", "C = 1, no collision or none worse than the ideal vehicle's", 1.0, _NONE
     if score.c is None:
-        yield "17", "C not computed", -1.0, []
+        yield "17", "C not computed", -1.0, _NONE
         return
-    groups: tuple[tuple[str, Callable[[CaseResult], bool]], ...] = (
-        ("collisions in the safe zone", lambda case: case.zone == "safe"),
-        ("collisions that the ideal vehicle avoids", lambda case: case.zone != "safe" and not case.ideal_severity),
-        (
-            "collisions that the ideal vehicle only softens",
-            lambda case: case.zone != "safe" and bool(case.ideal_severity),
-        ),
+    there, shares = OutcomeColumns.of(cases), collision_shares(cases, settings)
+    hits = np.nan_to_num(there.ideal) != 0.0
+    groups = (
+        ("collisions in the safe zone", there.safe),
+        ("collisions that the ideal vehicle avoids", ~there.safe & ~hits),
+        ("collisions that the ideal vehicle only softens", ~there.safe & hits),
     )
-    shares = [share for share in collision_shares(cases, settings) if share.lost is not None]
     for words, belongs in groups:
-        parts = [(share.case, -(share.lost or 0.0)) for share in shares if belongs(share.case)]
-        if parts:
-            yield "14–17", words, 0.0, parts
+        part = belongs[shares.places] & np.isfinite(shares.lost)
+        if part.any():
+            yield "14–17", words, 0.0, (shares.places[part], -shares.lost[part])
 
 
 def _likeness_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
-    yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, []
+    yield "13", "D = 1, within the drivers' own spread everywhere", 1.0, _NONE
+    there = OutcomeColumns.of(cases)
     if score.d is None:
-        hits = [case for case in cases if case.voids_index]
-        yield "18", f"D not computed: {reason_without_d(score)}", -1.0, [(case, -1.0 / len(hits)) for case in hits]
+        hits = np.flatnonzero(there.voids_index)
+        each = np.full(len(hits), -1.0 / max(len(hits), 1))
+        yield "18", f"D not computed: {reason_without_d(score)}", -1.0, (hits, each)
         return
-    indexed = [case for case in cases if case.counts_for_index and case.index is not None]
-    yield from _factor_lines(indexed, _shares(indexed), "index")
+    indexed = there.counts_for_index & np.isfinite(arrays(cases, "index")["index"])
+    yield from _factor_lines(cases, np.flatnonzero(indexed), _shares(cases, indexed), "index")
 
 
-def _shares(cases: Sequence[CaseResult]) -> dict[str, float]:
-    """What each case weighs in a mean over them, by case."""
-    shares = mean_shares([case.exposure for case in cases]).tolist()
-    return {case.case: share for case, share in zip(cases, shares, strict=True)}
+def _shares(cases: Sequence[CaseResult], counted: BoolArray) -> FloatArray:
+    """What each case weighs in a mean over those that are counted, (n,)."""
+    weights = np.zeros(len(counted))
+    weights[counted] = mean_shares(arrays(cases, "exposure")["exposure"][counted])
+    return weights
 
 
 def _factor_lines(
-    cases: Sequence[CaseResult], weights: Mapping[str, float], what: Literal["index", "human_likeness"]
+    cases: Sequence[CaseResult], places: IntArray, weights: FloatArray, what: Literal["index", "human_likeness"]
 ) -> _Lines:
-    """A line for each factor of D_i, or of a case's human-likeness. weights: the case's share of the mean, by case."""
-    if not cases:
+    """A line for each factor of D_i, or of a case's human-likeness. weights: each case's share of the mean, (n,)."""
+    if not len(places):
         return
     factors, equation = (FACTORS, "11–13") if what == "index" else (LIKENESS_FACTORS, "")
-    values = np.array([[getattr(case, field) for field, _ in factors.values()] for case in cases], dtype=np.float64)
+    read, share = arrays(cases, what, *(field for field, _ in factors.values())), weights[places]
+    values = np.column_stack([read[field][places] for field, _ in factors.values()])
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"
-        yield (
-            equation,
-            label,
-            0.0,
-            [(case, -weights[case.case] * loss) for case, loss in zip(cases, losses[:, column].tolist(), strict=True)],
-        )
-    rest = [
-        (case, weights[case.case] * (getattr(case, what) - product))
-        for case, product in zip(cases, values.prod(axis=1).tolist(), strict=True)
-    ]
-    if any(abs(part) > ROUNDING for _, part in rest):
-        yield equation, "what is not the product of the factors", 0.0, rest
+        yield equation, label, 0.0, (places, -share * losses[:, column])
+    rest = share * (read[what][places] - values.prod(axis=1))
+    if (np.abs(rest) > ROUNDING).any():
+        yield equation, "what is not the product of the factors", 0.0, (places, rest)

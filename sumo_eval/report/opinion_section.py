@@ -53,5 +53,12 @@ def _dots(rows: list[dict[str, Any]], name: str, most: float) -> list[dict[str, 
         score, opinion = row["scores"][name], row["opinion"]
         if score is not None:
             words = f"{row['ads']} in {row['scenario']}: opinion {opinion:z.2f}, {name} {score:z.3g}"
-            dots.append({"opinion": opinion, "share": min(max(score / most, 0.0), 1.0), "words": words})
+            dots.append(
+                {
+                    "opinion": opinion,
+                    "share": min(max(score / most, 0.0), 1.0),
+                    "words": words,
+                    "row": (row["scenario"], row["ads"], opinion, score),
+                }
+            )
     return dots

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import jinja2
 from markupsafe import Markup
 
 from sumo_eval.errors import InputError
+
+if TYPE_CHECKING:
+    import jinja2
 
 REPORT = "report.html"
 CONFIDENCE = "confidence.json"  # what the report says of it, for other tools
@@ -26,6 +29,8 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
 def template(name: str) -> jinja2.Template:
     """A page's template."""
+    import jinja2  # whoever finds a page unchanged needs none
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,

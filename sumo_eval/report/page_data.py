@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -20,10 +20,10 @@ import numpy as np
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import EGO, Store, open_store
+from sumo_eval.record.store import EGO, RECORDED, Store, open_store
 from sumo_eval.report.failure_groups import failure_groups
 from sumo_eval.report.packing import LEVEL, packed_bytes
-from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
+from sumo_eval.report.preventability import LOOKS, verdicts
 from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     MEASURES,
@@ -35,13 +35,15 @@ from sumo_eval.report.words import (
     outcome,
     severity_unit,
     share_lost,
-    unevaluated,
+    unevaluated_of,
+    why_missing,
 )
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
+from sumo_eval.scoring.kept_rows import arrays, parameters_of
 from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
 
 CHANNEL_STEPS = {
@@ -84,20 +86,7 @@ def page_data(
 ) -> dict[str, Any]:
     """Everything the page draws, as plain JSON values. shown: which cases it has, by scenario."""
     anthropomorphic = evaluation.settings.method.anthropomorphic
-    reasons = {case.case: sentence for case, sentence in unevaluated(evaluation)}
-    shares = {
-        share.case.case: share
-        for score in evaluation.scores
-        for share in collision_shares(
-            evaluation.cases_of(score.ads, score.scenario),
-            evaluation.settings,
-        )
-    }
-    taken: dict[str, float | None] = {}
-    for score in evaluation.scores:
-        cases = cases_of(evaluation, score)
-        taken |= zip((case.case for case in cases), share_lost(cases, evaluation.settings), strict=True)
-    judged = verdicts(evaluation)
+    told = {zone.scenario: _told(evaluation, zone.scenario, shown[zone.scenario]) for zone in evaluation.zones}
     with open_store(evaluation.folder / FACTS) as store:
         runs = MOST_BYTES // BYTES_OF_A_RUN
         while True:
@@ -108,11 +97,7 @@ def page_data(
                     partitions[zone.scenario],
                     store,
                     embedded,
-                    reasons,
-                    shares,
-                    taken,
-                    judged,
-                    shown[zone.scenario],
+                    told[zone.scenario],
                 )
                 for zone in evaluation.zones
             ]
@@ -138,61 +123,87 @@ def page_data(
     }
 
 
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """A case that the page has, and what is said of it beside its row. missing: why it left the means. a_lost: what it
+    takes from A.
+    """
+
+    case: CaseResult
+    missing: str | None
+    share: CollisionShare | None
+    a_lost: float | None
+    verdict: str
+
+
+def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[_Told]:
+    """The cases of a scenario that the page has, ADS by ADS."""
+    found = []
+    for score in evaluation.scores:
+        if score.scenario != scenario:
+            continue
+        cases = cases_of(evaluation, score)
+        missing = set(unevaluated_of(evaluation, score).places.tolist())
+        shares, judged = collision_shares(cases, evaluation.settings), verdicts(evaluation, score)
+        share_at = np.full(len(cases), -1, dtype=np.intp)
+        share_at[shares.places] = np.arange(len(shares))
+        lost = share_lost(cases, evaluation.settings)
+        for place, case in shown.among(cases):
+            found.append(
+                _Told(
+                    case,
+                    why_missing(case) if place in missing else None,
+                    shares[int(share_at[place])] if share_at[place] >= 0 else None,
+                    float(lost[place]) if math.isfinite(lost[place]) else None,
+                    str(judged[place]),
+                )
+            )
+    return found
+
+
 def _scenario(
-    evaluation: Evaluation,
-    zones: ZonePartition,
-    store: Store,
-    embedded: Embedded,
-    reasons: Mapping[str, str],
-    shares: Mapping[str, CollisionShare],
-    taken: Mapping[str, float | None],
-    judged: Mapping[str, Verdict],
-    shown: Shown,
+    evaluation: Evaluation, zones: ZonePartition, store: Store, embedded: Embedded, told: Sequence[_Told]
 ) -> dict[str, Any]:
     logical = zones.logical
-    cases = [case for case in evaluation.cases if case.scenario == logical.name]
+    cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     trajectories: list[Trajectory] = []
-    points, hits = {}, {}  # no more of the facts: there may be a hundred thousand of them
-    for fact in store.each_fact("ads", logical.name):
-        points[fact.case] = fact.point
-        if fact.collision is not None:
-            hits[fact.case] = fact.collision
     rows = []
-    everybody = [one.ads for one in evaluation.scores if one.scenario == logical.name]
-    for case in (case for ads in everybody for case in shown.among(evaluation.cases_of(ads, logical.name))):
-        number = points[case.case]
+    points = _points_of(store, {one.case.case for one in told}, logical.name)
+    for one in told:
+        case, number = one.case, points[one.case.case]
         here = (logical.name, number) in embedded.points
         recorded = store.trajectories(case.case) if here else {}
         here = here and (bool(recorded) or not store.is_let_go(case.case))
         vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
         trajectories += recorded.values()
-        row = _case(
-            case, logical.row(case.values), view, reasons.get(case.case), shares.get(case.case), taken.get(case.case)
-        )
-        row |= {"verdict": judged[case.case], "point": number, "embedded": here, "vehicles": vehicles}
-        row["contact"] = contact(hits.get(case.case), recorded.get(EGO))
+        row = _case(case, logical.row(case.values), view, one.missing, one.share, one.a_lost)
+        row |= {"verdict": one.verdict, "point": number, "embedded": here, "vehicles": vehicles}
+        fact = store.fact(case.case) if EGO in recorded else None
+        row["contact"] = contact(None if fact is None else fact.collision, recorded.get(EGO))
         rows.append(row)
     drivers: dict[int, list[int]] = {}
-    compared = [fact for fact in store.each_fact("human", logical.name) if fact.status == "ok"]  # D_i is made of these
-    numbers = Counter(fact.point for fact in compared)
+    there = set(points.values())
+    numbers = {at: drives for at, drives, _ in store.drivers_at_points(logical.name, RECORDED) if at in there}
     here_too = {row["key"] for row in rows}
     for row in rows:
-        row["drivers"] = numbers[row["point"]]
-    for fact in compared:
-        if (logical.name, fact.point) in embedded.with_drivers and not store.is_let_go(fact.case):
-            drivers.setdefault(fact.point, []).append(len(trajectories))
-            trajectories.append(store.trajectory(fact.case, EGO))
+        row["drivers"] = numbers.get(row["point"], 0)
+    for number in sorted(number for name, number in embedded.with_drivers if name == logical.name):
+        for fact in store.facts_at(range(number, number + 1), "human", logical.name):
+            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
+                drivers.setdefault(number, []).append(len(trajectories))
+                trajectories.append(store.trajectory(fact.case, EGO))
+    everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
         "name": logical.name,
         "parameters": [
             {"name": item.name, "unit": item.behind.strip(), "low": item.low, "high": item.high, "about": item.about}
             for item in logical.parameters
         ],
-        "ads": list(dict.fromkeys(case.ads for case in cases)),
-        "meanIndex": {ads: _mean_index(cases, ads) for ads in dict.fromkeys(case.ads for case in cases)},
+        "ads": everybody,
+        "meanIndex": {ads: _mean_index(evaluation.cases_of(ads, logical.name)) for ads in everybody},
         "road": {
             "end": logical.road.length,
             "right": logical.road.right_edge,
@@ -240,11 +251,17 @@ def _scenario(
     }
 
 
-def _mean_index(cases: Sequence[CaseResult], ads: str) -> float | None:
-    """The mean D_i of an ADS over all of its cases that have one, by exposure."""
-    indexed = [case for case in cases if case.ads == ads and case.index is not None]
-    values = [np.nan if case.index is None else case.index for case in indexed]
-    mean = float(exposure_mean(values, [case.exposure for case in indexed], once(len(indexed)))[0])
+def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
+    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be millions."""
+    return {case: number for case, number, _ in store.names("ads", scenario) if case in cases}
+
+
+def _mean_index(cases: Sequence[CaseResult]) -> float | None:
+    """The mean D_i of all cases that have one, by exposure."""
+    read = arrays(cases, "index", "exposure")
+    indexed = np.isfinite(read["index"])
+    values, exposure = read["index"][indexed], read["exposure"][indexed]
+    mean = float(exposure_mean(values, exposure, once(len(values)))[0])
     return None if math.isnan(mean) else mean
 
 
@@ -350,23 +367,24 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
     axes: the parameters of x and y, where somebody has chosen them; the map then is a slice through the others.
     """
     columns = range(len(logical.parameters))
-    values = [[case.values[name] for case in cases] for name in logical.names]
     if len(columns) == 1:
         return View(logical.names, 0, None, None, (None,), {}, True, "")
     if len(columns) == 2:
         return View(logical.names, 0, 1, None, (None,), {}, True, "")
     if len(columns) == 3 and axes is None:
-        distinct = sorted(set(values[0]))
+        distinct = np.unique(parameters_of(cases, logical.names[:1])).tolist()
         note = ""
         if len(distinct) > MOST_PANELS:
             first = logical.parameters[0]
             distinct = np.linspace(first.low, first.high, GATHERED_PANELS).tolist()
             note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
         return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
-    by_variety = sorted(columns, key=lambda column: -len(set(values[column])))
+    points = parameters_of(cases, logical.names)
+    values, often = zip(*(np.unique(points[:, column], return_counts=True) for column in columns), strict=True)
+    by_variety = sorted(columns, key=lambda column: -len(values[column]))
     x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
-    fixed = {column: Counter(sorted(values[column])).most_common(1)[0][0] for column in columns if column not in (x, y)}
-    on_slice = sum(all(values[column][row] == fixed[column] for column in fixed) for row in range(len(cases)))
+    fixed = {column: float(values[column][np.argmax(often[column])]) for column in columns if column not in (x, y)}
+    on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
     where = ", ".join(
         f"{logical.parameters[column].name} = {value:g}{logical.parameters[column].behind}"
@@ -387,11 +405,10 @@ def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:
     """
     if view.projected or not view.fixed:
         return {}
-    collisions: Counter[tuple[float, ...]] = Counter()
-    for case in cases:
-        collisions[tuple(case.values[view.names[column]] for column in view.fixed)] += case.collided
-    best = min(collisions, key=lambda values: (-collisions[values], values))
-    return dict(zip(view.fixed, best, strict=True))
+    points = parameters_of(cases, [view.names[column] for column in view.fixed])
+    slices, which = np.unique(points, axis=0, return_inverse=True)  # in the order of their values
+    collisions = np.bincount(which.ravel(), arrays(cases, "collided")["collided"], len(slices))
+    return dict(zip(view.fixed, slices[int(np.argmax(collisions))].tolist(), strict=True))
 
 
 def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS) -> dict[str, Any]:
@@ -494,18 +511,21 @@ def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int, shown:
     Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
     human-like.
     """
-    points = {fact.case: (fact.scenario, fact.point) for fact in store.each_fact("ads")}
-    own = Counter(points.values())
-    humans = Counter((fact.scenario, fact.point) for fact in store.each_fact("human"))
+    own: Counter[Point] = Counter()
+    humans: Counter[Point] = Counter()
     tells: dict[Point, float] = {}
-    for case in (
-        case
-        for score in evaluation.scores
-        for case in shown[score.scenario].among(evaluation.cases_of(score.ads, score.scenario))
-    ):
-        matters = case.collided or not case.evaluated
-        tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
-        tells[points[case.case]] = max(tells.get(points[case.case], 0.0), tell)
+    for zone in evaluation.zones:
+        name, everybody = zone.scenario, [one.ads for one in evaluation.scores if one.scenario == zone.scenario]
+        cases = [case for ads in everybody for _, case in shown[name].among(evaluation.cases_of(ads, name))]
+        points = _points_of(store, {case.case for case in cases}, name)
+        there = set(points.values())
+        own.update((name, number) for _, number, _ in store.names("ads", name) if number in there)
+        humans.update((name, number) for _, number, _ in store.names("human", name) if number in there)
+        for case in cases:
+            at = name, points[case.case]
+            matters = case.collided or not case.evaluated
+            tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
+            tells[at] = max(tells.get(at, 0.0), tell)
     order = sorted(tells, key=lambda known: (-tells[known], known))
     chosen: set[Point] = set()
     with_drivers: set[Point] = set()

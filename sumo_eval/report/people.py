@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -9,10 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from sumo_eval.errors import InputError, said
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.results import CaseResult, Evaluation, columns
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 STUDY: Final = "study.json"
 """Beside the drives of a study: who took part, what was left out and why."""
@@ -92,24 +97,28 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
     """A row for each score whose cases have a D_i."""
     rows = []
     for score in evaluation.scores:
-        cases = [case for case in cases_of(evaluation, score) if case.index is not None and case.zone == "safe"]
-        banded = [case for case in cases if case.human_mean is not None]
-        if not cases:
+        cases = cases_of(evaluation, score)
+        read = arrays(
+            cases, "zone", "index", "human_low", "human_mean", "human_high", "drivers", "recorded_drivers", "exposure"
+        )
+        safe = (read["zone"] == "safe") & np.isfinite(read["index"])
+        banded = safe & np.isfinite(read["human_mean"])
+        if not safe.any():
             continue
-        below = sum((case.index or 0.0) < (case.human_low or 0.0) for case in banded)
-        numbers = sorted({case.drivers for case in cases if case.drivers is not None})
-        recorded = sum(case.recorded_drivers or 0 for case in cases)
-        everybody = sum(case.drivers or 0 for case in cases)
+        below = int(np.count_nonzero(read["index"][banded] < np.nan_to_num(read["human_low"][banded])))
+        numbers = np.unique(read["drivers"][safe & np.isfinite(read["drivers"])]).astype(int).tolist()
+        recorded, everybody = (int(np.nansum(read[name][safe])) for name in ("recorded_drivers", "drivers"))
         range_ = "–".join(dict.fromkeys(str(n) for n in (*numbers[:1], *numbers[-1:]))) or "no"
+        low, mean, high = (_weighted(read[f"human_{end}"], read["exposure"], banded) for end in ("low", "mean", "high"))
         rows.append(
             PeopleRow(
                 scenario=score.scenario,
                 ads=score.ads,
                 d=number(score.d, 3),
-                low=number(_weighted(banded, "human_low"), 3),
-                mean=number(_weighted(banded, "human_mean"), 3),
-                high=number(_weighted(banded, "human_high"), 3),
-                below=f"{below} of {len(banded)}",
+                low=number(low, 3),
+                mean=number(mean, 3),
+                high=number(high, 3),
+                below=f"{below} of {int(np.count_nonzero(banded))}",
                 drivers=f"{range_} a case, {percent(recorded / everybody if everybody else 0.0)} recorded",
                 warnings=_warnings(cases),
             )
@@ -117,19 +126,24 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
     return rows
 
 
-def _weighted(cases: Sequence[CaseResult], name: str) -> float | None:
-    exposure = [case.exposure for case in cases]
-    mean = float(exposure_mean([getattr(case, name) for case in cases], exposure, once(len(cases)))[0])
+def _weighted(values: FloatArray, exposure: FloatArray, counted: BoolArray) -> float | None:
+    """The mean of values over the cases that are counted, (n,) each."""
+    mean = float(exposure_mean(values[counted], exposure[counted], once(int(np.count_nonzero(counted))))[0])
     return None if math.isnan(mean) else mean
 
 
 def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
-    """What must be known before the numbers are believed."""
+    """What must be known of the safe cases with a D_i before the numbers are believed."""
     told = []
-    thin = sum(bool(case.reference_note) for case in cases)
-    outside = sum(bool(case.exposure_note) for case in cases)
-    bimodal = sum(case.bimodal for case in cases)
-    unusual = sum(case.manoeuvre_share == 0.0 for case in cases)
+    thin = outside = bimodal = unusual = 0
+    for zone, index, reference, exposure, two_groups, share in columns(
+        cases, "zone", "index", "reference_note", "exposure_note", "bimodal", "manoeuvre_share"
+    ):
+        if zone == "safe" and index is not None:
+            thin += bool(reference)
+            outside += bool(exposure)
+            bimodal += two_groups
+            unusual += share == 0.0
     if thin:
         told.append(f"Reference too thin in {count(thin, 'case')}.")
     if outside:
@@ -146,12 +160,12 @@ def _warnings(cases: Sequence[CaseResult]) -> tuple[str, ...]:
 
 def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:
     """The cases in which an ADS scores furthest below the drivers' own mean."""
-    below = [
-        (case.human_mean - case.index, case)
-        for case in evaluation.cases
-        if case.index is not None and case.human_mean is not None and case.index < case.human_mean
-    ]
-    below.sort(key=lambda pair: (-pair[0], pair[1].case))
+    below = (
+        (index - mean, name, place)
+        for place, (name, index, mean) in enumerate(columns(evaluation.cases, "case", "index", "human_mean"))
+        if index is not None and mean is not None and index < mean
+    )
+    rows = [evaluation.cases[place] for _, _, place in heapq.nsmallest(most, below)]
     return [
         WorstCase(
             case.ads,
@@ -161,7 +175,7 @@ def worst_cases(evaluation: Evaluation, most: int = 10) -> list[WorstCase]:
             f"{number(case.human_low, 2)} … {number(case.human_mean, 2)} … {number(case.human_high, 2)}",
             case.manoeuvre if case.manoeuvre_share is None else f"{case.manoeuvre} ({percent(case.manoeuvre_share)})",
         )
-        for _, case in below[:most]
+        for case in rows
     ]
 
 

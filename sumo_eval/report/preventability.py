@@ -7,15 +7,20 @@ happen. The reference is an ADS of the same run, `[report] reference`, or the id
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sumo_eval.results import CaseResult, Evaluation
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
+from sumo_eval.scoring.kept_rows import arrays, point_numbers
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import FloatArray
 
 Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "off road", "not evaluated"]
-Point = tuple[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,23 +85,46 @@ def reference_sentence(settings: EvaluationSettings) -> str:
     )
 
 
-def verdicts(evaluation: Evaluation) -> dict[str, Verdict]:
-    """The verdict on every case, by case."""
-    reference = reference_ads(evaluation.settings)
+def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
+    """The verdict on every case of one ADS in one scenario, (n,), in their order."""
+    cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
+    there = OutcomeColumns.of(cases)
     if reference is None:
-        collided = {_point(case): case.ideal_collided for case in evaluation.cases}
+        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known.
+        collided = arrays(cases, "ideal_collided")["ideal_collided"]
     else:
-        collided = {_point(case): _outcome(case) for case in evaluation.cases if case.ads == reference}
-    return {case.case: _verdict(case, collided.get(_point(case))) for case in evaluation.cases}
+        collided = _outcomes_at(cases, evaluation.cases_of(reference, score.scenario))
+    found = np.where(collided == 1.0, "better", np.full(len(there.safe), "avoided", dtype="U16"))
+    found[there.off_road] = "off road"
+    hit = there.collided
+    found[hit] = np.where(np.isnan(collided), "undecided", np.where(collided == 1.0, "unpreventable", "preventable"))[
+        hit
+    ]
+    found[~there.evaluated] = "not evaluated"
+    return found
+
+
+def _outcomes_at(cases: Sequence[CaseResult], reference: Sequence[CaseResult]) -> FloatArray:
+    """Whether the reference collided at the point of each case, (n,): 1 or 0, nan where it has no outcome there, or
+    left the road, which shows neither.
+    """
+    if not len(reference):
+        return np.full(len(cases), np.nan)
+    there = OutcomeColumns.of(reference)
+    known = there.evaluated & ~there.off_road
+    at, its = point_numbers([cases, reference])
+    found = np.full(int(max(at.max(initial=0), its.max(initial=0))) + 1, np.nan)
+    found[its] = np.where(known, there.collided.astype(np.float64), np.nan)
+    return np.asarray(found[at])
 
 
 def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
-    found = verdicts(evaluation)
     rows = []
     for score in evaluation.scores:
-        here = [found[case.case] for case in evaluation.cases_of(score.ads, score.scenario)]
-        count = Counter(here)
+        here = verdicts(evaluation, score)
+        names, numbers = np.unique(here, return_counts=True)
+        count = Counter(dict(zip(names.tolist(), numbers.tolist(), strict=True)))
         rows.append(
             Preventability(
                 ads=score.ads,
@@ -113,22 +141,3 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
             )
         )
     return tuple(rows)
-
-
-def _verdict(case: CaseResult, reference_collided: bool | None) -> Verdict:
-    if not case.evaluated:
-        return "not evaluated"
-    if case.collided:
-        return "undecided" if reference_collided is None else "unpreventable" if reference_collided else "preventable"
-    if case.status == "off_road":
-        return "off road"
-    return "better" if reference_collided else "avoided"
-
-
-def _outcome(case: CaseResult) -> bool | None:
-    """Whether the reference collided. None: no outcome, or it left the road, which shows neither."""
-    return None if not case.evaluated or case.status == "off_road" else case.collided
-
-
-def _point(case: CaseResult) -> Point:
-    return case.scenario, tuple(case.values.values())

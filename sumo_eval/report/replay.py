@@ -12,6 +12,7 @@ from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.cases import Role
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import EGO, Fact, Store, open_store
+from sumo_eval.report.explain import known_case
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import asset, template, write_page
 from sumo_eval.report.page_data import (
@@ -75,15 +76,6 @@ def recorded_ego(places: Sequence[tuple[float, float]]) -> Trajectory:
     """Who was recorded in the ego's place. places: as in `Start`."""
     at = np.array(places)
     return Trajectory(np.arange(len(at)) * RECORDED_EVERY, at[:, 0], at[:, 1])
-
-
-def known_case(run: Path, key: str) -> Fact:
-    """A drive of an ADS by its case's key. Raises InputError with the nearest known one."""
-    with open_store(run / FACTS) as store:
-        found = store.fact(key)
-        if found is None or found.role != "ads":
-            raise unknown("case", key, [case for case, _, _ in store.names("ads")])
-    return found
 
 
 def recorded(run: Path, key: str) -> Fact:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,11 +33,14 @@ class Shown:
     places: IntArray | None
     of: int
 
-    def among(self, cases: Sequence[CaseResult]) -> list[CaseResult]:
-        """Those of one ADS."""
-        return (
-            list(cases) if self.places is None else [cases[int(place)] for place in self.places if place < len(cases)]
-        )
+    def among(self, cases: Sequence[CaseResult]) -> Iterator[tuple[int, CaseResult]]:
+        """Those of one ADS, each with its place among all of them."""
+        places = range(len(cases)) if self.places is None else self.places.tolist()
+        return ((place, cases[place]) for place in places if place < len(cases))
+
+    def number(self, cases: Sequence[CaseResult]) -> int:
+        """How many of one ADS's there are."""
+        return len(cases) if self.places is None else int(np.count_nonzero(self.places < len(cases)))
 
 
 def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
@@ -118,7 +122,7 @@ def _tiles(
     made = [
         Markup(
             '<rect x="{}" y="{}" width="{}" height="{}" fill="var({})" fill-opacity="{:z.2f}" '
-            'data-row="{:z.6g},{:z.6g},{:z.4g}"/>'
+            'data-row="[{:z.6g},{:z.6g},{:z.4g}]"/>'
         ).format(
             place % TILES * _SIDE,
             size - _SIDE - place // TILES * _SIDE,
@@ -136,7 +140,7 @@ def _tiles(
         '<svg class="density" data-chart="{}" data-head="{}" role="img" aria-label="{}" viewBox="0 0 {} {}">{}</svg>'
     ).format(
         words,
-        ",".join((*(item.name for item in axes), words.partition(",")[0])),
+        json.dumps([*(item.name for item in axes), words.partition(",")[0]]),
         words,
         size,
         size,

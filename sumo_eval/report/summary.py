@@ -7,12 +7,25 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.people import people_rows
 from sumo_eval.report.terminal import verdict_of
-from sumo_eval.report.words import cases_of, count, interval_words, number, parts_of_total, share_lost, unevaluated
+from sumo_eval.report.words import (
+    cases_of,
+    count,
+    interval_words,
+    nobody_drove,
+    number,
+    parts_of_total,
+    share_lost,
+    unevaluated,
+)
 from sumo_eval.results import CaseResult, Evaluation, RankedAds, ScenarioResult
+from sumo_eval.scoring.kept_rows import arrays, chosen
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 
 WIDE = 20.0  # points of S+: an interval wider than this tells little
 MOST_LOOKS = 4
@@ -94,7 +107,7 @@ def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
 
 
 def _without_total(evaluation: Evaluation) -> str:
-    if all(score.nobody_compared for score in evaluation.scores):
+    if nobody_drove(evaluation):
         return "There is nobody to compare an ADS with, so no H and no S+: A and C say how well each avoids collisions."
     return "No ADS has an S+ in every logical scenario that has people to compare with."
 
@@ -132,6 +145,8 @@ def _real(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
     )
     if pair.told_apart:
         return Answer(question, "yes", (words, *more), "good")
+    if pair.drove_alike:
+        return Answer(question, "there is none", (f"{pair.below} drove every case as {pair.above} did.", *more), "open")
     return Answer(question, "it may be chance", (words, *more), "open")
 
 
@@ -183,17 +198,20 @@ def _look(evaluation: Evaluation, best: str) -> Answer:
         if hit is not None:
             looks.append((f"the collision of {ads} that costs most: {_at(hit)}", _address(hit)))
             break
-    likened = [
-        case for case in evaluation.cases if case.ads == best and case.human_likeness is not None and not case.collided
-    ]
-    if likened:
-        least = min(likened, key=lambda case: (case.human_likeness or 0.0, case.case))
+    least = _least_human(evaluation, best)
+    if least is not None:
         looks.append((f"the least human-like case of {best}: {_at(least)}", _address(least)))
-    if any(case.collided or not case.evaluated for case in evaluation.cases):
+    if any(_failed(evaluation, score) for score in evaluation.scores):
         looks.append(("failures that are alike, in the maps", "#maps"))
     if not looks:
         looks.append(("the maps: nothing failed", "#maps"))
     return Answer("What to look at first", "", (), "plain", tuple(looks[:MOST_LOOKS]))
+
+
+def _failed(evaluation: Evaluation, score: ScenarioResult) -> bool:
+    """Whether a case collided or could not be evaluated."""
+    there = OutcomeColumns.of(cases_of(evaluation, score))
+    return bool((there.collided | ~there.evaluated).any())
 
 
 def _worst_collision(evaluation: Evaluation, ads: str) -> CaseResult | None:
@@ -202,9 +220,26 @@ def _worst_collision(evaluation: Evaluation, ads: str) -> CaseResult | None:
     for score in evaluation.scores:
         if score.ads == ads:
             cases = cases_of(evaluation, score)
-            losses = share_lost(cases, evaluation.settings)
-            found += [(loss or 0.0, case) for case, loss in zip(cases, losses, strict=True) if case.avoidable]
+            losses = np.nan_to_num(share_lost(cases, evaluation.settings))
+            avoidable = OutcomeColumns.of(cases).avoidable
+            if avoidable.any():
+                most = float(losses[avoidable].max())
+                worst = max(chosen(cases, avoidable & (losses == most)), key=lambda case: case.case)
+                found.append((most, worst))
     return max(found, key=lambda pair: (pair[0], pair[1].case))[1] if found else None
+
+
+def _least_human(evaluation: Evaluation, ads: str) -> CaseResult | None:
+    """The case without a collision in which an ADS is least human-like."""
+    found: list[CaseResult] = []
+    for score in evaluation.scores:
+        if score.ads == ads:
+            cases = cases_of(evaluation, score)
+            read = arrays(cases, "human_likeness", "collided")
+            likeness = np.where(read["collided"] == 1.0, np.nan, read["human_likeness"])
+            if np.isfinite(likeness).any():
+                found.append(min(chosen(cases, likeness == np.nanmin(likeness)), key=lambda case: case.case))
+    return min(found, key=lambda case: (case.human_likeness or 0.0, case.case), default=None)
 
 
 def _at(case: CaseResult) -> str:

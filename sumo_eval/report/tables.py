@@ -43,7 +43,14 @@ def cases_csv(evaluation: Evaluation, path: Path) -> None:
     Parameters have a column each under their own name; one that is called like another column is `parameter_<name>`.
     Text that a spreadsheet would run as a formula begins with `'`.
     """
-    parameters = list(dict.fromkeys(name for case in evaluation.cases for name in case.values))
+    parameters = list(
+        dict.fromkeys(
+            name
+            for score in evaluation.scores
+            for case in evaluation.cases_of(score.ads, score.scenario)[:1]
+            for name in case.values
+        )
+    )
     headings = [f"parameter_{name}" if name in (*_FIRST, *_REST, *_ALSO) else name for name in parameters]
     try:
         with path.open("w", newline="", encoding="utf-8") as file:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.method.anthropomorphic import IndexNote, NoteKind
 from sumo_eval.method.collision_avoidance import collision_loss
@@ -33,9 +35,15 @@ from sumo_eval.results import (
     StruckFromBehind,
     ThinReferences,
     WorstAndBest,
+    columns,
 )
-from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
+from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
+from sumo_eval.scoring.kept_rows import Chosen, Made, OfSomeRows, arrays, chosen, names_at, point_numbers
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+IntArray = NDArray[np.intp]
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
 
@@ -219,17 +227,19 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
     if drivers.source != "recorded":
         return []
     fewest = drivers.least if drivers.too_thin == "leave_out" else 1
-    found: dict[str, dict[tuple[float, ...], int]] = {}
-    for case in evaluation.cases:
-        if case.zone == "safe":
-            points = found.setdefault(case.scenario, {})
-            here = tuple(case.values.values())
-            people = case.recorded_drivers or 0
-            points[here] = max(points.get(here, 0), people if people >= fewest else 0)
-    return [
-        PeopleBehind(name, len(points), sum(number > 0 for number in points.values()), sum(points.values()))
-        for name, points in found.items()
-    ]
+    found = []
+    for name in dict.fromkeys(score.scenario for score in evaluation.scores):
+        cases = evaluation.cases_in(name)
+        read = arrays(cases, "zone", "recorded_drivers")
+        safe = read["zone"] == "safe"
+        if not safe.any():
+            continue
+        people = np.nan_to_num(read["recorded_drivers"][safe])
+        points, place = np.unique(point_numbers([cases])[0][safe], return_inverse=True)
+        most = np.zeros(len(points))
+        np.maximum.at(most, place, np.where(people >= fewest, people, 0.0))
+        found.append(PeopleBehind(name, len(points), int(np.count_nonzero(most)), int(most.sum())))
+    return found
 
 
 def nobody_recorded(evaluation: Evaluation) -> bool:
@@ -238,11 +248,22 @@ def nobody_recorded(evaluation: Evaluation) -> bool:
     return evaluation.settings.drivers.source == "recorded" and not any(one.drives for one in behind)
 
 
+def nobody_drove(evaluation: Evaluation) -> bool:
+    """Whether no scenario has anybody to compare an ADS with."""
+    return bool(evaluation.scores) and all(score.nobody_compared for score in evaluation.scores)
+
+
 def people_sentence(evaluation: Evaluation) -> str:
     """Who D and H compare with, and how many recorded people stand behind them."""
     settings = evaluation.settings
+    if nobody_drove(evaluation):
+        return (
+            "There is nobody whom D and H compare with: synthetic drivers do not know these scenes, and nobody is "
+            "recorded in them."
+        )
     if settings.drivers.source != "recorded":
-        return drivers_sentence(settings)
+        alone = ", ".join(dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared))
+        return drivers_sentence(settings) + (f" In {alone} there is nobody to compare with." if alone else "")
     behind = people_behind(evaluation)
     source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
     fills = settings.drivers.too_thin == "fill"
@@ -293,25 +314,37 @@ def cases_of(evaluation: Evaluation, score: ScenarioResult) -> Sequence[CaseResu
     return evaluation.cases_of(score.ads, score.scenario)
 
 
-def unevaluated(evaluation: Evaluation) -> list[tuple[CaseResult, str]]:
-    """Every case that is missing from a mean, with a sentence that says why."""
-    missing = []
-    for score in evaluation.scores:
-        for case in cases_of(evaluation, score):
-            if not case.evaluated:
-                missing.append((case, case.error or _STATUS.get(case.status, f"Its status is {case.status}.")))
-            elif case.ideal_severity is None:
-                missing.append((case, "The ideal vehicle's case here could not be evaluated, so Ug is not known."))
-            elif case.no_reaction_severity is None:
-                missing.append((case, "The case of `no_reaction` here could not be evaluated, so U0 is not known."))
-            elif case.counts_for_index and not _wants_no_index(score) and case.index is None:
-                why = (
-                    index_note_words(case)
-                    or reference_note_words(case)
-                    or "Fewer than two human drivers could be compared with here."
-                )
-                missing.append((case, f"There is no D_i: {why}"))
-    return missing
+def unevaluated(evaluation: Evaluation) -> Sequence[tuple[CaseResult, str]]:
+    """Every case that is missing from a mean, with a sentence that says why; each row is read when it is asked for."""
+    return Made(
+        *((unevaluated_of(evaluation, score), lambda case, _: (case, why_missing(case))) for score in evaluation.scores)
+    )
+
+
+def unevaluated_of(evaluation: Evaluation, score: ScenarioResult) -> Chosen:
+    """The cases of one ADS and scenario that are missing from a mean."""
+    cases = cases_of(evaluation, score)
+    there = OutcomeColumns.of(cases)
+    missing = ~there.evaluated | np.isnan(there.ideal) | np.isnan(there.unreacting)
+    if not _wants_no_index(score):
+        missing |= there.counts_for_index & np.isnan(arrays(cases, "index")["index"])
+    return chosen(cases, missing)
+
+
+def why_missing(case: CaseResult) -> str:
+    """Why a case is missing from a mean, of one that is."""
+    if not case.evaluated:
+        return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
+    if case.ideal_severity is None:
+        return "The ideal vehicle's case here could not be evaluated, so Ug is not known."
+    if case.no_reaction_severity is None:
+        return "The case of `no_reaction` here could not be evaluated, so U0 is not known."
+    why = (
+        index_note_words(case)
+        or reference_note_words(case)
+        or "Fewer than two human drivers could be compared with here."
+    )
+    return f"There is no D_i: {why}"
 
 
 def placed(sentence: str, case: CaseResult) -> str:
@@ -350,28 +383,27 @@ def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
         return [*said, f"A = 1: no collision is harder than the ideal vehicle's{regret}."]
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
     said.append(f"A = {number(score.avoided_share, 3)}{below}{regret}.")
-    losses = [loss or 0.0 for loss in share_lost(cases, settings)]
+    losses = np.nan_to_num(share_lost(cases, settings))
     worst = int(np.argmax(losses))
     if losses[worst] >= SHARE_WORTH_NAMING * (1.0 - score.avoided_share):
         of = number(1.0 - score.avoided_share, 3)
-        said.append(f"{point(cases[worst].values)} took the most from A: {number(losses[worst], 3)} of {of}.")
+        said.append(f"{point(cases[worst].values)} took the most from A: {number(float(losses[worst]), 3)} of {of}.")
     return said
 
 
-def share_lost(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[float | None]:
-    """What each case of one ADS and scenario takes from A, together 1 - A; None where it has no part in A."""
-    losses = avoided_share_losses(case_terms(cases, settings.method)).tolist()
-    return [loss if math.isfinite(loss) else None for loss in losses]
+def share_lost(cases: Sequence[CaseResult], settings: EvaluationSettings) -> FloatArray:
+    """What each case of one ADS and scenario takes from A, (n,), together 1 - A; nan where it has no part in A."""
+    losses = avoided_share_losses(case_terms(cases, settings.method))
+    return np.where(np.isfinite(losses), losses, np.nan)
 
 
 def explain_h(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     """Why H is what it is."""
     if score.human_likeness is None:
         return [f"H is not computed: {reason_without_h(score)}. Its term counts 0 points."]
-    counted = [case for case in cases if case.human_likeness is not None]
-    hits = sum(case.collided for case in counted)
+    counted, hits = likened(cases)
     means = likeness_means(cases)
-    said = f"H = {number(score.human_likeness, 3)}: mean over {count(len(counted), 'safe case')}"
+    said = f"H = {number(score.human_likeness, 3)}: mean over {count(counted, 'safe case')}"
     if means:
         name = min(means, key=lambda factor: means[factor])
         others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
@@ -401,8 +433,15 @@ def reason_without_h(score: ScenarioResult) -> str:
 
 def likeness_means(cases: Sequence[CaseResult]) -> dict[str, float]:
     """Mean of every factor of a case's human-likeness over the safe cases without a collision, by exposure."""
-    counted = [case for case in cases if case.human_likeness is not None and not case.collided]
-    return _means(counted, LIKENESS_FACTORS)
+    read = arrays(cases, "human_likeness", "collided")
+    return _means(cases, np.isfinite(read["human_likeness"]) & (read["collided"] != 1.0), LIKENESS_FACTORS)
+
+
+def likened(cases: Sequence[CaseResult]) -> tuple[int, int]:
+    """How many cases have a human-likeness, and how many of them are collisions."""
+    read = arrays(cases, "human_likeness", "collided")
+    counted = np.isfinite(read["human_likeness"])
+    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & (read["collided"] == 1.0)))
 
 
 # --- why C, D and S are what they are ---------------------------------------------------------------------------------
@@ -417,15 +456,30 @@ class CollisionShare:
     lost: float | None
 
 
-def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> list[CollisionShare]:
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionShares(OfSomeRows[CollisionShare]):
+    """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17). ratios,
+    lost: (h,), nan where not known.
+    """
+
+    ratios: FloatArray
+    lost: FloatArray
+
+    def _made(self, place: int) -> CollisionShare:
+        known = (float(values[place]) for values in (self.ratios, self.lost))
+        return CollisionShare(self._row(place), *(None if math.isnan(value) else value for value in known))
+
+
+def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) -> CollisionShares:
     """The collisions among the cases of one ADS and scenario, the one that took most from C first (Eq. 17)."""
-    hits = [case for case in cases if case.collided]
-    ratios = [ratio_of(case, settings.method.collision.loss) for case in hits]
-    known = [(case, ratio) for case, ratio in zip(hits, ratios, strict=True) if ratio is not None]
-    weights = mean_shares([case.weight or 0.0 for case, _ in known]).tolist()
-    lost = {case.case: weight * (1.0 - ratio) for (case, ratio), weight in zip(known, weights, strict=True)}
-    shares = [CollisionShare(case, ratio, lost.get(case.case)) for case, ratio in zip(hits, ratios, strict=True)]
-    return sorted(shares, key=lambda share: (share.lost is None, -(share.lost or 0.0), share.case.case))
+    read = arrays(cases, "collided", "severity", "ideal_severity", "weight")
+    places = np.flatnonzero(read["collided"] == 1.0)
+    severity, ideal, weight = (read[name][places] for name in ("severity", "ideal_severity", "weight"))
+    found = ratios(severity, ideal, settings.method)
+    known, lost = np.isfinite(found), np.full(len(places), np.nan)
+    lost[known] = mean_shares(np.nan_to_num(weight[known])) * (1.0 - found[known])
+    order = np.lexsort((names_at(cases, places), -np.nan_to_num(lost), np.isnan(lost)))
+    return CollisionShares(cases, places[order], found[order], lost[order])
 
 
 def ratio_of(case: CaseResult, loss: str) -> float | None:
@@ -442,8 +496,8 @@ def explain_c(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
     """Why C is what it is."""
     if score.c is None:
         return [f"C is not computed: {REASON_WITHOUT_C}. Its term counts 0 points."]
-    judged = sum(case.evaluated for case in cases)
     if score.collisions == 0:
+        judged = int(np.count_nonzero(OutcomeColumns.of(cases).evaluated))
         return [f"{score.ads} did not collide in any of {count(judged, 'evaluated case')}, so C = 1."]
     risky = score.collisions - score.safe_collisions
     zones = ((risky, score.hazardous_cases, "hazardous case"), (score.safe_collisions, score.safe_cases, "safe case"))
@@ -469,7 +523,9 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
     if score.d is None:
         return [f"D is not computed: {reason_without_d(score)}. Its term counts 0 points."]
     means = factor_means(cases)
-    indexed = sum(case.index is not None and case.zone == "safe" for case in cases)
+    index = arrays(cases, "index")["index"]
+    safe = OutcomeColumns.of(cases).safe
+    indexed = int(np.count_nonzero(safe & np.isfinite(index)))
     name = min(means, key=lambda factor: means[factor])
     if means[name] >= NEGLIGIBLE_LIMIT:
         limit = "no factor limits it"
@@ -477,10 +533,13 @@ def explain_d(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
         others = ", ".join(f"{factor} {mean:z.2f}" for factor, mean in means.items() if factor != name)
         limit = f"limited most by the {name} factor (mean {means[name]:z.2f}; {others})"
     sentences = [f"D = {score.d:z.3f}: mean over {count(indexed, 'safe case')}, {limit}."]
-    low = [case for case in cases if case.zone == "safe" and case.index is not None and case.index < 0.1]
-    if low and len(low) < indexed:
-        sentences.append(f"{len(low)} of them {'scores' if len(low) == 1 else 'score'} below 0.1.")
-    split = sum(case.zone == "safe" and any(one.kind == "two_groups" for one in case.index_note) for case in cases)
+    low = int(np.count_nonzero(safe & (index < 0.1)))
+    if 0 < low < indexed:
+        sentences.append(f"{low} of them {'scores' if low == 1 else 'score'} below 0.1.")
+    split = sum(
+        zone == "safe" and any(one.kind == "two_groups" for one in notes)
+        for zone, notes in columns(cases, "zone", "index_note")
+    )
     if split:
         sentences.append(
             f"In {split} of them some drivers overtook and others followed. D compares the ADS "
@@ -524,16 +583,18 @@ def not_computed(reason: str) -> str:
 
 def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
     """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
-    indexed = [case for case in cases if case.zone == "safe" and case.index is not None]
-    return _means(indexed, FACTORS)
+    read = arrays(cases, "zone", "index")
+    return _means(cases, (read["zone"] == "safe") & np.isfinite(read["index"]), FACTORS)
 
 
-def _means(cases: Sequence[CaseResult], factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:
-    exposure = np.array([case.exposure for case in cases])
+def _means(cases: Sequence[CaseResult], counted: BoolArray, factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:
+    """The mean of every factor over the cases that are counted, (n,)."""
+    read = arrays(cases, "exposure", *(field for field, _ in factors.values()))
+    exposure = read["exposure"][counted]
     if not exposure.sum() > 0.0:
         return {}
     return {
-        name: float(exposure_mean([getattr(case, field) for case in cases], exposure, once(len(cases)))[0])
+        name: float(exposure_mean(read[field][counted], exposure, once(len(exposure)))[0])
         for name, (field, _) in factors.items()
     }
 
@@ -669,12 +730,21 @@ def index_notes(evaluation: Evaluation) -> list[GatheredNote]:
     """The notes on D_i, gathered by kind and manoeuvre, the most frequent first."""
     gathered = []
     for score in evaluation.scores:
-        found: dict[tuple[NoteKind, Manoeuvre], list[IndexNote]] = {}
-        for case in cases_of(evaluation, score):
-            for note in case.index_note:
-                found.setdefault((note.kind, note.manoeuvre), []).append(note)
-        for _, notes in sorted(found.items(), key=lambda item: (-len(item[1]), item[0])):
-            gathered.append(GatheredNote(score.ads, score.scenario, len(notes), _notes_sentence(notes)))
+        number: Counter[tuple[NoteKind, Manoeuvre]] = Counter()
+        ends: dict[
+            tuple[NoteKind, Manoeuvre], tuple[int, int, int, int]
+        ] = {}  # least and most count, least and most of
+        for _, notes in columns(cases_of(evaluation, score), "zone", "index_note"):
+            for note in notes:
+                kind = note.kind, note.manoeuvre
+                number[kind] += 1
+                low, high, least, most = ends.get(kind, (note.count, note.count, note.of, note.of))
+                ends[kind] = min(low, note.count), max(high, note.count), min(least, note.of), max(most, note.of)
+        for kind in sorted(ends, key=lambda kind: (-number[kind], kind)):
+            low, high, least, most = ends[kind]
+            both = [IndexNote(kind[0], number_of, of, kind[1]) for number_of, of in ((low, least), (high, most))]
+            sentence = _notes_sentence(both)
+            gathered.append(GatheredNote(score.ads, score.scenario, number[kind], sentence))
     return gathered
 
 

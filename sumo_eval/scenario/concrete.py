@@ -6,6 +6,7 @@ line, headings from the road's direction. On a road that bends x is the distance
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -472,10 +473,10 @@ class ConcreteScenario:
 
     def ego_vehicle(self, vehicle: VehicleSettings) -> VehicleSettings:
         """The ego of these settings, with the body that the scenario prescribes."""
-        if self.ego_body in (None, EgoBody(vehicle.length, vehicle.width)):
+        body = self.ego_body
+        if body is None or (body.length, body.width) == (vehicle.length, vehicle.width):
             return vehicle
-        assert self.ego_body is not None
-        return replace(vehicle, length=self.ego_body.length, width=self.ego_body.width)
+        return _with_body(vehicle, body)
 
     def simulation(self, settings: SimulationSettings) -> SimulationSettings:
         """The settings with which this case is simulated: the given ones, with the scenario's ego and time limit."""
@@ -485,3 +486,9 @@ class ConcreteScenario:
         if vehicle is settings.vehicle and (limit, stood) == (settings.time_limit, settings.standstill_time):
             return settings
         return replace(settings, vehicle=vehicle, time_limit=limit, standstill_time=stood)
+
+
+@functools.lru_cache(maxsize=64)
+def _with_body(vehicle: VehicleSettings, body: EgoBody) -> VehicleSettings:
+    """The vehicle with another body; made and checked once for all cases of a scenario."""
+    return replace(vehicle, length=body.length, width=body.width)

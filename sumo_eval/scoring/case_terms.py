@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
-from sumo_eval.results import EVALUATED, CaseResult, Zone, columns, leaves_no_index, may_have_index
+from sumo_eval.results import CaseResult
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_AT_ONCE = 8_192  # cases
 _FIELDS = (
-    "zone", "status", "collided", "struck_from_behind", "severity", "ideal_severity", "no_reaction_severity",
-    "exposure", "weight", "index", "human_likeness",
+    "severity", "ideal_severity", "no_reaction_severity", "exposure", "weight", "index", "human_likeness",
 )  # fmt: skip
-"""Of a row of cases.csv what scores are made of."""
+"""Of a row of cases.csv what scores are made of, besides what became of the case."""
 SCORES = (
     "c",
     "d",
@@ -58,19 +57,15 @@ class CaseTerms:
     voids: BoolArray
 
 
-def case_terms(cases: Iterable[CaseResult], method: MethodSettings) -> CaseTerms:
-    """The terms of cases, in their order."""
-    flags, numbers, left = [np.empty((0, 3), np.bool_)], [np.empty((0, 7))], columns(cases, *_FIELDS)
-    while some := [
-        _read(*case) for case in islice(left, _AT_ONCE)
-    ]:  # a million cases as lists would be half a gigabyte
-        flags.append(np.array([flag for flag, _ in some], dtype=np.bool_))
-        numbers.append(np.array([number for _, number in some], dtype=np.float64))  # None is nan
-    collided, evaluated, voids = np.ascontiguousarray(np.concatenate(flags).T)
-    hit, ideal, unreacting, exposure, weight, index, likeness = np.ascontiguousarray(np.concatenate(numbers).T)
+def case_terms(cases: Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
+    """The terms of cases, in their order; of kept rows nothing but their columns is read."""
+    read, there = arrays(cases, *_FIELDS), OutcomeColumns.of(cases)
+    hit, ideal, unreacting, exposure, weight, index, likeness = (
+        np.ascontiguousarray(read[name], dtype=np.float64) for name in _FIELDS
+    )
     severity, ideal, unreacting = (
         _loss(values) if method.collision.loss == "class" else values
-        for values in (np.where(collided, hit, np.where(evaluated, 0.0, np.nan)), ideal, unreacting)
+        for values in (np.where(there.collided, hit, np.where(there.evaluated, 0.0, np.nan)), ideal, unreacting)
     )
     return CaseTerms(
         exposure=exposure,
@@ -78,29 +73,13 @@ def case_terms(cases: Iterable[CaseResult], method: MethodSettings) -> CaseTerms
         severity=severity,
         ideal=ideal,
         unreacting=unreacting,
-        ratio=score_terms.ideal_ratio(np.where(collided, severity, np.nan), ideal),
-        collided=collided,
-        evaluated=evaluated,
-        index=index,
+        ratio=score_terms.ideal_ratio(np.where(there.collided, severity, np.nan), ideal),
+        collided=there.collided,
+        evaluated=there.evaluated,
+        index=np.where(there.counts_for_index, index, np.nan),
         likeness=likeness,
-        voids=voids,
+        voids=there.voids_index,
     )
-
-
-def _read(
-    zone: Zone,
-    status: str,
-    collided: bool,
-    struck: bool,
-    severity: float | None,
-    ideal: float | None,
-    *rest: float | None,
-) -> tuple[tuple[bool, ...], tuple[float | None, ...]]:
-    """Flags and numbers of a case of whose row these are the `_FIELDS`."""
-    unreacting, exposure, weight, index, likeness = rest
-    counted = index if may_have_index(zone, collided, struck) else None
-    flags = collided, status in EVALUATED, leaves_no_index(zone, collided, ideal)
-    return flags, (severity, ideal, unreacting, exposure, weight, counted, likeness)
 
 
 def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> FloatArray:

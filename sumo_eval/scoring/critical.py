@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Mapping
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, columns
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.kept_rows import arrays, parameters_of
 
 LEAST_HUMAN = 100
 """Cases of an ADS in a scenario, the least human-like ones, whose points are critical."""
@@ -27,20 +27,16 @@ def critical_points(
     found: set[tuple[str, int]] = set()
     for score in evaluation.scores:
         name, logical = score.scenario, spaces[score.scenario]
-        points, unit, hit, likeness = [], [], [], []
-        for case in evaluation.cases_of(score.ads, name):
-            number = numbers[case.case]
-            points.append(number)
-            unit.append(logical.to_unit(logical.row(case.values)))
-            hit.append(case.collided)
-            if case.collided or case.status != "ok":
-                found.add((name, number))
-            if case.human_likeness is not None:
-                likeness.append((case.human_likeness, number))
-        found |= {(name, number) for _, number in heapq.nsmallest(LEAST_HUMAN, likeness)}
+        cases = evaluation.cases_of(score.ads, name)
+        points = np.array([numbers[case] for case, _ in columns(cases, "case", "zone")], dtype=np.intp)
+        read = arrays(cases, "collided", "status", "human_likeness")
+        ended, likeness = read["collided"] == 1.0, read["human_likeness"]
+        critical = ended | (read["status"] != "ok")
+        liked = np.flatnonzero(np.isfinite(likeness))
+        critical[liked[np.lexsort((points[liked], likeness[liked]))[:LEAST_HUMAN]]] = True
         if len(points) > 1:
-            places, ended = np.array(unit), np.array(hit)
+            places = logical.to_unit(parameters_of(cases, logical.names))
             nearest = np.asarray(KDTree(places).query(places, k=2)[1])[:, 1]
-            flips = np.flatnonzero(ended[nearest] != ended)
-            found |= {(name, points[place]) for place in flips.tolist()}
+            critical |= ended[nearest] != ended
+        found |= {(name, number) for number in points[critical].tolist()}
     return found

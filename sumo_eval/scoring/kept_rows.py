@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import struct
 import zlib
+from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, Final, overload
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.results import CaseResult, ThinReference
+from sumo_eval.results import CaseResult, ThinReference, columns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 _RECORDS = {one.__name__: one for one in (ThinReference, IndexNote)}
@@ -30,7 +31,10 @@ _HEADER = struct.Struct("<I")
 _HELD = 32  # chunks of rows that are in memory at a time
 _REAL, _LISTED = "real", "listed"
 
+Thing = TypeVar("Thing")
 Column = NDArray[Any]
+IntArray = NDArray[np.intp]
+_Held = OrderedDict[int, list[CaseResult]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +105,13 @@ def _arrays(data: bytes, names: Sequence[str]) -> dict[str, Column]:
     return found
 
 
+def _joined(parts: Sequence[Column]) -> Column:
+    """Columns of chunks as one; of texts a chunk in which no row has one is a column of nan."""
+    if any(part.dtype.kind == "U" for part in parts):
+        return np.concatenate([part if part.dtype.kind == "U" else np.full(len(part), "") for part in parts])
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
 def as_array(values: Sequence[Any]) -> Column:
     """Values as an array (n,): numbers and truth values as numbers, None as nan; texts as texts, None as ""."""
     if any(isinstance(value, str) for value in values):
@@ -150,23 +161,140 @@ def _numbers(body: bytes, count: int) -> tuple[FloatArray, BoolArray]:
     return np.ascontiguousarray(planes.T).view("<f8").reshape(count), missing
 
 
-class KeptRows(Sequence[CaseResult]):
-    """The rows of a scoring, or of one ADS in one scenario of it; equal to any sequence of equal rows. key: what the
-    scoring depends on.
+@dataclass(frozen=True, slots=True, eq=False)
+class OfSomeRows(Sequence[Thing]):
+    """What stands for some rows of many, each made, and its row read, when it is asked for. places: which rows, (n,).
+
+    A subclass may hold further arrays (n,); a slice has all of them at its places.
     """
 
-    def __init__(self, kept: KeptResults, key: bytes, chunks: Sequence[Chunk]) -> None:
+    cases: Sequence[CaseResult]
+    places: IntArray
+
+    @abstractmethod
+    def _made(self, place: int) -> Thing:
+        """What stands at a place."""
+
+    def _row(self, place: int) -> CaseResult:
+        """The row behind it."""
+        return self.cases[int(self.places[place])]
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @overload
+    def __getitem__(self, place: int) -> Thing: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Self: ...
+
+    def __getitem__(self, place: int | slice) -> Thing | Self:
+        if not isinstance(place, slice):
+            return self._made(place)
+        held = [(one.name, getattr(self, one.name)) for one in fields(self)]
+        some: dict[str, Any] = {name: value[place] for name, value in held if isinstance(value, np.ndarray)}
+        return replace(self, **some)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chosen(OfSomeRows[CaseResult]):
+    """Some rows of many, each read where it is asked for."""
+
+    def _made(self, place: int) -> CaseResult:
+        return self._row(place)
+
+
+class Made(Sequence[Thing]):
+    """What is made of rows, one after the other, each when it is asked for. parts: rows, and what makes a thing of the
+    row at a place among them.
+    """
+
+    def __init__(self, *parts: tuple[Sequence[CaseResult], Callable[[CaseResult, int], Thing]]) -> None:
+        self._parts = parts
+
+    def __len__(self) -> int:
+        return sum(len(rows) for rows, _ in self._parts)
+
+    def __iter__(self) -> Iterator[Thing]:
+        for rows, make in self._parts:
+            for place, row in enumerate(rows):
+                yield make(row, place)
+
+    @overload
+    def __getitem__(self, place: int) -> Thing: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[Thing]: ...
+
+    def __getitem__(self, place: int | slice) -> Thing | Sequence[Thing]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        left = place + len(self) if place < 0 else place
+        if left >= 0:
+            for rows, make in self._parts:
+                if left < len(rows):
+                    return make(rows[left], left)
+                left -= len(rows)
+        raise IndexError(place)
+
+
+def chosen(cases: Sequence[CaseResult], flags: BoolArray) -> Chosen:
+    """The rows that are flagged, (n,), in their order."""
+    return Chosen(cases, np.flatnonzero(flags))
+
+
+def parameters_of(cases: Sequence[CaseResult], names: Sequence[str]) -> FloatArray:
+    """Where cases lie, (n, k): the parameters of these names."""
+    found = arrays(cases, *(f"values.{name}" for name in names))
+    return np.column_stack([found[f"values.{name}"] for name in names]).astype(np.float64, copy=False)
+
+
+def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:
+    """Keys of the cases at these places, (n,), as an array of texts."""
+    wanted = np.zeros(len(cases), dtype=np.bool_)
+    wanted[places] = True
+    found = [name for (name, _), here in zip(columns(cases, "case", "zone"), wanted.tolist(), strict=True) if here]
+    return np.array(found, dtype=np.str_)[np.cumsum(wanted)[places] - 1] if found else np.empty(0, dtype=np.str_)
+
+
+def point_numbers(tables: Sequence[Sequence[CaseResult]]) -> list[IntArray]:
+    """A number for each point of the space that some cases lie at, the same in all tables: (n,) for each table.
+
+    The cases of all tables have the same parameters, by name.
+    """
+    ends = np.cumsum([len(table) for table in tables])
+    point = np.zeros(int(ends[-1]) if len(ends) else 0, dtype=np.intp)
+    if len(point):
+        names = sorted(next(table for table in tables if len(table))[0].values)
+        for name in (f"values.{name}" for name in names):
+            read = np.concatenate([arrays(table, name)[name] for table in tables if len(table)])
+            values = np.unique(read, return_inverse=True)[1]
+            point = np.unique(point * (int(values.max()) + 1) + values, return_inverse=True)[1]
+    return np.split(point, ends[:-1])
+
+
+class KeptRows(Sequence[CaseResult]):
+    """The rows of a scoring, or of one ADS in one scenario of it; equal to any sequence of equal rows. key: what the
+    scoring depends on. held: chunks of rows that are in memory, shared by all parts of a scoring.
+    """
+
+    def __init__(self, kept: KeptResults, key: bytes, chunks: Sequence[Chunk], held: _Held | None = None) -> None:
         self._kept, self.key, self._chunks = kept, key, tuple(chunks)
         self._starts = np.cumsum([0, *(chunk.rows for chunk in self._chunks)])
-        self._held: OrderedDict[int, list[CaseResult]] = OrderedDict()
+        self._held: _Held = OrderedDict() if held is None else held
         self._parts: dict[tuple[str, str], KeptRows] = {}
 
     def part(self, ads: str, scenario: str) -> KeptRows:
         """Those of one ADS in one scenario."""
         if (ads, scenario) not in self._parts:
             chunks = [chunk for chunk in self._chunks if (chunk.ads, chunk.scenario) == (ads, scenario)]
-            self._parts[ads, scenario] = KeptRows(self._kept, self.key, chunks)
+            self._parts[ads, scenario] = KeptRows(self._kept, self.key, chunks, self._held)
         return self._parts[ads, scenario]
+
+    def in_scenario(self, scenario: str) -> KeptRows:
+        """Those of all ADSs in one scenario."""
+        chunks = [chunk for chunk in self._chunks if chunk.scenario == scenario]
+        return KeptRows(self._kept, self.key, chunks, self._held)
 
     def column(self, name: str) -> Iterator[Any]:
         """A field of all rows, without the rest of them."""
@@ -185,7 +313,7 @@ class KeptRows(Sequence[CaseResult]):
         for chunk in self._chunks:
             for name, part in _arrays(self._data(chunk), names).items():
                 parts[name].append(part)
-        return {name: np.concatenate(found) if found else np.empty(0) for name, found in parts.items()}
+        return {name: _joined(found) for name, found in parts.items()}
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""
@@ -225,11 +353,12 @@ class KeptRows(Sequence[CaseResult]):
         return f"KeptRows({len(self)} cases)"
 
     def _rows(self, number: int) -> list[CaseResult]:
-        if number in self._held:
-            self._held.move_to_end(number)
-            return self._held[number]
+        place = self._chunks[number].place
+        if place in self._held:
+            self._held.move_to_end(place)
+            return self._held[place]
         rows = decode_rows(self._data(self._chunks[number]))
-        self._held[number] = rows
+        self._held[place] = rows
         if len(self._held) > _HELD:
             self._held.popitem(last=False)
         return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
@@ -18,9 +19,8 @@ from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantil
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.recording import RECORDED
 from sumo_eval.record.spread import Spread
-from sumo_eval.record.store import Fact, Store
+from sumo_eval.record.store import RECORDED, Fact, Store
 from sumo_eval.results import (
     EVALUATED,
     CaseResult,
@@ -29,6 +29,7 @@ from sumo_eval.results import (
     ScoreNote,
     ThinReference,
     ThinReferences,
+    columns,
 )
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
@@ -38,6 +39,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 FEWEST_DRIVERS = 2  # a deviation needs two
 FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
 SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
+_AT_ONCE = 65_536  # points whose zone and weight are computed at a time
 JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
 
 Judged = TypeVar("Judged")
@@ -103,27 +105,29 @@ class Survey:
 
 def survey(logical: LogicalScenario, zones: ZonePartition, store: Store, settings: EvaluationSettings) -> Survey:
     """What must be known of all points of a scenario before any. Raises InputError for an ADS without a case."""
-    numbers, rows = [], []
+    numbers, flat = array("q"), array("d")  # of a million points as lists they would be half a gigabyte
     for fact in store.each_fact("ideal", logical.name):  # every point has one
         numbers.append(fact.point)
-        rows.append(logical.row(fact.values))
-    values = np.array(rows)
-    points = max(numbers, default=-1) + 1
+        flat.extend(fact.values[name] for name in logical.names)
+    values, there = np.array(flat).reshape(len(numbers), len(logical.names)), np.array(numbers, dtype=np.intp)
+    points = int(there.max(initial=-1)) + 1
     hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
-    if numbers:
-        hazardous[numbers], weights[numbers] = zones.exactly_hazardous(values), collision_weight(values, zones)
+    for first in range(0, len(there), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        hazardous[there[some]] = zones.exactly_hazardous(values[some])
+        weights[there[some]] = collision_weight(values[some], zones)
     usable, compared = np.zeros(points, dtype=np.bool_), False
     for point, drivers, recorded in store.drivers_at_points(logical.name, RECORDED):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True
-    driven: dict[str, list[int]] = {ads.name: [] for ads in settings.ads}
-    counted: dict[str, list[int]] = {ads.name: [] for ads in settings.ads}
+    driven: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
+    counted: dict[str, array[int]] = {ads.name: array("q") for ads in settings.ads}
     for point, name, status, hit in store.outcomes("ads", logical.name):
         if name in driven:
             driven[name].append(point)
             if not hit and not hazardous[point] and status in EVALUATED and usable[point]:
                 counted[name].append(point)
     for name, its in driven.items():
-        if not its:
+        if not len(its):
             raise InputError(f"Run {store.path.parent} holds no case of ADS `{name}` in scenario `{logical.name}`.")
     return Survey(
         points,
@@ -285,13 +289,13 @@ def with_people(
 def reference_notes(rows: Iterable[CaseResult]) -> tuple[ScoreNote, ...]:
     """What must be said of the human reference and the exposure of the cases of one ADS in one scenario."""
     cases = safe = thin = unfilled = outside = 0
-    for row in rows:
+    for zone, exposure_note, reference in columns(rows, "zone", "exposure_note", "reference_note"):
         cases += 1
-        outside += bool(row.exposure_note)
-        if row.zone == "safe":
+        outside += bool(exposure_note)
+        if zone == "safe":
             safe += 1
-            thin += row.reference_note is not None
-            unfilled += row.reference_note is not None and row.reference_note.filled is None
+            thin += reference is not None
+            unfilled += reference is not None and reference.filled is None
     said: list[ScoreNote] = []
     if thin:
         said.append(ThinReferences(thin, safe, unfilled))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.drive_measures import DriveMeasures
+from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import CollisionSettings, MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -284,16 +286,16 @@ def combine(
     terms = case_terms(cases, method)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    tally = _Tally.of(cases)
+    there = OutcomeColumns.of(cases)
+    tally = _Tally.of(cases, there)
     voiding = tally.voiding
     missing = Counter(tally.missing)
     if not voiding and people and tally.without_index:
         missing["safe"] += tally.without_index
-    c_interval = _c_interval(cases, method)
-    d_interval = _d_interval(cases) if tally.safe and not voiding and people else None
+    c_interval = _c_interval(cases, there, method)
+    d_interval = _d_interval(cases, there) if tally.safe and not voiding and people else None
     s_interval = _s_interval(c, d, c_interval, d_interval, tally.safe_not_evaluated, method)
-    safe = np.array([case.zone == "safe" for case in cases], dtype=np.bool_)
-    others = missing_bounds(terms, safe, method) if missing else {}
+    others = missing_bounds(terms, there.safe, method) if missing else {}
     if not people:
         others = {name: ends for name, ends in others.items() if name not in ("human_likeness", "s_plus")}
     if missing:
@@ -349,52 +351,56 @@ def combine(
     )
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Tally:
-    """Cases counted in one reading of them. voiding: collisions after which there is no D. missing: cases without an
-    outcome or a reference, by zone; without_index: others that should have a D_i. indexes, likenesses: safe cases that
-    have D_i, and human-likeness.
+    """Cases counted. voiding: collisions after which there is no D. missing: cases without an outcome or a reference,
+    by zone; without_index: others that should have a D_i. indexes, likenesses: safe cases that have D_i, and
+    human-likeness.
     """
 
-    safe: int = 0
-    hits: int = 0
-    safe_hits: int = 0
-    voiding: int = 0
-    avoidable: int = 0
-    unavoidable: int = 0
-    caused: int = 0
-    struck: int = 0
-    beaten: int = 0
-    off_road: int = 0
-    missing: Counter[Zone] = field(default_factory=Counter)
-    without_index: int = 0
-    safe_not_evaluated: int = 0
-    indexes: int = 0
-    likenesses: int = 0
+    safe: int
+    hits: int
+    safe_hits: int
+    voiding: int
+    avoidable: int
+    unavoidable: int
+    caused: int
+    struck: int
+    beaten: int
+    off_road: int
+    missing: Mapping[Zone, int]
+    without_index: int
+    safe_not_evaluated: int
+    indexes: int
+    likenesses: int
 
     @classmethod
-    def of(cls, cases: Iterable[CaseResult]) -> _Tally:
-        tally = cls()
-        for case in cases:
-            safe = case.zone == "safe"
-            tally.safe += safe
-            tally.hits += case.collided
-            tally.safe_hits += safe and case.collided
-            tally.voiding += case.voids_index
-            tally.avoidable += case.avoidable
-            tally.unavoidable += case.unavoidable
-            tally.caused += case.caused
-            tally.struck += case.struck_from_behind
-            tally.beaten += case.collided and case.beats_ideal
-            tally.off_road += case.status == "off_road"
-            tally.safe_not_evaluated += safe and not case.evaluated
-            tally.indexes += safe and case.index is not None
-            tally.likenesses += safe and case.human_likeness is not None
-            if not case.evaluated or case.ideal_severity is None or case.no_reaction_severity is None:
-                tally.missing[case.zone] += 1
-            elif case.counts_for_index and case.index is None:
-                tally.without_index += 1
-        return tally
+    def of(cls, cases: Sequence[CaseResult], there: OutcomeColumns) -> _Tally:
+        read = arrays(cases, "index", "human_likeness", "beats_ideal")
+        indexed = np.isfinite(read["index"])
+        missing = ~there.evaluated | np.isnan(there.ideal) | np.isnan(there.unreacting)
+        zones: tuple[tuple[Zone, BoolArray], ...] = (("safe", there.safe), ("hazardous", ~there.safe))
+
+        def number(flags: BoolArray) -> int:
+            return int(np.count_nonzero(flags))
+
+        return cls(
+            safe=number(there.safe),
+            hits=number(there.collided),
+            safe_hits=number(there.safe & there.collided),
+            voiding=number(there.voids_index),
+            avoidable=number(there.avoidable),
+            unavoidable=number(there.unavoidable),
+            caused=number(there.caused),
+            struck=number(there.struck),
+            beaten=number(there.collided & (read["beats_ideal"] == 1.0)),
+            off_road=number(there.off_road),
+            missing={zone: number(missing & inside) for zone, inside in zones if (missing & inside).any()},
+            without_index=number(~missing & there.counts_for_index & ~indexed),
+            safe_not_evaluated=number(there.safe & ~there.evaluated),
+            indexes=number(there.safe & indexed),
+            likenesses=number(there.safe & np.isfinite(read["human_likeness"])),
+        )
 
 
 def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:
@@ -415,43 +421,37 @@ def _or_nan(value: float | None) -> float:
 _SEVEREST = 100.0  # m/s: past every class of severity
 
 
-def _c_interval(cases: Iterable[CaseResult], method: MethodSettings) -> tuple[float, float] | None:
+def _c_interval(
+    cases: Sequence[CaseResult], there: OutcomeColumns, method: MethodSettings
+) -> tuple[float, float] | None:
     """C with everything that is missing as a collision: one that the ideal vehicle avoids, or as gentle as its own.
 
     Both are bounds: a collision of ratio 0 never raises Eq. 17's mean, one of ratio 1 never lowers it.
     """
-    worst, best = [], []
-    open_cases = 0
-    for case in cases:
-        if case.collided and case.severity is not None and case.weight is not None:
-            known = case.ideal_severity is not None
-            open_cases += not known
-            worst.append((case.severity, case.ideal_severity if known else 0.0, case.weight))
-            best.append((case.severity, case.ideal_severity if known else case.severity, case.weight))
-        elif not case.evaluated:
-            weight = 1.0 if case.weight is None else case.weight
-            open_cases += 1
-            worst.append((_SEVEREST, 0.0, weight))
-            best.append((_SEVEREST, _SEVEREST, weight))
-    if not open_cases:
+    read = arrays(cases, "severity", "weight")
+    severity, weight, known = read["severity"], read["weight"], np.isfinite(there.ideal)
+    hit = there.collided & np.isfinite(severity) & np.isfinite(weight)
+    lost = ~hit & ~there.evaluated
+    if not (lost | (hit & ~known)).any():
         return None
+    u = np.where(hit, severity, _SEVEREST)
+    counted = np.where(np.isnan(weight), 1.0, weight)
+    worst, best = np.where(hit & known, there.ideal, 0.0), np.where(hit & known, there.ideal, u)
+    part = hit | lost
     low, high = (
-        collision_avoidance_index(u, ideal, weights, loss=method.collision.loss)
-        for u, ideal, weights in (np.array(terms, dtype=np.float64).T for terms in (worst, best))
+        collision_avoidance_index(u[part], ideal[part], counted[part], loss=method.collision.loss)
+        for ideal in (worst, best)
     )
     return low, high
 
 
-def _d_interval(cases: Iterable[CaseResult]) -> tuple[float, float] | None:
+def _d_interval(cases: Sequence[CaseResult], there: OutcomeColumns) -> tuple[float, float] | None:
     """D with every safe case without a collision that has no D_i as 0, and as 1."""
-    open_to = [(case.index, case.exposure) for case in cases if case.counts_for_index]
-    exposures = [exposure for _, exposure in open_to]
-    if all(index is not None for index, _ in open_to) or not any(exposures):
+    read = arrays(cases, "index", "exposure")
+    index, exposures = (read[name][there.counts_for_index] for name in ("index", "exposure"))
+    if np.isfinite(index).all() or not exposures.any():
         return None
-    low, high = (
-        exposure_weighted_index([fill if index is None else index for index, _ in open_to], exposures)
-        for fill in (0.0, 1.0)
-    )
+    low, high = (exposure_weighted_index(np.where(np.isnan(index), fill, index), exposures) for fill in (0.0, 1.0))
     return low, high
 
 

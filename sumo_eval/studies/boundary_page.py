@@ -138,7 +138,7 @@ def picture(found: FailureBoundary) -> go.Figure:
             contour = go.Contour(
                 x=x[:, 0], y=y, z=chance, contours={"start": 0.5, "end": 0.5, "size": 1, "coloring": "heatmap"},
                 colorscale=[[0.0, "#e6f1f8"], [1.0, "#fbd9b5"]], zmin=0.0, zmax=1.0, showscale=False,
-                line={"color": "#1b1f24", "width": 2}, hoverinfo="skip",
+                line={"color": "#1b1f24", "width": 2}, hoverinfo="skip", name="chance of a collision",
             )  # fmt: skip
             figure.add_trace(contour, row=1, col=number)
         for name, kind, colour, symbol in (

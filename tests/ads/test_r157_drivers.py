@@ -224,6 +224,15 @@ def test_the_careful_driver_brakes_at_his_time_after_the_wandering_zone_is_left(
     assert ego.acceleration.min() == pytest.approx(-0.774 * 9.81, abs=1e-6)
 
 
+def test_who_stood_beside_the_lane_is_perceived_where_he_has_walked_as_far_as_wandering_explains():
+    # From 0.7 m beyond the middle of the lane on the right, at 1.4 m/s: 0.375 m after 0.27 s, and the lane's middle is
+    # nothing to him. When he sets out he is 38 m ahead of 20 m/s: a TTC of 1.9 s, so nothing else is waited for.
+    walking = ConstantLateral(0.5, 1.4, 4.2)
+    walker = Actor("walker", Start(50.0 + 2.5 + 48.0, -4.2, 0.0), (walking,), 0.5, 0.5, slides=True)
+    ego = simulate(case(walker), "careful_driver").ego
+    assert ego.time[ego.acceleration < -0.01][0] == pytest.approx(0.5 + 0.375 / 1.4 + 0.4 + 0.75, abs=0.15)
+
+
 def test_a_cut_in_far_ahead_is_left_alone_until_its_ttc_is_below_two_seconds():
     other = Actor("cut_in", Start(50.0 + 4.5 + 60.0, 3.5, 10.0), (ConstantLateral(0.0, 1.0, -3.5),))
     ego = simulate(case(other), "careful_driver").ego

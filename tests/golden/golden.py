@@ -44,67 +44,45 @@ from sumo_eval.settings import (
 from sumo_eval.trajectory import CHANNELS
 
 FOLDER = Path(__file__).parent
-POINTS = 12
+POINTS, FEW_POINTS = 12, 4
 FEW = ("no_reaction", "ideal_braking", "idm", "attentive", "lane_changer")
 """Who drives where others react, wait for what happens, or no zone has a closed form: a second each is enough."""
 COARSE = ZoneSettings(grid_points=1_000, restarts=0, refinements=0)
-DRIVERS = 4
+DRIVERS, FEW_DRIVERS = 4, 2
 NATIVE = "sumo:IDM"
 TOLERANCE = 1e-9  # of scores, relative to 1 or to their own size where that is larger
 MADE_WITH = ("libsumo", "numpy")
 
 
-def evaluation(scenario: str) -> EvaluationSettings:
-    """The small evaluation of one scenario: all shipped ADSs and one of SUMO's models at a few points of the space.
+def evaluation(closed_form: bool) -> EvaluationSettings:
+    """One small evaluation of all scenarios whose zones have a closed form, or of all others: to start one costs most.
 
+    All shipped ADSs and one of SUMO's models drive a few points of the former, `FEW` fewer points of the latter.
     `attentive` is `idm` but for who comes into its path, and drives where somebody does.
     """
-    if SCENARIOS[scenario].approach is None:
-        return EvaluationSettings(
-            name="golden",
-            scenario=(ScenarioSettings(scenario, SamplingSettings(method="sobol", count=4)),),
-            ads=tuple(AdsSettings(name, name) for name in FEW),
-            drivers=DriverSettings(count=2),
-            run=RunSettings(workers=2),
-            method=MethodSettings(zones=COARSE),
-        )
-    names = (*(name for name in SHIPPED if name != "attentive"), NATIVE)
+    scenarios = sorted(name for name, logical in SCENARIOS.items() if (logical.approach is not None) == closed_form)
+    names = (*(name for name in SHIPPED if name != "attentive"), NATIVE) if closed_form else FEW
+    sampling = SamplingSettings(method="sobol", count=POINTS if closed_form else FEW_POINTS)
     return EvaluationSettings(
         name="golden",
-        scenario=(ScenarioSettings(scenario, SamplingSettings(method="sobol", count=POINTS)),),
+        scenario=tuple(ScenarioSettings(name, sampling) for name in scenarios),
         ads=tuple(AdsSettings(name.replace(":", "_"), name) for name in names),
-        drivers=DriverSettings(count=DRIVERS),
+        drivers=DriverSettings(count=DRIVERS if closed_form else FEW_DRIVERS),
         run=RunSettings(workers=2),
-    )
-
-
-def few() -> EvaluationSettings:
-    """One evaluation of all scenarios without a closed form, a few points and ADSs each: to start one costs most."""
-    names = sorted(name for name, logical in SCENARIOS.items() if logical.approach is None)
-    return EvaluationSettings(
-        name="golden",
-        scenario=tuple(ScenarioSettings(name, SamplingSettings(method="sobol", count=4)) for name in names),
-        ads=tuple(AdsSettings(name, name) for name in FEW),
-        drivers=DriverSettings(count=2),
-        run=RunSettings(workers=2),
-        method=MethodSettings(zones=COARSE),
+        method=MethodSettings() if closed_form else MethodSettings(zones=COARSE),
     )
 
 
 @functools.cache
-def _few_done() -> tuple[sumo_eval.Evaluation, tempfile.TemporaryDirectory[str]]:
+def _done(closed_form: bool) -> tuple[sumo_eval.Evaluation, tempfile.TemporaryDirectory[str]]:
     folder = tempfile.TemporaryDirectory()
-    return sumo_eval.evaluate(few(), Path(folder.name) / "run"), folder
+    return sumo_eval.evaluate(evaluation(closed_form), Path(folder.name) / "run"), folder
 
 
-def measured(scenario: str, folder: Path) -> dict[str, Any]:
+def measured(scenario: str) -> dict[str, Any]:
     """What the evaluation of a scenario comes to today, in the shape of a golden file."""
-    if SCENARIOS[scenario].approach is None:
-        done, _ = _few_done()
-        folder = done.folder
-    else:
-        done = sumo_eval.evaluate(evaluation(scenario), folder)
-    with open_store(folder / FACTS) as store:
+    done, _ = _done(SCENARIOS[scenario].approach is not None)
+    with open_store(done.folder / FACTS) as store:
         drives = {fact.case: _drive(fact, store) for fact in store.facts("ads", scenario)}
         people: dict[str, Any] = {}
         for fact in store.facts("human", scenario):
@@ -214,8 +192,7 @@ def main() -> int:
     given = arguments.parse_args()
     changed = False
     for scenario in given.scenario or sorted(SCENARIOS):
-        with tempfile.TemporaryDirectory() as folder:
-            new = measured(scenario, Path(folder) / "run")
+        new = measured(scenario)
         there = (FOLDER / f"{scenario}.json").is_file()
         found = list(differences(kept(scenario), new)) if there else ["there is no golden file yet."]
         print(f"{scenario}: {len(found) or 'no'} difference{'' if len(found) == 1 else 's'}", *found, sep="\n  ")

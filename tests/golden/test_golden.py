@@ -14,8 +14,8 @@ from sumo_eval.settings.config import PAPER_EVALUATION
 
 
 @pytest.mark.parametrize("scenario", sorted(SCENARIOS))
-def test_drives_people_and_scores_are_the_golden_ones(scenario: str, tmp_path: Path) -> None:
-    found = list(golden.differences(golden.kept(scenario), golden.measured(scenario, tmp_path / "run")))
+def test_drives_people_and_scores_are_the_golden_ones(scenario: str) -> None:
+    found = list(golden.differences(golden.kept(scenario), golden.measured(scenario)))
     assert not found, "\n".join([*found[:20], "If this is meant: python tests/golden/golden.py --write"])
 
 

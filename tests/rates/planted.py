@@ -24,6 +24,15 @@ BEGIN, LASTS, APART = 8.0, 24.0, 60.0  # s: when the other begins to move, how l
 LENGTH = 5.0  # m, SUMO's car
 
 
+def shares_of(count: int, stream: np.random.Generator) -> np.ndarray:
+    """Where in its range each parameter of an event is, (count, k): even, and two of them together."""
+    shares = stream.uniform(size=(count, len(RANGES)))
+    first, second = stream.standard_normal((count, 2)).T
+    second = NORMAL_CORRELATION * first + np.sqrt(1.0 - NORMAL_CORRELATION**2) * second
+    shares[:, [list(RANGES).index(name) for name in TOGETHER]] = ndtr([first, second]).T
+    return shares
+
+
 def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple[float, int]:
     """Write `scenes` scenes of two vehicles each, in some of which the other cuts in.
 
@@ -37,11 +46,7 @@ def planted(path: Path, scenes: int, events_expected: float, seed: int) -> tuple
     time = np.round(np.arange(0.0, LASTS, 0.1), 1)
     parts, kilometres = [_alone(scenes * APART)], 2.2
     for scene in range(scenes):
-        shares = stream.uniform(size=len(RANGES))
-        first, second = stream.standard_normal(2)
-        names = list(RANGES)
-        second = NORMAL_CORRELATION * first + np.sqrt(1.0 - NORMAL_CORRELATION**2) * second
-        shares[[names.index(name) for name in TOGETHER]] = ndtr([first, second])
+        (shares,) = shares_of(1, stream)
         value = {
             name: low + share * (high - low) for (name, (low, high)), share in zip(RANGES.items(), shares, strict=True)
         }

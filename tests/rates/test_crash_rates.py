@@ -11,6 +11,7 @@ from rates.rare import estimate, logical
 from scipy.special import ndtri
 
 from sumo_eval.cli import main
+from sumo_eval.rates.campaign_page import lost_words
 from sumo_eval.rates.importance import DEFENSIVE, estimated, how_met
 
 FILE = """
@@ -99,3 +100,9 @@ def test_a_scenario_of_which_nobody_says_how_often_it_is_met_is_refused_in_a_sen
     result = CliRunner().invoke(main, ["campaign", str(file), "--out", str(tmp_path / "out")])
     assert result.exit_code == 2
     assert "how often scenario `front_vehicle_low_speed` is met" in result.output + result.stderr
+
+
+def test_drives_that_could_not_be_evaluated_are_told_by_why():
+    assert lost_words({"sim_error": 2, "ads_error": 1}) == (
+        "3 drives could not be evaluated (ads_error 1, sim_error 2) and count as without a collision."
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from itertools import pairwise
 from pathlib import Path
 
@@ -175,3 +176,29 @@ def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_reco
     del content["ego"]["recorded"]
     with pytest.raises(InputError, match="has `recorded` places"):
         scenario_from(content, "t", Path())
+
+
+def test_law_others_are_handed_over_on_a_bend_as_on_a_straight_road(scene: Path) -> None:
+    """The recorded ego brakes with 3 m/s2 from 12 s on, the ADS does not: 2 m apart after sqrt(4 / 3) = 1.155 s."""
+    content = tomllib.loads(scene.read_text())
+    braked = np.maximum(np.arange(len(content["ego"]["recorded"])) * 0.1 - 12.0, 0.0)
+    content["ego"]["recorded"] = [
+        [x - 1.5 * t**2, y] for (x, y), t in zip(content["ego"]["recorded"], braked.tolist(), strict=True)
+    ]
+    straight = simulate(scenario_from(content, "t", Path()).concrete(react_beyond=2.0), "idm")
+    content["road"]["line"] = [{"length": content["road"].pop("length"), "radius": 600.0}]
+    bend = simulate(scenario_from(content, "t", Path()).concrete(react_beyond=2.0), "idm")
+    for found in (straight, bend):
+        assert found.collision is None
+        (over,) = [one for one in found.clips if one.what == "handed_over"]
+        assert over.count == 3
+        assert over.requested == pytest.approx(13.18, abs=0.06)  # a step of 0.05 s
+    for name, drive in bend.actors.items():
+        other = straight.actors[name]
+        assert len(drive) == len(other)
+        # scripts say speeds along their own lane: on the one 3.6 m to the left, arcs are 3.6 / 600 shorter
+        assert np.abs(drive.x - other.x)[drive.time <= 13.0].max() < 3.6 / 600.0 * 28.0 * 13.0 + 0.05
+        assert np.abs(drive.y - other.y)[drive.time <= 13.0].max() < 0.05
+        # nobody jumps where SUMO takes over: 28 m/s drive 2.8 m in 0.1 s
+        assert np.abs(np.diff(drive.x)).max() < 3.1
+        assert np.abs(np.diff(drive.y)).max() < 0.2

@@ -12,6 +12,7 @@ from sumo_eval.record.facts import record_facts, resolve
 from sumo_eval.record.points import choose_points
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.results import Evaluation
+from sumo_eval.scoring.steps import Scoring
 
 EVALUATION = {
     "name": "rounds",
@@ -26,9 +27,28 @@ def sampling_of(run: Path):
     return read_settings(run).scenario[0].sampling
 
 
+scorings: list[int] = []
+"""How many points a run had at each scoring of the fixture's run."""
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
-    return sumo_eval.evaluate(EVALUATION, tmp_path_factory.mktemp("rounds") / "run", workers=2)
+    with pytest.MonkeyPatch.context() as patch:
+        really = Scoring.scores
+
+        def counted(self, rows):
+            found = really(self, rows)
+            scorings.append(sum(score.cases for score in found.scores))
+            return found
+
+        patch.setattr(Scoring, "scores", counted)
+        return sumo_eval.evaluate(EVALUATION, tmp_path_factory.mktemp("rounds") / "run", workers=2)
+
+
+def test_every_round_is_scored_once_the_last_one_too(run):
+    assert scorings == [16, 40]
+    assert sumo_eval.score(run.folder).scores == run.scores
+    assert scorings == [16, 40]
 
 
 def test_rounds_go_where_cases_differ_and_scores_are_weighted_by_what_points_stand_for(run):
@@ -67,6 +87,29 @@ def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_th
     assert again.scores == run.scores
     assert len(read_manifest(again.folder)["resumed"]) == 1
     assert "resumed" not in read_manifest(run.folder)
+
+
+@pytest.mark.campaign
+def test_rounds_that_look_for_the_boundary_of_collisions_go_where_some_collide_and_some_do_not(tmp_path):
+    sampling = {"method": "adaptive", "count": 96, "round": 32, "aim": "boundary"}
+    settings = {**EVALUATION, "scenario": [{"use": "cut_in", "sampling": sampling}]}
+    done = sumo_eval.evaluate(settings, tmp_path / "run", workers=2)
+    rounds = np.array(sampling_of(done.folder).rounds)
+    assert rounds.sum() == len(done.cases) == 96
+    kept = read_settings(done.folder)
+    _, points = choose_points(kept.scenario[0], Path(), kept)
+    cells = rounds.shape[1]
+    collided = np.array([case.collided for case in done.cases], dtype=np.float64)
+    cell = points.stratum % cells
+    number = np.bincount(cell, minlength=cells)
+    share = np.bincount(cell, collided, cells) / number
+    both = (share > 0.0) & (share < 1.0)
+    assert both.any()
+    assert not both.all()
+    later = rounds[1:].sum(axis=0)
+    assert later[both].mean() > later[~both].mean(), "cells in which outcomes differ get more of the later rounds"
+    assert done.scores[0].collision_probability == pytest.approx(float(points.stands_for @ collided / 96.0))
+    assert "of the space" in done.zones[0].notes[-1]
 
 
 @pytest.mark.campaign

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -54,7 +56,14 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
-    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    with started(tmp_path_factory.mktemp("cluster")) as cluster:
+        yield cluster
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[Cluster]:
+    """A cluster whose processes end with the block."""
+    cluster = Cluster(folder)
     try:
         yield cluster
     finally:
@@ -104,6 +113,35 @@ def test_the_command_line_runs_on_the_cluster_to_the_same_digest(cluster: Cluste
     assert done.returncode == 0, done.stderr
     sumo_eval.evaluate(path, tmp_path / "near", workers=1)
     assert sumo_eval.open_run(tmp_path / "far").digest() == sumo_eval.open_run(tmp_path / "near").digest()
+
+
+@pytest.mark.campaign
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
+def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path: Path) -> None:
+    """In the place of each worker that is killed another one is started."""
+    with started(tmp_path) as cluster:
+        workers = [cluster.worker("--no-nanny") for _ in range(2)]
+        cluster.wait_for(2)
+        concrete = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=20, lead_speed=10)
+        cases = [Case(number, concrete, "ads", "idm", "idm") for number in range(3_000)]
+        run = RunSettings(engine="dask", scheduler=cluster.address, cases_per_pack=8)
+        moments, killed, found = random.Random(5), 0, []
+        until = time.monotonic()
+        for outcome in run_cases(cases, Setup(SimulationSettings(), run, HERE)):
+            found.append(outcome)
+            if time.monotonic() > until and killed < 4:
+                until = time.monotonic() + moments.uniform(0.0, 1.0)
+                victim = workers.pop(moments.randrange(len(workers)))
+                victim.kill()
+                victim.wait()
+                workers.append(cluster.worker("--no-nanny"))
+                killed += 1
+        assert killed >= 3
+        assert sorted(one.case.point for one in found) == list(range(3_000))
+        assert {one.status for one in found} <= {"ok", "crashed"}
+        lost = [one for one in found if one.status == "crashed"]
+        assert all("Its worker was lost 3 times" in (one.error or "") for one in lost)
+        assert len({pack(one.recording.ego) for one in found if one.recording}) == 1
 
 
 def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:

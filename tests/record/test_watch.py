@@ -45,7 +45,7 @@ def test_an_alarm_that_an_ads_leaves_behind_does_not_ring_in_the_harness():
     class Ringing:
         def step(self, traci, ego, time):
             signal.signal(signal.SIGALRM, self.ring)
-            signal.setitimer(signal.ITIMER_REAL, 0.001)
+            signal.setitimer(signal.ITIMER_REAL, 0.5)
             return Command(0.0)
 
         def ring(self, number, frame):

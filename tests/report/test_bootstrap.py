@@ -10,7 +10,7 @@ import pytest
 
 from sumo_eval.method.anthropomorphic import exposure_weighted_index
 from sumo_eval.method.collision_avoidance import collision_avoidance_index
-from sumo_eval.report.bootstrap import MOST_DRAWN, CountsOfBlocks, blocks_of, paired_differences, quantities
+from sumo_eval.report.bootstrap import BLOCKS, CountsOfBlocks, blocks_of, paired_differences, quantities
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.settings import MethodSettings
@@ -98,10 +98,10 @@ def test_blocks_drawn_in_place_of_single_scenarios_have_the_variance_of_a_sum() 
     terms = rng.normal(2.0, 3.0, n)
     order, starts = blocks_of(n, seed=1)
     assert np.array_equal(np.sort(order), np.arange(n))
-    assert set(np.diff([*starts, n])) == {2, 3}
-    drawn = rng.multinomial(MOST_DRAWN, np.full(MOST_DRAWN, 1.0 / MOST_DRAWN), size=400).astype(float)
+    assert set(np.diff([*starts, n])) == {12, 13}
+    drawn = rng.multinomial(BLOCKS, np.full(BLOCKS, 1.0 / BLOCKS), size=400).astype(float)
     sums = CountsOfBlocks(drawn, order, starts) @ terms
-    assert CountsOfBlocks(np.ones((1, MOST_DRAWN)), order, starts) @ terms == pytest.approx([terms.sum()])
-    # blocks differ in size by one, which adds the variance of what 2 or 3 terms come to: E[size] v + var(size) mean^2
+    assert CountsOfBlocks(np.ones((1, BLOCKS)), order, starts) @ terms == pytest.approx([terms.sum()])
+    # blocks differ in size by one, which adds the variance of what 12 or 13 terms come to: E[size] v + var(size) mean^2
     size = np.diff([*starts, n])
-    assert np.var(sums) == pytest.approx(n * np.var(terms) + MOST_DRAWN * np.var(size) * terms.mean() ** 2, rel=0.2)
+    assert np.var(sums) == pytest.approx(n * np.var(terms) + BLOCKS * np.var(size) * terms.mean() ** 2, rel=0.2)

@@ -7,6 +7,7 @@ import json
 import platform
 import shutil
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import pytest
 from sumo_eval import evaluate, score
 from sumo_eval.errors import InputError
 from sumo_eval.record.qualification import read_qualification
-from sumo_eval.report.evidence import write_evidence
+from sumo_eval.report.evidence import evidence_of, write_evidence
 from sumo_eval.report.qualification import qualification_content, qualification_sentence
 from sumo_eval.report.terminal import closing_lines
 
@@ -98,7 +99,17 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     assert found["qualified"]
     text = page.read_text(encoding="utf-8")
     assert "unpreventable for a skilled driver" in text
-    assert all(claim["id"] in text for claim in found["claims"])
+    first_what_is_not_borne_out = sorted(found["claims"], key=lambda claim: str(claim["verdict"]))
+    places = [text.index(f"<code>{claim['id']}</code>") for claim in first_what_is_not_borne_out]
+    assert places == sorted(places)
+
+
+def test_nothing_is_claimed_of_harm_that_nobody_could_do(run: Path) -> None:
+    """Where a car that does nothing touches nobody A is 1 by definition, with 1 to 1 as its interval."""
+    whole = score(run)
+    calm = replace(whole.scores[0], avoided_share=1.0, avoided_share_interval=(1.0, 1.0))
+    (claim,) = (it for it in evidence_of(replace(whole, scores=(calm,))).claims if it.id.endswith("avoided"))
+    assert (claim.claim, claim.verdict) == (f"{calm.ads} in approach had harm to avoid.", "open")
 
 
 def test_the_report_carries_the_qualification_that_the_run_names(run: Path) -> None:

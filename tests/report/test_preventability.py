@@ -52,9 +52,20 @@ def made(evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[boo
     return replace(evaluation, settings=settings, cases=tuple(cases), scores=scores)
 
 
+def by_case(evaluation: Evaluation) -> dict[str, str]:
+    """The verdict on every case, by case."""
+    return {
+        case.case: verdict
+        for score in evaluation.scores
+        for case, verdict in zip(
+            evaluation.cases_of(score.ads, score.scenario), verdicts(evaluation, score).tolist(), strict=True
+        )
+    }
+
+
 def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
     odd = made(evaluation, {"mine": [*"-X-XXXRE-"], "careful_driver": [*"--XXREXX-"]})
-    found = verdicts(odd)
+    found = by_case(odd)
     assert [found[f"mine-{number}"] for number in range(9)] == [
         "avoided", "preventable", "better", "unpreventable", "undecided", "undecided", "off road", "not evaluated",
         "avoided",
@@ -70,7 +81,7 @@ def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
 def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Evaluation) -> None:
     odd = made(evaluation, {"mine": [*"XXX--"], "idm": [*"X--X-"]}, ideal=[False, True, None, True, None])
     assert reference_ads(odd.settings) is None
-    assert [verdicts(odd)[f"mine-{number}"] for number in range(5)] == [
+    assert [by_case(odd)[f"mine-{number}"] for number in range(5)] == [
         "preventable", "unpreventable", "undecided", "better", "avoided",
     ]  # fmt: skip
     assert "ideal vehicle" in reference_sentence(odd.settings)
@@ -80,7 +91,7 @@ def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Ev
 @pytest.mark.parametrize("reference", ["idm", "ideal_braking"])
 def test_the_counts_add_up(evaluation: Evaluation, reference: str) -> None:
     odd = against(evaluation, reference)
-    found = verdicts(odd)
+    found = by_case(odd)
     assert set(found) == {case.case for case in evaluation.cases}
     assert set(found.values()) <= set(LOOKS)
     for row, score in zip(preventability(odd), evaluation.scores, strict=True):

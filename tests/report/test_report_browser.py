@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Page
 from packed_pages import unpacked, with_packed
+from page_checks import CONTRAST, WRITTEN_IN_CELLS, press
 
 from sumo_eval.method.trajectory_field import trajectory_field
 from sumo_eval.report.page_data import CHANNEL_STEPS, encode_trajectories
@@ -213,7 +214,6 @@ def test_a_click_on_the_map_shows_the_case(opened: Page) -> None:
 
 @needs_chromium
 def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Page, evaluation: Evaluation) -> None:
-    judged = verdicts(evaluation)
     for which, scenario in enumerate(builders.SCENARIOS):
         for position, ads in enumerate((builders.CALM, builders.HOSTILE)):
             letters = opened.run(f"""(() => {{
@@ -223,8 +223,8 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Pag
                 return traces.flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
                     .filter((z) => z !== null).map((z) => Math.floor(z));
             }})()""")
-            cases = [case for case in evaluation.cases if (case.ads, case.scenario) == (ads, scenario)]
-            assert sorted(letters) == sorted(list(LOOKS).index(judged[case.case]) for case in cases)
+            judged = verdicts(evaluation, evaluation.score(ads, scenario)).tolist()
+            assert sorted(letters) == sorted(map(list(LOOKS).index, judged))
     assert opened.problems == []
 
 
@@ -236,7 +236,9 @@ def test_the_case_panel_tells_the_criticality_measures_in_words(opened: Page, ev
     text = opened.run("document.getElementById('case-facts').textContent")
     assert "smallest gap ahead0.00\u00a0m" in text
     assert "largest inverse TTC" not in text, "it has no bound at contact"
-    assert f"verdict{LOOKS[verdicts(evaluation)[case.case]].words}" in text
+    place = evaluation.cases_of(case.ads, case.scenario).index(case)
+    judged = verdicts(evaluation, evaluation.score(case.ads, case.scenario))[place]
+    assert f"verdict{LOOKS[str(judged)].words}" in text
 
 
 @needs_chromium
@@ -294,67 +296,29 @@ def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     assert opened.run(drawn) == len(hits)
     opened.run(f"{card}.querySelector('[data-cases]').open = true")
     opened.wait(f"{card}.querySelectorAll('.case-list tbody tr').length === {min(15, len(hits))}")
-    ids = opened.run(f"[...{card}.querySelectorAll('.case-list .case-id')].map((link) => link.textContent)")
-    assert set(ids) <= {case.case for case in hits}
-    opened.run(f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()")
+    listed = f"[...{card}.querySelectorAll('.case-list .case-id')].map((link) => link.textContent)"
+    assert set(opened.run(listed)) <= {case.case for case in hits}
+    clear = f"[...{card}.querySelectorAll('button')].find((one) => one.textContent === 'Clear').click()"
+    opened.run(clear)
+    own = [case for case in evaluation.cases if case.scenario == builders.SCENARIOS[1]]
+    safe = [case for case in own if case.zone == "safe"]
+    opened.run(f"""(() => {{ const by = {card}.querySelector('[data-by=zone]');
+        by.value = 'safe'; by.dispatchEvent(new Event('change')); }})()""")
+    assert opened.run(drawn) == len(safe) < len(own)
+    name, limit = (
+        next(iter(own[0].values)),
+        sorted(case.values[next(iter(case.values))] for case in safe)[len(safe) // 2],
+    )
+    opened.run(f"""(() => {{ const least = {card}.querySelector('[data-range="{name} least"]');
+        least.value = {limit!r}; least.dispatchEvent(new Event('change')); }})()""")
+    assert opened.run(drawn) == sum(case.values[name] >= limit for case in safe) < len(safe)
+    opened.run(clear)
+    opened.run(f"""(() => {{ const words = {card}.querySelector('[type=search]');
+        words.value = {json.dumps(own[0].case)}; words.dispatchEvent(new Event('input')); }})()""")
+    assert opened.run(drawn) == 1
+    assert opened.run(listed) == [own[0].case]
+    opened.run(clear)
     assert opened.problems == []
-
-
-WRITTEN_IN_CELLS = """(async () => {
-    // Words on the tiles of heat maps: the colour of each against the pixel of the map beneath it.
-    const light = (colour) => colour.map((v) => v / 255)
-        .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
-        .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
-    const ratios = [];
-    for (const image of document.querySelectorAll(".heatmaplayer image")) {
-        const box = image.getBoundingClientRect();
-        if (!box.width) continue;
-        const map = new Image();
-        map.src = image.getAttribute("href") ?? image.getAttribute("xlink:href");
-        await map.decode();
-        const canvas = new OffscreenCanvas(map.naturalWidth, map.naturalHeight);
-        const context = canvas.getContext("2d", { willReadFrequently: true });
-        context.drawImage(map, 0, 0);
-        for (const word of image.closest(".heatmaplayer").querySelectorAll("text")) {
-            if (!word.textContent.trim()) continue;
-            const at = word.getBoundingClientRect();
-            const [x, y] = [at.x + at.width / 2 - box.x, at.y + at.height / 2 - box.y];
-            if (x < 0 || y < 0 || x > box.width || y > box.height) continue;
-            const pixel = [x / box.width * canvas.width, y / box.height * canvas.height];
-            const beneath = context.getImageData(...pixel, 1, 1).data;
-            if (beneath[3] < 128) continue;
-            const ink = getComputedStyle(word.querySelector("tspan") ?? word).fill.match(/[\\d.]+/g).map(Number);
-            const [a, b] = [light(ink.slice(0, 3)), light([...beneath].slice(0, 3))];
-            ratios.push((Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05));
-        }
-    }
-    return ratios;
-})()"""
-
-CONTRAST = """(() => {
-    const light = (colour) => colour.map((v) => v / 255)
-        .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
-        .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
-    const numbers = (text) => text.match(/[\\d.]+/g).map(Number);
-    const behind = (element) => {
-        for (let at = element; at; at = at.parentElement) {
-            const colour = numbers(getComputedStyle(at).backgroundColor);
-            if ((colour[3] ?? 1) > 0.99) return colour.slice(0, 3);
-        }
-        return [255, 255, 255];
-    };
-    const found = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-    while (walker.nextNode()) {
-        const element = walker.currentNode.parentElement;
-        if (!walker.currentNode.textContent.trim() || !element.getClientRects().length) continue;
-        if (element.closest("svg, script, option")) continue;
-        const [a, b] = [light(numbers(getComputedStyle(element).color).slice(0, 3)), light(behind(element))];
-        const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-        const words = walker.currentNode.textContent.trim().slice(0, 40);
-        if (ratio < 4.5) found.push([element.tagName, element.className, words, ratio]);
-    }
-    return found;
-})()"""
 
 
 @needs_chromium
@@ -402,10 +366,38 @@ def test_the_replay_plays_beside_another_ads_and_printing_redraws(opened: Page, 
     assert opened.run("document.querySelectorAll('.replay-chase').length") == 2
     opened.run("document.querySelector('.replay-play').click()")
     opened.run("new Promise((resolve) => setTimeout(resolve, 300))")
+    opened.run("document.querySelector('details.fold').open = false")
     opened.run("window.dispatchEvent(new Event('beforeprint'))")
+    assert opened.run("[...document.querySelectorAll('details.fold')].every((fold) => fold.open)"), "paper has it all"
     widths = opened.run("[...document.querySelectorAll('.js-plotly-plot')].map((plot) => plot._fullLayout.width)")
     assert max(widths) <= 690
     opened.run("window.dispatchEvent(new Event('afterprint'))")
+    assert not opened.run("document.querySelector('details.fold').open")
+    opened.run("document.querySelector('details.fold').open = true")
+    assert opened.problems == []
+
+
+@needs_chromium
+def test_keys_alone_unfold_sections_change_the_case_and_are_seen_where_they_are(opened: Page) -> None:
+    fold = "document.querySelector('details.fold')"
+    opened.run(f"({fold}.open = false, document.querySelector('.skip').focus(), null)")
+    for _ in range(60):
+        press(opened, "Tab")
+        if opened.run(f"document.activeElement === {fold}.querySelector('summary')"):
+            break
+    else:
+        pytest.fail("the first section cannot be reached by Tab")
+    assert opened.run("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    press(opened, "Enter")
+    opened.wait(f"{fold}.open")
+    opened.run("document.getElementById('pick-case').focus()")
+    before = opened.run("location.hash + document.getElementById('case-name').textContent")
+    press(opened, "ArrowDown")
+    opened.wait(f"location.hash + document.getElementById('case-name').textContent !== {json.dumps(before)}")
+    by_mouse_alone = """[...document.querySelectorAll('body *')].filter((one) => one.getClientRects().length
+        && getComputedStyle(one).cursor === 'pointer' && !one.closest('a, button, summary, label, select, input, svg'))
+        .map((one) => one.className)"""
+    assert opened.run(by_mouse_alone) == []
     assert opened.problems == []
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from sumo_eval.report.terminal import COLUMNS, closing_lines, ledger_lines, plain_table, score_table
 from sumo_eval.report.words import count, unevaluated
-from sumo_eval.results import Evaluation
+from sumo_eval.results import Evaluation, NotComputed
 from sumo_eval.settings import DriverSettings
 
 
@@ -79,6 +79,18 @@ def test_at_most_five_kinds_of_cases_are_listed_and_the_rest_is_counted(evaluati
 def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Evaluation) -> None:
     recorded = replace(evaluation.settings, drivers=DriverSettings(source="mine:drivers"))
     assert not any("synthetic" in line for line in closing_lines(replace(evaluation, settings=recorded)))
+    nobody = NotComputed("no_drivers")
+    alone = [replace(score, human_likeness=None, h_reason=nobody) for score in evaluation.scores]
+    told = "\n".join(closing_lines(replace(evaluation, scores=tuple(alone))))
+    assert "There is nobody whom D and H compare with" in told
+    assert "human drivers of each concrete scenario" not in told
+    (first, *_), (last, *_) = alone, reversed(alone)
+    some = [
+        one if one.scenario == last.scenario else score for one, score in zip(alone, evaluation.scores, strict=True)
+    ]
+    assert first.scenario != last.scenario
+    told = "\n".join(closing_lines(replace(evaluation, scores=tuple(some))))
+    assert f"They are not recorded people. In {last.scenario} there is nobody to compare with." in told
 
 
 def with_intervals(evaluation: Evaluation) -> Evaluation:

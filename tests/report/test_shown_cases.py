@@ -36,7 +36,8 @@ def test_half_of_the_cases_that_are_shown_tell_most_and_the_others_lie_evenly(
         everybody = [evaluation.cases_of(one.ads, name) for one in evaluation.scores if one.scenario == name]
         tells = np.max([[2.0 * (case.collided or not case.evaluated) for case in cases] for cases in everybody], axis=0)
         assert sum(tells[shown.places] > 0.0) >= min(2, sum(tells > 0.0))
-        assert [case.case for case in shown.among(everybody[0])] == [everybody[0][k].case for k in shown.places]
+        assert list(shown.among(everybody[0])) == [(k, everybody[0][k]) for k in shown.places.tolist()]
+        assert shown.number(everybody[0]) == 4
 
 
 def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
@@ -65,7 +66,7 @@ def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(
     }
     (words, number), (share_words, share) = density_maps(logical, cases, 0, 1)
     assert number.count("<rect") == len(places)
-    assert sum(int(row.split(",")[2]) for row in re.findall(r'data-row="([^"]*)"', number)) == len(cases)
+    assert sum(json.loads(row)[2] for row in re.findall(r'data-row="([^"]*)"', number)) == len(cases)
     assert 0 < share.count("<rect") <= sum(case.collided for case in cases)
     assert words.startswith("how many cases, up to ")
     assert share_words.startswith("share of them that collided, up to ")

@@ -40,6 +40,8 @@ def test_who_cannot_be_told_apart_shares_the_place(evaluation: Evaluation) -> No
     told = answers(ranked(evaluation, (-2.0, 22.0), told_apart=False))
     assert told["Which ADS is best?"][0] == "2 share the first place"
     assert told["Is the difference real?"][0] == "it may be chance"
+    alike = answers(ranked(evaluation, (0.0, 0.0), told_apart=False))["Is the difference real?"]
+    assert alike == ("there is none", f"{builders.HOSTILE} drove every case as {builders.CALM} did.")
 
 
 def test_an_ads_with_avoidable_collisions_is_not_called_good(evaluation: Evaluation) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import builders
 import pytest
 from browser import CHROMIUM, Page
+from page_checks import holds_what_every_page_holds, saved_table
 
 from sumo_eval.errors import InputError
 from sumo_eval.nightly.history import HISTORY, Night, open_history
@@ -119,13 +120,15 @@ def value_without(value: object) -> tuple[object, ...]:
 
 
 @needs_chromium
-def test_the_trend_page_opens_without_an_error_and_without_a_request(history: Path, tmp_path: Path) -> None:
+def test_the_trend_page_opens_without_an_error_and_without_a_request(
+    history: Path, evaluation: Evaluation, tmp_path: Path
+) -> None:
     with open_history(history) as lines:
         path = write_trend(history, lines)
     assert "<b>FAILED" not in path.read_text(encoding="utf-8")
     with Page(tmp_path / "profile") as page:
-        page.open(path.as_uri(), "document.querySelectorAll('polyline').length > 10")
-        assert page.problems == []
-        assert [one for one in page.requests if not one.startswith(("data:", "blob:"))] == [path.as_uri()]
-        page.call("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=1, mobile=True)
-        assert page.run("document.documentElement.scrollWidth") <= 390
+        holds_what_every_page_holds(page, path, "document.querySelectorAll('polyline').length > 10")
+        head, *rows = saved_table(page, "svg[data-chart$='S+']")
+        assert head == "night,series,Score S+"
+        score = evaluation.score(builders.CALM, builders.SCENARIOS[0]).s_plus
+        assert f"2026-01-01T02-00-00Z,{builders.CALM},{score!r}" in rows

@@ -64,6 +64,15 @@ def test_a_file_with_five_roads_is_five_scenarios() -> None:
     assert all(space.names == ("Ego_InitSpeed_Ve0_kph", "LeadVehicle_Model") for space in spaces)
 
 
+@needs_catalogues
+def test_zones_are_searched_in_few_parameters_only() -> None:
+    file = ALKS / "logical_scenarios" / "alks_scenario_4_5_1_cut_out_fully_blocking_variation.xosc"
+    with pytest.raises(
+        InputError, match=r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, got 5\."
+    ):
+        find(f"{file}?zones=1")
+
+
 def ours_and_theirs() -> list[tuple[str, ConcreteScenario, ConcreteScenario]]:
     """Cases that our files and the imported ones both have: the other starts as far ahead, and does as much."""
     found = []

@@ -7,8 +7,7 @@ import pytest
 
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE
 from sumo_eval.record.cases import Case, Outcome
-from sumo_eval.record.recording import RECORDED
-from sumo_eval.record.store import open_store
+from sumo_eval.record.store import RECORDED, open_store
 from sumo_eval.report.words import score_note
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.likeness import plausible_people

@@ -7,6 +7,8 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
@@ -163,9 +165,21 @@ class AtTheDoor:
         return self._hands.command(answer_of(state), me.speed)
 
 
-async def driven(window: Window, path: Path, stop_at: int | None = None, **more: Any) -> tuple[Any, Any]:
+def begun(window: Window, path: Path) -> asyncio.Task[Any]:
+    """A drive that waits for somebody at the window."""
     view = drive_view(CONCRETE, SETTINGS, "drive", ())
-    drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+    return asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+
+
+@asynccontextmanager
+async def drive_in_window(path: Path) -> AsyncIterator[tuple[Window, asyncio.Task[Any]]]:
+    """A window that keeps no clock, and a drive in it."""
+    async with Window(page("Drive"), countdown=0.0, paced=False) as window:
+        yield window, begun(window, path)
+
+
+async def driven(window: Window, path: Path, stop_at: int | None = None, **more: Any) -> tuple[Any, Any]:
+    drive = begun(window, path)
     peer = await known(window)
     number = 0
     async for text in peer:
@@ -239,9 +253,7 @@ def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on
     path = tmp_path / "drive.jsonl"
 
     async def body() -> None:
-        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
-            view = drive_view(CONCRETE, SETTINGS, "drive", ())
-            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+        async with drive_in_window(path) as (window, drive):
             assert await steps(await known(window), stop_at=20) == 20
             await asyncio.sleep(0.1)
             assert await steps(await known(window), stop_at=10**6, until=drive) > 100
@@ -330,9 +342,7 @@ def test_whatever_is_wrong_with_a_message_the_drive_ends_with_a_sentence(
     path = tmp_path / "drive.jsonl"
 
     async def body() -> None:
-        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
-            view = drive_view(CONCRETE, SETTINGS, "drive", ())
-            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+        async with drive_in_window(path) as (window, drive):
             peer = await known(window)
             assert await steps(peer, stop_at=5, closes=False) == 5
             assert await closing(peer, text) == code
@@ -349,9 +359,7 @@ def test_a_second_browser_is_shut_out_and_the_first_one_drives_on(tmp_path: Path
     path = tmp_path / "drive.jsonl"
 
     async def body() -> None:
-        async with Window(page("Drive"), countdown=0.0, paced=False) as window:
-            view = drive_view(CONCRETE, SETTINGS, "drive", ())
-            drive = asyncio.create_task(one_drive(window, CONCRETE, SETTINGS, path, view, use=LOGICAL.name))
+        async with drive_in_window(path) as (window, drive):
             peer = await known(window)
             assert await steps(peer, stop_at=10, closes=False) == 10
             assert await closing(await known(window), '{"quit": true}') == TAKEN

@@ -147,11 +147,11 @@ const sumoPage = (() => {
     return new XMLSerializer().serializeToString(copy);
   }
 
-  /** Give every drawing that names its data, `data-chart`, its buttons. A mark's row is its `data-row`, or what its title says. */
+  /** Give every drawing that names its data, `data-chart`, its buttons. `data-head`: names of its columns; a mark's row is its `data-row`; both lists in JSON. */
   function saveDrawings() {
     for (const drawing of document.querySelectorAll("svg[data-chart]")) {
       const told = [...drawing.querySelectorAll("[data-row]")];
-      const rows = () => drawing.dataset.head ? [drawing.dataset.head.split(","), ...told.map((one) => one.dataset.row.split(","))] : [["what"], ...[...drawing.querySelectorAll("title")].map((one) => [one.textContent])];
+      const rows = () => [JSON.parse(drawing.dataset.head), ...told.map((one) => JSON.parse(one.dataset.row))];
       drawing.before(saver(drawing.dataset.chart, () => standAlone(drawing), rows));
     }
   }

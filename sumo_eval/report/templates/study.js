@@ -38,8 +38,10 @@
   async function begin(plot) {
     if (plot.dataset.drawn) return;
     plot.dataset.drawn = "yes";
-    const rows = () => [["series", "x", "y", "value"], ...plot.data.filter((trace) => trace.hoverinfo !== "skip").flatMap((trace) =>
-      Array.from(trace.x ?? [], (x, i) => [trace.name ?? "", x, trace.y?.[i], Array.isArray(trace.text) ? trace.text[i] : ""]))];
+    // Arrays of numbers come packed; Plotly has unpacked them in what it drew.
+    const marks = (trace) => (trace.z ? Array.from(trace.z, (line, r) => Array.from(line, (z, c) => [trace.name ?? "", trace.x[c], trace.y[r], z])).flat()
+      : Array.from(trace.x ?? [], (x, i) => [trace.name ?? "", x, trace.y?.[i], Array.isArray(trace.text) ? trace.text[i] : ""]));
+    const rows = () => [["series", "x", "y", "value"], ...plot._fullData.filter((trace) => trace.z || trace.hoverinfo !== "skip").flatMap(marks)];
     const svg = async () => {
       const address = await Plotly.toImage(plot, { format: "svg", width: plot.clientWidth, height: plot.clientHeight });
       return decodeURIComponent(address.slice(address.indexOf(",") + 1));

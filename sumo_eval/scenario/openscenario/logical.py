@@ -49,6 +49,7 @@ from sumo_eval.trajectory import BoolArray
 _MOST = 2_000_000  # points of a grid
 _LOOKED_AT = 2_000  # points at which a file is tried before the first case
 _LONGEST = 60.0  # s that a case lasts where no stop of the file is by time
+_SEARCHED = 3  # parameters of a space in which zones are searched, at most
 _DEEPEST = 8  # files that lead to each other before the search for a cycle is given up
 _ROUND = 10.0  # m: a road's end is a multiple of it
 _ALONG = 0.5  # cosine of the largest angle to the road at which somebody still drives along it
@@ -423,6 +424,10 @@ def _read(path: Path, changed: int, given: tuple[tuple[str, str], ...]) -> Read:
     if whole.ego != EGO:
         name = f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', whole.ego)}"
     ignored = tuple(dict.fromkeys(kind for _, found in scenes for kind in found.ignored))
+    if zones == 1 and len(space.axes) > _SEARCHED:
+        # a search looks at the 3^k neighbours of a point again and again, and reads the file at each of them
+        most = f"asked of a file with at most {_SEARCHED} parameters (without it every point counts as safe)"
+        raise must_be("`zones=1`", path.name, most, len(space.axes))
     logical = _logical(space, frame, scenes, name, searched=zones == 1)
     notes = [*_notes(dropped, ignored, refused), *_about_zones(logical, scenes)]
     logical = replace(logical, notes=tuple(notes))

@@ -13,7 +13,7 @@ from sumo_eval.trajectory import FloatArray
 WITHIN = 0.25  # m that the line may be off the polyline
 _KNOTS = (10.0, 5.0, 2.5, 1.25)  # m between knots: the first that is near enough
 _SAMPLES = 2.0  # m between places of the polyline that the line is held against, at most
-_STEPS = 8  # integration steps between two knots
+_STEP = 1.25  # m of an integration step, at most; at least two between two knots
 _ROUNDS = 12  # of Gauss and Newton's, at most
 _SETTLED = 1e-3  # m by which a round moves the beginning, and as little of a curvature over the length: the last one
 _SMOOTH = 0.05  # by which, times the square of the knots' distance, the curvature's second difference counts as off
@@ -63,7 +63,7 @@ def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, 
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
     length = float(along[-1])
     knots = max(round(length / apart), 1)
-    count = knots * _STEPS
+    count = knots * max(math.ceil(apart / _STEP), 2)
     step, grid = length / count, np.linspace(0.0, length, count + 1)
     middle = 0.5 * (grid[:-1] + grid[1:])
     at = np.linspace(0.0, length, knots + 1)
@@ -99,8 +99,8 @@ def _fitted(places: FloatArray, apart: float) -> tuple[tuple[Piece, ...], Pose, 
         wanted = np.einsum("ij,ij->i", off, left)
         rows = np.vstack([rows, np.hstack([np.zeros((len(bends), 2)), bends])])
         wanted = np.concatenate([wanted, -bends @ curvature])
-        q, r = np.linalg.qr(rows)
-        change = np.linalg.solve(r, q.T @ wanted)
+        triangle = np.asarray(np.linalg.qr(np.column_stack([rows, wanted]), mode="r"))
+        change = np.linalg.solve(triangle[:-1, :-1], triangle[:-1, -1])
         first, curvature = first + np.array([*(change[0] * aside), change[1]]), curvature + change[2:]
         if abs(change[0]) < _SETTLED and np.abs(change[2:]).max() < _SETTLED / length:
             break

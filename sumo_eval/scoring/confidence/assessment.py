@@ -16,6 +16,7 @@ from sumo_eval.scoring.confidence.coverage import SpaceCoverage, space_coverage
 from sumo_eval.scoring.confidence.further_cases import FurtherCases, further_cases
 from sumo_eval.scoring.confidence.intervals import LEVEL, SCORED, Interval
 from sumo_eval.scoring.confidence.risk import Risk, risk
+from sumo_eval.scoring.kept_rows import arrays, parameters_of
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
@@ -68,8 +69,7 @@ def _points(evaluation: Evaluation, zones: ZonePartition) -> FloatArray:
     found = np.empty((0, len(zones.logical.parameters)))
     for score in evaluation.scores:
         if score.scenario == zones.logical.name:
-            cases = evaluation.cases_of(score.ads, score.scenario)
-            rows = np.array([zones.logical.row(case.values) for case in cases]).reshape(-1, found.shape[1])
+            rows = parameters_of(evaluation.cases_of(score.ads, score.scenario), zones.logical.names)
             found = np.unique(np.concatenate([found, rows]), axis=0)
     return found
 
@@ -83,8 +83,8 @@ def _assess(score: ScenarioResult, evaluation: Evaluation, zones: ZonePartition)
         reason = "fewer than two evaluated cases with exposure"
         return Assessment(score.ads, score.scenario, {}, {}, None, None, reason)
     terms = CaseTerms(**{field.name: getattr(terms, field.name)[evaluated] for field in fields(terms)})
-    points = np.array([zones.logical.row(case.values) for case in cases if case.evaluated])
-    loss = np.array([case.loss or 0.0 for case in cases if case.evaluated])
+    points = parameters_of(cases, zones.logical.names)[evaluated]
+    loss = np.nan_to_num(arrays(cases, "loss")["loss"][evaluated])
     return Assessment(
         score.ads,
         score.scenario,

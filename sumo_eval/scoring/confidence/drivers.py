@@ -17,8 +17,8 @@ import numpy as np
 
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.record.human_reference import LeftOut
-from sumo_eval.record.recording import RECORDED
-from sumo_eval.results import CaseResult
+from sumo_eval.record.store import RECORDED
+from sumo_eval.results import CaseResult, columns
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -53,27 +53,31 @@ def driver_deviations(
 
     The same driver is left out of all cases at once, because it is the same person.
     """
-    chosen = [row for row in rows if row.case in left_out and left_out[row.case].without]
-    names = sorted({name for row in chosen for name in present[row.case]})
-    weights = np.array([row.exposure for row in chosen])
+    chosen = [
+        (case, exposure, plausibility)
+        for case, exposure, plausibility in columns(rows, "case", "exposure", "plausibility")
+        if case in left_out and left_out[case].without
+    ]
+    names = sorted({name for case, *_ in chosen for name in present[case]})
+    weights = np.array([exposure for _, exposure, _ in chosen])
     if len(names) < 3 or not weights.any():  # a deviation needs two that stay
         return NO_DEVIATIONS
     index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
-    plausible = np.array([row.plausibility or 0.0 for row in chosen])
-    whole_index = np.array([left_out[row.case].everyone for row in chosen])
-    whole_likeness = plausible * [left_out[row.case].likeness for row in chosen]
-    for column, row in enumerate(chosen):
-        found, there = left_out[row.case], list(present[row.case])
+    plausible = np.array([plausibility or 0.0 for *_, plausibility in chosen])
+    whole_index = np.array([left_out[case].everyone for case, *_ in chosen])
+    whole_likeness = plausible * [left_out[case].likeness for case, *_ in chosen]
+    for column, (case, *_) in enumerate(chosen):
+        found, there = left_out[case], list(present[case])
         for line, name in enumerate(names):
             here = name in there
             index[line, column] = found.without[there.index(name)] if here else found.everyone
             one = found.likeness_without[there.index(name)] if here else found.likeness
             likeness[line, column] = one * plausible[column]
     whole = compared = 0.0
-    for row in rows:
-        if row.zone == "safe" and row.human_likeness is not None:
-            whole += row.exposure
-            compared += 0.0 if row.collided else row.exposure
+    for zone, likeness_of_case, exposure, collided in columns(rows, "zone", "human_likeness", "exposure", "collided"):
+        if zone == "safe" and likeness_of_case is not None:
+            whole += exposure
+            compared += 0.0 if collided else exposure
     compared = compared / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0

@@ -14,6 +14,7 @@ from sumo_eval.trajectory import FloatArray
 
 NEIGHBOURS = 6
 CANDIDATES = 8_192
+_AT_ONCE = 65_536  # cases whose neighbours are in memory at a time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +35,15 @@ def further_cases(logical: LogicalScenario, points: FloatArray, influence: Float
     (Neyman's allocation), and within the part to the place farthest from all cases.
     """
     unit = logical.to_unit(points)
-    near = np.asarray(KDTree(unit).query(unit, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(points), -1)
-    variance = np.var(influence[near], axis=1)
+    tree, variance = KDTree(unit), np.empty(len(unit))
+    for first in range(0, len(unit), _AT_ONCE):
+        some = unit[first : first + _AT_ONCE]
+        near = np.asarray(tree.query(some, k=min(NEIGHBOURS + 1, len(points)))[1]).reshape(len(some), -1)
+        variance[first : first + _AT_ONCE] = np.var(influence[near], axis=1)
     candidates = logical.from_shares(steadily(len(logical.names), CANDIDATES))
     candidates = candidates[logical.feasible(candidates)]
     where = logical.to_unit(candidates)
-    distance, cell = (np.asarray(part) for part in KDTree(unit).query(where))
+    distance, cell = (np.asarray(part) for part in tree.query(where))
     held = np.ones(len(points))
     chosen: list[int] = []
     free = np.bincount(cell, minlength=len(points)) > 0

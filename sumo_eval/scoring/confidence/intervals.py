@@ -84,7 +84,7 @@ class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
     each source alone, by score. worse, better: S+ of every replicate, with and without unseen collisions, (m,).
     worse_a, better_a: the points that A gives to it. missing, missing_a: how far missing cases may move S+ and these
-    points, down and up.
+    points, down and up. same_drives: a number that ADSs have in common who drove every case of the scenario alike.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -95,6 +95,7 @@ class ScoreIntervals:
     better_a: FloatArray
     missing: tuple[float, float] = (0.0, 0.0)
     missing_a: tuple[float, float] = (0.0, 0.0)
+    same_drives: int | None = None
 
 
 def strata(unit: FloatArray, method: str) -> list[IntArray]:

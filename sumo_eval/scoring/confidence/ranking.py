@@ -2,7 +2,9 @@
 
 Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their difference, as it
 does not between two intervals. Each replicate gives the difference; unseen collisions are on the side of the ADS that
-it speaks against at each end, because each ADS has its own.
+it speaks against at each end, because each ADS has its own. Where two ADSs drove every case of a scenario alike, the
+scenario has no part in what tells them apart: what was not seen there is as common to both as what was. So one ADS
+under two names differs from itself by 0, exactly.
 
 S+ = a A + b H over all scenarios. Where nobody is there to compare with, there is no H: A is the mean over all of them,
 H over those with people. With people everywhere that is the mean of S+.
@@ -12,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -37,14 +39,16 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     names = list(dict.fromkeys(score.ads for score in scores))
     own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
     totals = {name: means.total(own[name]) for name in names}
-    spreads = {name: means.spread({scenario: found.get((name, scenario)) for scenario in weights}) for name in names}
+    own_found = {name: {scenario: found.get((name, scenario)) for scenario in weights} for name in names}
+    spreads = {name: means.spread(own_found[name]) for name in names}
     ranked = sorted(
         (name for name in names if totals[name] is not None), key=lambda name: (-(totals[name] or 0.0), name)
     )
-    pairs = [
-        _pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), spreads[above], spreads[below], level)
-        for above, below in itertools.combinations(ranked, 2)
-    ]
+    pairs = []
+    for above, below in itertools.combinations(ranked, 2):
+        apart_in = _without_same_drives(own_found[above], own_found[below])
+        first, second = (spreads[above], spreads[below]) if apart_in is None else map(means.spread, apart_in)
+        pairs.append(_pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), first, second, level))
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 0
     for number, name in enumerate(ranked, start=1):
@@ -125,6 +129,20 @@ def _interval(
         return None
     low, high = _percentiles(*spread, LEVEL)
     return min(low, total), max(high, total)
+
+
+def _without_same_drives(
+    first: Mapping[str, ScoreIntervals | None], second: Mapping[str, ScoreIntervals | None]
+) -> tuple[Mapping[str, ScoreIntervals | None], Mapping[str, ScoreIntervals | None]] | None:
+    """Both ADSs' replicates by scenario, 0 for both where they drove alike; None where they do so nowhere."""
+    alike = {
+        name: replace(one, worse=zero, better=zero, worse_a=zero, better_a=zero)
+        for name, one in first.items()
+        if one is not None and one.same_drives is not None
+        if (other := second[name]) is not None and other.same_drives == one.same_drives
+        for zero in [np.zeros(len(one.worse))]
+    }
+    return ({**first, **alike}, {**second, **alike}) if alike else None
 
 
 def _pair(

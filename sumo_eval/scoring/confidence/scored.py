@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sumo_eval.results import CaseResult, ScenarioResult
+from sumo_eval.results import CaseResult, ScenarioResult, columns
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import (
@@ -21,6 +22,7 @@ from sumo_eval.scoring.confidence.intervals import (
     score_intervals,
     strata,
 )
+from sumo_eval.scoring.kept_rows import arrays
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -37,6 +39,10 @@ WITHIN = {
 """What a score can be."""
 
 LEAST = 2  # evaluated cases of which an interval can be made
+_OF_ONE_ADS = ("case", "ads", "wall_time", "latency_mean", "latency_max")
+_OF_THE_POINT = ("scenario", "values")
+_DRIVEN = tuple(one.name for one in fields(CaseResult) if one.name not in _OF_ONE_ADS + _OF_THE_POINT)
+"""What a row says of a drive, whoever drove it and however long the computer took."""
 
 
 def with_intervals(
@@ -59,17 +65,11 @@ def with_intervals(
     groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
-        if sum(case.evaluated for case in cases) >= LEAST:
+        terms = case_terms(cases, settings.method)
+        if np.count_nonzero(terms.evaluated) >= LEAST:
             which.append(number)
-            judged.append(
-                Judged(
-                    score.ads,
-                    case_terms(cases, settings.method),
-                    np.array(places[number], dtype=np.intp),
-                    np.array([case.zone == "hazardous" for case in cases], dtype=np.bool_),
-                    drivers[number],
-                )
-            )
+            hazardous = arrays(cases, "zone")["zone"] == "hazardous"
+            judged.append(Judged(score.ads, terms, np.array(places[number], dtype=np.intp), hazardous, drivers[number]))
     if not judged:
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None
@@ -79,7 +79,23 @@ def with_intervals(
         score, a = scores[number], settings.method.score.a
         down, up = _moved(score.avoided_share, score.avoided_share_interval)
         found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval), missing_a=(a * down, a * up))
+    for first, second in itertools.combinations(range(len(judged)), 2):
+        here, there = found[which[first]], found[which[second]]
+        if here is None or there is None or there.same_drives is not None:
+            continue
+        if _drove_alike(judged[first], judged[second], rows[which[first]], rows[which[second]]):
+            found[which[first]] = replace(here, same_drives=which[first])
+            found[which[second]] = replace(there, same_drives=which[first])
     return [score if one is None else _joined(score, one) for score, one in zip(scores, found, strict=True)], found
+
+
+def _drove_alike(one: Judged, other: Judged, rows: Sequence[CaseResult], others: Sequence[CaseResult]) -> bool:
+    """Whether two ADSs drove the same points and nothing that is kept of any drive differs, none of them missing."""
+    if not (one.terms.evaluated.all() and np.array_equal(one.points, other.points)):
+        return False
+    if not np.array_equal(one.terms.likeness, other.terms.likeness, equal_nan=True):  # tells most pairs apart at once
+        return False
+    return all(row == beside for row, beside in zip(columns(rows, *_DRIVEN), columns(others, *_DRIVEN), strict=True))
 
 
 def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float, float]:

@@ -56,6 +56,27 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
     assert pair.interval == (pytest.approx(1.0), pytest.approx(1.0)), "what both have in common cancels"
 
 
+def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place() -> None:
+    """In `s` both drove alike but for the computer's time, in `t` by 0.02 of H in every case: 1 point, and 0.5 over
+    both scenarios. With one other drive in `s` of two that score the same, unseen collisions are each one's own again.
+    """
+    one, other = drives("a", 0.0), [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)]
+    scores, found = scored(one, other)
+    ranking = rank(scores, found, RankingSettings())
+    assert [(row.ads, row.place) for row in ranking.ads] == [("a", 1), ("bb", 1)]
+    pair = ranking.pairs[0]
+    assert (pair.difference, pair.interval, pair.told_apart) == (0.0, (0.0, 0.0), False)
+    assert "(0.0..0.0) to a: drove every case alike, the place is shared" in "\n".join(ranking_lines(ranking))
+    further, others = scored(drives("a", 0.02, "t"), drives("bb", 0.0, "t"))
+    both = rank([*scores, *further], found | others, RankingSettings())
+    assert both.pairs[0].interval == (pytest.approx(0.5), pytest.approx(0.5))
+    other[3] = replace(other[3], min_gap=7.0)
+    staked = [[replace(row, no_reaction_severity=5.0) for row in rows] for rows in (one, other)]
+    scores, found = scored(*staked)
+    low, high = rank(scores, found, RankingSettings()).pairs[0].interval or (0.0, 0.0)
+    assert low < 0.0 < high
+
+
 def test_neighbours_that_cannot_be_told_apart_share_a_place_and_the_next_one_is_counted_on() -> None:
     scores, found = scored(drives("a", 0.001, own=0.1), drives("bb", 0.0, own=0.1), drives("ccc", -0.1, own=0.1))
     ranking = rank(scores, found, RankingSettings())
