@@ -49,6 +49,7 @@ class Desk:
     def __init__(self) -> None:
         self.newest = NOTHING
         self.holds = "start"  # why the drive waits; empty: it goes on
+        self.held = ""  # why it was held since the seat last looked, also where it goes on already
         self.leaves = ""  # why the drive is to end; empty: it is not
         self.due = 0.0  # by the clock, when a drive that was held goes on
 
@@ -124,7 +125,8 @@ class Seat:
 
     def _waits(self) -> bool:
         """Whether the drive is held, is counted down, or has not begun."""
-        return bool(self._desk.holds) or not self._awake or clock.perf_counter() < self._desk.due
+        desk = self._desk
+        return bool(desk.holds or desk.held) or not self._awake or clock.perf_counter() < desk.due
 
     def _fall(self, why: str) -> None:
         """Hold the drive, because nobody can be at the wheel: whoever is back says when it goes on."""
@@ -136,7 +138,7 @@ class Seat:
     def _hold(self) -> None:
         """Until the drive may go on; nothing moves meanwhile."""
         desk, begun = self._desk, clock.perf_counter()
-        why = desk.holds or ("key" if self._tick else "start")
+        why = desk.held or desk.holds or ("key" if self._tick else "start")
         self._awake = awake()
         while (desk.holds or clock.perf_counter() < desk.due) and not desk.leaves:
             if clock.perf_counter() - begun > self._patience:
@@ -145,6 +147,7 @@ class Seat:
             if awake() - self._awake > ASLEEP and not desk.holds:  # in the countdown
                 self._fall("asleep")
             self._awake = awake()
+        desk.held = ""
         if why != "start":
             self._writer.note(self._tick, "pause", why=why, seconds=round(clock.perf_counter() - begun, 3))
         self._start = clock.perf_counter() - self._tick * self._step

@@ -217,7 +217,7 @@ class Window:
     def _hold(self, why: str) -> None:
         desk = self._desk
         if desk is not None:
-            desk.holds = desk.holds or why
+            desk.held = desk.holds = desk.holds or why
             desk.newest = desk.newest._replace(given=type(desk.newest.given)())  # nobody's foot is on a pedal
 
     async def _post(self, peer: ServerConnection) -> None:

@@ -266,6 +266,24 @@ def test_a_window_that_was_closed_holds_the_drive_and_whoever_comes_back_goes_on
     assert [it["why"] for it in read_tape(path).notes if it["note"] == "pause"] == ["closed"]
 
 
+def test_a_pause_that_is_over_before_the_seat_looks_is_on_the_tape(tmp_path: Path) -> None:
+    """`pause` and `ready` in one breath, while the seat waits for the answer to step 20: one pause, by the key."""
+    path = tmp_path / "drive.jsonl"
+
+    async def body() -> None:
+        async with drive_in_window(path) as (window, drive):
+            peer = await known(window)
+            assert await steps(peer, stop_at=20, closes=False) == 20
+            window._take({"pause": "key"})
+            window._take({"ready": True})
+            await peer.send(json.dumps({"input": [21, 20, *answer_of(window._latest)]}))
+            await steps(peer, stop_at=10**6, until=drive, closes=False)
+            assert (await drive)[1].pauses == 1
+
+    asyncio.run(body())
+    assert [(it["step"], it["why"]) for it in read_tape(path).notes if it["note"] == "pause"] == [(20, "key")]
+
+
 async def steps(
     peer: Any, stop_at: int, until: asyncio.Task[Any] | None = None, *, closes: bool = True
 ) -> int:  # fmt: skip
