@@ -31,7 +31,7 @@ def import_(
 
     `use = "FILE.xosc"` in an evaluation plays it. Exit status 2 where nothing of it plays.
     """
-    from sumo_eval.errors import InputError
+    from sumo_eval.errors import InputError, did_you_mean
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.openscenario.collections import COLLECTIONS
     from sumo_eval.scenario.openscenario.conformity import table
@@ -64,7 +64,10 @@ def import_(
         read = read_file(Path(plain), given)
         lines = described(read)
     else:
-        raise InputError(f"`import` reads OpenSCENARIO files (.xosc) and use cases (.feature.md), got {plain}.")
+        near = did_you_mean(plain, COLLECTIONS)
+        raise InputError(
+            f"`import` reads OpenSCENARIO files (.xosc), use cases (.feature.md) and catalogues, got {plain}.{near}"
+        )
     for line in lines:
         click.echo(line)
     if out is None:

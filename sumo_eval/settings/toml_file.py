@@ -24,7 +24,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
     where = clean(f"{what} {path}")
     where = where[0].upper() + where[1:]
     try:
-        text = path.read_bytes().decode("utf-8")
+        text = path.read_bytes().decode("utf-8-sig")  # some editors put a mark before the text
     except FileNotFoundError:
         raise InputError(f"There is no {clean(f'{what} {path}')}.") from None
     except IsADirectoryError:

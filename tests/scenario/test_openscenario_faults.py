@@ -13,6 +13,7 @@ from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.road.opendrive import read_opendrive
+from sumo_eval.scenario.shipped_files import scenario_files
 from tests.scenario.test_openscenario import AT, BRAKE, CARS, ROAD, TIMED, VARIATION, written
 
 
@@ -319,3 +320,12 @@ def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -
                                         encoding="utf-8")  # fmt: skip
     with pytest.raises(InputError, match="must not declare a document type or entities, got <!DOCTYPE> in line 1"):
         read_opendrive(tmp_path / "road.xodr")
+
+
+def test_a_catalogue_that_nobody_knows_is_told_by_its_neighbour() -> None:
+    assert "got ncap_2027. Did you mean `ncap_2026`?" in said(Path("ncap_2027"))
+
+
+def test_a_mark_before_the_text_of_a_scenario_file_is_no_part_of_it(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert find("mine.toml", tmp_path).name == "ncap_ccrs"

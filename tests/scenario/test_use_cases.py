@@ -99,6 +99,13 @@ def test_the_scenario_file_that_it_is_can_be_written(tmp_path: Path) -> None:
     assert same.concrete(v=54.0) == own.concrete(v=54.0)
 
 
+def test_a_mark_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
+    path = written(tmp_path, FOLLOW)
+    plain = read_use_case(path, {}).logical.about
+    path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert read_use_case(path, {}).logical.about == plain
+
+
 def test_plain_gherkin_reads_as_its_markdown_does(tmp_path: Path) -> None:
     plain = "\n".join(line.lstrip("#* ") for line in FOLLOW.splitlines() if line != "A description.")
     assert (

@@ -69,7 +69,7 @@ class _Table:
 def read_outline(path: Path) -> Outline:
     """The one scenario outline of a file. Raises InputError with file, line and what is doubtful."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
     except OSError as error:
         raise InputError(f"Use case {path} cannot be read: {error.strerror or error}.") from error
     except UnicodeDecodeError as error:
