@@ -124,6 +124,8 @@ TEXTS = {
     r"<SimulationTimeCondition>: `rule` must be one of greaterThan, greaterOrEqual, equalTo, got 'lessThan'": (
         'value="30" rule="greaterThan"', 'value="30" rule="lessThan"'
     ),
+    r"<ScenarioObject>: its speed at the start must be at most 60 m/s, the fastest": ("${$kph / 3.6}", "61"),
+    r"`value` must be a finite number, got '\$v', which is '2_0'": ("${$kph / 3.6}", "2_0"),
     r"expression .* divides by zero": ("${$kph / 3.6}", "${$kph % 0}"),
     r"<ManeuverGroup>: a group of manoeuvres that runs more or less than once": (
         'maximumExecutionCount="1"', 'maximumExecutionCount="2"'

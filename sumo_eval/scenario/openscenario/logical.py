@@ -340,6 +340,10 @@ def _impossible(path: Path, found: Scene, ego: str) -> InputError | None:
     wrong = next(misplaced(road, found.ego, found.ego_body, found.actors), None)
     if wrong is not None:
         return fault(_declared(path, ego if wrong.name == "ego" else wrong.name), f"its body must be {wrong.must}")
+    for name, start in ((ego, found.ego), *((actor.name, actor.start) for actor in found.actors)):
+        if start.speed > road.speed_limit:
+            fastest = f"at most {road.speed_limit:g} m/s, the fastest that roads here allow"
+            return fault(_declared(path, name), f"its speed at the start must be {fastest}")
     if any(act.program for actor in found.actors for act in actor.acts):
         limit = found.ends if math.isfinite(found.ends) else _LONGEST
         case = ConcreteScenario(path.stem, {}, 1.0, road, found.ego, found.actors, ego_body=found.ego_body)

@@ -69,7 +69,8 @@ def number(element: Element, name: str, scope: Scope, default: float | None = No
     found = worked_out(written, scope, element)
     value = _number(found)
     if value is None or not math.isfinite(value):
-        raise fault(element, f"`{name}` must be a finite number, got {shown(written)}")
+        is_what = "" if found == written else f", which is {shown(found)}"
+        raise fault(element, f"`{name}` must be a finite number, got {shown(written)}{is_what}")
     return value
 
 
@@ -92,6 +93,8 @@ def flag(element: Element, name: str, scope: Scope, *, default: bool) -> bool:
 def _number(value: Value) -> float | None:
     if isinstance(value, float):
         return value
+    if "_" in value:  # a number in Python alone
+        return None
     try:
         return float(value)
     except ValueError:
