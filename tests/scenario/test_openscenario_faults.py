@@ -121,7 +121,7 @@ EVENTS |= {
     <SetAction value="night"/></ParameterAction></GlobalAction></Action></Event>""",
 }  # fmt: skip
 TEXTS = {
-    r"<SimulationTimeCondition>: `rule` must be one of greaterThan, greaterOrEqual, equalTo, got 'lessThan'": (
+    r"<SimulationTimeCondition>: a stop by time must come after the start, got lessThan 30 s": (
         'value="30" rule="greaterThan"', 'value="30" rule="lessThan"'
     ),
     r"<ScenarioObject>: its speed at the start must be at most 60 m/s, the fastest": ("${$kph / 3.6}", "61"),
@@ -331,3 +331,8 @@ def test_a_catalogue_that_nobody_knows_is_told_by_its_neighbour() -> None:
 def test_a_mark_before_the_text_of_a_scenario_file_is_no_part_of_it(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(scenario_files()["ncap_ccrs"].read_text(encoding="utf-8"), encoding="utf-8-sig")
     assert find("mine.toml", tmp_path).name == "ncap_ccrs"
+
+
+def test_a_stop_that_never_comes_stops_nothing(tmp_path: Path) -> None:
+    path = change(written(tmp_path), 'value="30" rule="greaterThan"', 'value="0" rule="lessThan"')
+    assert find(str(path)).time_limit == 60.0

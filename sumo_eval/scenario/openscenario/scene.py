@@ -39,7 +39,18 @@ from sumo_eval.scenario.openscenario.reading import (
     only,
     read_openscenario,
 )  # fmt: skip
-from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text, whole, within
+from sumo_eval.scenario.openscenario.values import (
+    RULES,
+    Scope,
+    Value,
+    compared,
+    declared,
+    flag,
+    number,
+    text,
+    whole,
+    within,
+)
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
 
@@ -907,10 +918,12 @@ class _Player:
             ]
             if kinds == ["SimulationTimeCondition"]:
                 time = only(only(conditions[0]))
-                rule = one_of(time, "rule", ("greaterThan", "greaterOrEqual", "equalTo"))
-                stop = number(time, "value", self.scope) + number(conditions[0], "delay", self.scope, 0.0)
-                if stop <= 0.0:
-                    raise fault(time, f"a stop by time must be after the start, got {rule} {stop:g} s")
+                rule, value = one_of(time, "rule", RULES), number(time, "value", self.scope)
+                stop = value + number(conditions[0], "delay", self.scope, 0.0)
+                if rule in ("lessThan", "lessOrEqual") and not compared(rule, 0.0, value, time):
+                    continue  # it never comes
+                if rule not in ("greaterThan", "greaterOrEqual", "equalTo") or stop <= 0.0:
+                    raise fault(time, f"a stop by time must come after the start, got {rule} {value:g} s")
                 self.ends = min(self.ends, stop)
             else:
                 self._ignore(group)
