@@ -14,6 +14,7 @@ from sumo_eval.scenario.openscenario.reading import (
     fault,
     file_of,
     read_openscenario,
+    where,
 )  # fmt: skip
 from sumo_eval.scenario.openscenario.values import Scope, Value, declared, text, worked_out
 
@@ -24,22 +25,27 @@ class Catalogs:
 
     locations: Element | None
     scope: Scope
-    _found: dict[str, Element] | None = None
+    _found: dict[str, list[Element]] | None = None
     _open: list[tuple[str, str]] = field(default_factory=list)
 
-    def _all(self) -> dict[str, Element]:
+    def _all(self) -> dict[str, list[Element]]:
+        """The catalogs by name; several files may have one of a name."""
         if self._found is not None:
             return self._found
-        found: dict[str, Element] = {}
+        found: dict[str, list[Element]] = {}
+        seen: set[Path] = set()
         for location in [] if self.locations is None else children(self.locations):
             directory = child(location, "Directory")
             folder = file_of(location).parent / text(directory, "path", self.scope)
             if not folder.is_dir():
                 raise fault(directory, f"the folder {folder} of its catalogs is not there")
             for file in sorted(folder.glob("*.xosc")):
+                if file.resolve() in seen:  # one folder may be named for several kinds of catalogs
+                    continue
+                seen.add(file.resolve())
                 catalog = read_openscenario(file).find("Catalog")
                 if catalog is not None:
-                    found.setdefault(attribute(catalog, "name"), catalog)
+                    found.setdefault(attribute(catalog, "name"), []).append(catalog)
         self._found = found
         return found
 
@@ -49,17 +55,22 @@ class Catalogs:
         catalogs = self._all()
         if name not in catalogs:
             raise fault(reference, f"catalog `{name}` is not there.{did_you_mean(name, catalogs)}".rstrip("."))
-        entries = {str(part.get("name")): part for part in children(catalogs[name])}
+        entries: dict[str, list[Element]] = {}
+        for part in (it for catalog in catalogs[name] for it in children(catalog)):
+            entries.setdefault(str(part.get("name")), []).append(part)
         if entry not in entries:
             raise fault(
                 reference, f"entry `{entry}` is not in catalog `{name}`.{did_you_mean(entry, entries)}".rstrip(".")
             )
+        if len(entries[entry]) > 1:
+            places = ", ".join(where(part) for part in entries[entry])
+            raise fault(reference, f"entry `{entry}` of catalog `{name}` is there more than once: {places}")
         if (name, entry) in self._open:
             raise fault(reference, f"entry `{entry}` of catalog `{name}` refers to itself")
         given: dict[str, Value] = {}
         for part in reference.iterfind("ParameterAssignments/ParameterAssignment"):
             given[attribute(part, "parameterRef").removeprefix("$")] = worked_out(attribute(part, "value"), scope, part)
-        found = entries[entry]
+        found = entries[entry][0]
         inner, broken = declared(found.find("ParameterDeclarations"), given)
         if broken:
             raise fault(reference, f"a value that it gives breaks a constraint: {broken[0]}")

@@ -98,8 +98,8 @@ ROWS = (
     Row("condition", "DistanceCondition", "refused", ""),
     Row("condition", "OffroadCondition", "refused", "as a start; in stops ignored: leaving the road ends every case"),
     Row("trigger", "ConditionGroup", "played", "and within a group, or between groups; delay; edges none and rising"),
-    Row("trigger", "StopTrigger", "ignored", "but by time: contact, standstill, the road's end, a decided case do"),
-    Row("trigger", "priority", "played", "all; two moves across at once are refused"),
+    Row("trigger", "StopTrigger", "ignored", "but by time; of an act in which somebody then still moves: refused"),
+    Row("trigger", "priority", "played", "all that end or leave out nothing half-way; else refused"),
 )  # fmt: skip
 
 USED: Mapping[str, tuple[int, int]] = MappingProxyType({

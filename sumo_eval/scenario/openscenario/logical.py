@@ -85,8 +85,14 @@ class Axis:
         if self.choices:
             return [value for value, _ in self.choices]
         low, step = Fraction(repr(self.low)), Fraction(repr(self.step))
-        count = int((Fraction(repr(self.high)) - low) // step)
-        return [float(low + step * k) for k in range(count + 1)]
+        return [float(low + step * k) for k in range(self.count)]
+
+    @property
+    def count(self) -> int:
+        """How many values it has on the grid."""
+        if self.choices:
+            return len(self.choices)
+        return int((Fraction(repr(self.high)) - Fraction(repr(self.low))) // Fraction(repr(self.step))) + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -490,7 +496,7 @@ def _grid(space: Space) -> Iterator[tuple[float, ...]]:
 
 def grid_size(space: Space) -> int:
     """How many points the grid of a space has."""
-    return math.prod(len(axis.values) for axis in space.axes)
+    return math.prod(axis.count for axis in space.axes)
 
 
 def _tried(space: Space, refused: dict[str, int]) -> Iterator[tuple[dict[str, float], Scene]]:

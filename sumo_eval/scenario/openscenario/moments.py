@@ -14,6 +14,7 @@ from sumo_eval.scenario import played
 from sumo_eval.scenario.openscenario.places import Entity
 from sumo_eval.scenario.openscenario.reading import Element, attribute, child, fault, not_played, one_of, only
 from sumo_eval.scenario.openscenario.values import RULES, Scope, compared, flag, number, text, worked_out
+from sumo_eval.text import shown
 
 Step = tuple[int, int, int, float]
 NEVER = math.inf
@@ -21,10 +22,14 @@ NEVER = math.inf
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """time: s, inf for never; with a program it is the delay after the condition of the program holds."""
+    """time: s, inf for never; with a program it is the delay after the condition of the program holds.
+
+    until: s, when it cannot begin any more.
+    """
 
     time: float
     program: tuple[Step, ...] = ()
+    until: float = NEVER
 
     @property
     def known(self) -> bool:
@@ -73,10 +78,14 @@ class Conditions:
 
     def _later(self, one: Moment, two: Moment, element: Element) -> Moment:
         """The later of two moments."""
+        until = min(one.until, two.until)
         if one.time == NEVER or two.time == NEVER:
             return Moment(NEVER)
         if one.known and two.known:
-            return Moment(max(one.time, two.time))
+            time = max(one.time, two.time)
+            return Moment(time, until=until) if time < until else Moment(NEVER)
+        if until < NEVER:
+            raise fault(element, "a condition on the drive is not played together with a time until which it may hold")
         if one.known or two.known:
             when, what = (one, two) if one.known else (two, one)
             if when.time <= 0.0:
@@ -109,15 +118,18 @@ class Conditions:
             moment = self._by_entity(kind, scope, rising=edge == "rising")
         else:
             raise not_played(kind)
-        return Moment(moment.time + delay, moment.program)
+        return Moment(moment.time + delay, moment.program, moment.until + delay)
 
     def _by_value(self, element: Element, scope: Scope) -> Moment:
         if element.tag == "SimulationTimeCondition":
             rule, value = one_of(element, "rule", RULES), number(element, "value", scope)
             if rule in ("greaterThan", "greaterOrEqual"):
                 return Moment(max(value, 0.0))
-            holds = compared(rule, 0.0, value, element)
-            return Moment(0.0 if holds else NEVER)
+            if rule == "equalTo":
+                return Moment(value if value >= 0.0 else NEVER)
+            if rule == "notEqualTo":
+                return Moment(0.0)
+            return Moment(0.0, until=value) if compared(rule, 0.0, value, element) else Moment(NEVER)
         if element.tag == "ParameterCondition":
             name = attribute(element, "parameterRef")
             wanted = worked_out(attribute(element, "value"), scope, element)
@@ -167,7 +179,9 @@ class Conditions:
             raise fault(element, f"entity `{name}` is not among {', '.join(self.entities)}")
         return self.entities[name]
 
-    def _number(self, entity: Entity) -> int:
+    def _number(self, entity: Entity, element: Element) -> int:
+        if entity.deleted:
+            raise fault(element, f"entity `{entity.name}` is deleted at the start, so nothing depends on it")
         return self.number_of.get(entity.name, played.EGO)
 
     def _of_entity(self, element: Element, scope: Scope, one: Entity, *, rising: bool) -> tuple[Step, ...]:
@@ -211,17 +225,24 @@ class Conditions:
             raise fault(element, "distances that are played are longitudinal")
         if not flag(element, "freespace", scope, default=False):
             raise fault(element, "distances that are played are free space, from bumper to bumper")
-        a, b = self._number(one), self._number(other)
+        a, b = self._number(one, element), self._number(other, element)
         return ((played.GAP, a, b, 0.0), (played.GAP, b, a, 0.0), (played.LARGER, 0, 0, 0.0)), gap
 
+    def _along_road(self, element: Element, name: str) -> None:
+        """A condition that says in which direction it measures must say along the road."""
+        if element.get(name, "longitudinal") != "longitudinal":
+            raise fault(element, f"`{name}` must be longitudinal to be played, got {shown(attribute(element, name))}")
+
     def _headway(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
+        self._along_road(element, "relativeDistanceType")
         other, gap = self._between(element, scope, one)
         if not flag(element, "freespace", scope, default=False):
             raise fault(element, "headways that are played are of free space, from bumper to bumper")
         start = gap / one.speed if gap > 0.0 and one.speed > 0.0 else math.inf
-        return ((played.THW, self._number(one), self._number(other), 0.0),), start
+        return ((played.THW, self._number(one, element), self._number(other, element), 0.0),), start
 
     def _to_collision(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
+        self._along_road(element, "relativeDistanceType")
         target = child(child(element, "TimeToCollisionConditionTarget"), "EntityRef")
         other, gap = self._between(target, scope, one)
         if not flag(element, "freespace", scope, default=False):
@@ -230,19 +251,24 @@ class Conditions:
         assert other.frame is not None
         closing = one.speed * math.cos(one.frame.heading) - other.speed * math.cos(other.frame.heading)
         start = gap / closing if gap > 0.0 and closing > 0.0 else math.inf
-        return ((played.TTC, self._number(one), self._number(other), 0.0),), start
+        return ((played.TTC, self._number(one, element), self._number(other, element), 0.0),), start
 
     def _speed(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
-        return ((played.ALONG, self._number(one), 0, 0.0),), one.speed
+        self._along_road(element, "direction")
+        return ((played.ALONG, self._number(one, element), 0, 0.0),), one.speed
 
     def _relative_speed(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
+        self._along_road(element, "direction")
         other = self._entity(text(element, "entityRef", scope), element)
-        steps = ((played.ALONG, self._number(one), 0, 0.0), (played.ALONG, self._number(other), 0, 0.0))
+        steps = (
+            (played.ALONG, self._number(one, element), 0, 0.0),
+            (played.ALONG, self._number(other, element), 0, 0.0),
+        )
         return (*steps, (played.SUBTRACT, 0, 0, 0.0)), one.speed - other.speed
 
     def _travelled(self, element: Element, scope: Scope, one: Entity) -> tuple[tuple[Step, ...], float]:
         assert one.frame is not None
         if one.on_map or abs(math.sin(one.frame.heading)) > 1e-9:
             raise fault(element, "a distance travelled across the road is not played as a start")
-        begin = ((played.X, self._number(one), 0, 0.0), (played.VALUE, 0, 0, one.frame.x))
+        begin = ((played.X, self._number(one, element), 0, 0.0), (played.VALUE, 0, 0, one.frame.x))
         return (*begin, (played.SUBTRACT, 0, 0, 0.0), (played.ABSOLUTE, 0, 0, 0.0)), 0.0

@@ -92,12 +92,19 @@ class Network:
 
     def lane(self, road: MapRoad, number: str, element: Element) -> Lane:
         """A lane of a road; refused where it is not there."""
-        try:
-            return road.lanes[int(float(number))]
-        except (ValueError, KeyError):
+        found = next((lane for lane in road.lanes.values() if _is(lane.number, number)), None)
+        if found is None:
             known = ", ".join(str(it) for it in road.lanes)
-            raise fault(element, f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}"
-                        ) from None  # fmt: skip
+            raise fault(element, f"lane `{number}` is not on road `{road.name}` of {self.path.name}, which has {known}")
+        return found
+
+
+def _is(number: int, written: str) -> bool:
+    """Whether what is written is a number: `-1`, or `-1.0`."""
+    try:
+        return float(written) == number
+    except ValueError:
+        return False
 
 
 def read_network(path: Path, *, flat: bool = False) -> Network:
@@ -114,6 +121,8 @@ def _read(path: Path, changed: int, flat: bool) -> Network:
     unread: dict[str, InputError] = {}
     for element in root.iter("road"):
         name = attribute(element, "id")
+        if name in roads or name in unread:
+            raise fault(element, f"there is another road with the `id` {name}")
         try:
             roads[name] = _road(element, name, flat)
         except InputError as error:
@@ -136,11 +145,24 @@ def _road(element: Element, name: str, flat: bool) -> MapRoad:
     lanes: dict[int, Lane] = {}
     for side, sign in (("left", 1.0), ("right", -1.0)):
         offset = 0.0
-        for lane in sorted(sections[0].findall(f"{side}/lane"), key=lambda it: abs(int(it.get("id", "0")))):
+        numbered = [(_lane_number(lane, sign), lane) for lane in sections[0].findall(f"{side}/lane")]
+        for number, lane in sorted(numbered, key=lambda it: abs(it[0])):
             widths = lane.findall("width")
-            if len(widths) != 1 or any(float(widths[0].get(key, "0")) != 0.0 for key in "bcd"):
+            changes = len(widths) == 1 and any(decimal(widths[0], key) for key in "bcd" if key in widths[0].attrib)
+            if len(widths) != 1 or changes:
                 raise fault(lane, "its width must be one constant")
-            width, number = decimal(widths[0], "a"), int(attribute(lane, "id"))
+            if number in lanes:
+                raise fault(lane, f"there is another lane with the `id` {number}")
+            width = decimal(widths[0], "a")
             lanes[number] = Lane(number, str(lane.get("type")), shift + sign * (offset + 0.5 * width), width)
             offset += width
     return MapRoad(name, begin, line, lanes)
+
+
+def _lane_number(lane: Element, sign: float) -> int:
+    """The `id` of a lane: above 0 to the left of the reference line, below 0 to its right."""
+    number = decimal(lane, "id")
+    if not number.is_integer() or number * sign <= 0.0:
+        side = "above" if sign > 0.0 else "below"
+        raise fault(lane, f"its `id` must be a whole number {side} 0, got {lane.get('id')}")
+    return int(number)

@@ -17,7 +17,7 @@ import numpy as np
 from sumo_eval.scenario.openscenario.catalogs import Catalogs
 from sumo_eval.scenario.openscenario.network import Lane, MapRoad, Network, Pose
 from sumo_eval.scenario.openscenario.reading import Element, attribute, child, children, fault, not_played, one_of, only
-from sumo_eval.scenario.openscenario.values import Scope, flag, number, text
+from sumo_eval.scenario.openscenario.values import Scope, flag, number, text, whole
 from sumo_eval.scenario.road.reference_line import Piece, map_places
 
 _FINE = 0.25  # m between two points of a trajectory that bends
@@ -162,7 +162,7 @@ class Places:
         if element.get("dsLane") is not None and other.road.bent:
             raise fault(element, "`dsLane` is not played on a bend, `ds` is")
         ahead = number(element, "ds", scope, 0.0) + number(element, "dsLane", scope, 0.0)
-        lane = self.lane_beside(other, int(number(element, "dLane", scope)), element)
+        lane = self.lane_beside(other, whole(element, "dLane", scope), element)
         t = lane.centre + number(element, "offset", scope, 0.0)
         return self._on(other.road, other.s + ahead, t, lane, element)
 

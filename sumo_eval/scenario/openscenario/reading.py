@@ -38,9 +38,12 @@ def read_xml(path: Path, what: str) -> Element:
         )
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
-        return etree.fromstring(content, parser, base_url=str(path))
+        root = etree.fromstring(content, parser, base_url=str(path))
     except etree.XMLSyntaxError as error:
         raise InputError(f"{what} {path} is not XML: {shown(str(error))}.") from error
+    if root.getroottree().docinfo.internalDTD is not None:  # in an encoding in which the bytes above are others
+        raise InputError(f"{what} {path} must not declare a document type or entities: none is ever expanded here.")
+    return root
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -39,7 +39,7 @@ from sumo_eval.scenario.openscenario.reading import (
     only,
     read_openscenario,
 )  # fmt: skip
-from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text, within
+from sumo_eval.scenario.openscenario.values import Scope, Value, declared, flag, number, text, whole, within
 from sumo_eval.scenario.road.opendrive import beside
 from sumo_eval.scenario.road.reference_line import Piece, curvatures, frame_places, tightest
 
@@ -78,10 +78,13 @@ class Frame(NamedTuple):
 
 @dataclass(slots=True)
 class Doing:
-    """What one of the others does, as it is put together. speed: the one it has by what stands above."""
+    """What one of the others does, as it is put together. speed: the one it has by what stands above, from `steady` s
+    on; offset: to the left of where it starts, by what stands above, m.
+    """
 
     acts: list[played.Act] = field(default_factory=list)
     speed: float = 0.0
+    steady: float = 0.0
     offset: float = 0.0
     busy_until: float = 0.0
 
@@ -175,6 +178,11 @@ def _knots(knots: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     return tuple(found)
 
 
+def _kinds(event: Element) -> set[str]:
+    """Whether an event tells somebody to move along the road, across it, or on a way of its own."""
+    return {str(only(action).tag) for action in event.iterfind("Action/PrivateAction")} - set(IGNORED_PRIVATE)
+
+
 class _Player:
     """Walks through a file once."""
 
@@ -192,6 +200,9 @@ class _Player:
         entities = [entity_of(part, self.catalogs, self.scope)
                     for part in child(self.root, "Entities").iterfind("ScenarioObject")]  # fmt: skip
         self.entities = {entity.name: entity for entity in entities}
+        for earlier, entity in enumerate(entities):
+            if any(entity.name == it.name for it in entities[:earlier]):
+                raise fault(entity.element, f"there is another entity with the name `{entity.name}`")
         if ego not in self.entities:
             why = f"one entity must be named `{ego}`, the one that is judged; `?ego=NAME` behind the file's name names"
             raise fault(child(self.root, "Entities"), f"{why} another of {', '.join(self.entities) or 'none'}")
@@ -220,9 +231,9 @@ class _Player:
         self.conditions = Conditions(self.entities, self.number_of)
         for name in self.doing:
             self.doing[name].speed = self.entities[name].speed
+        self._stop(story.find("StopTrigger"))
         for act, scope in self._acts(story):
             self._act(act, scope)
-        self._stop(story.find("StopTrigger"))
         ego = self.entities[self.ego]
         assert ego.frame is not None
         if abs(ego.frame.heading) > 1e-6:
@@ -470,10 +481,23 @@ class _Player:
     def _act(self, act: Element, scope: Scope) -> None:
         begin = self.conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
         self.conditions.spans["act", attribute(act, "name")] = Span(begin, NEVER)  # for who is in it
+        before = sum(len(doing.acts) for doing in self.doing.values())
         ends = [self._group(group, scope, begin) for group in act.iterfind("ManeuverGroup")]
-        self.conditions.spans["act", attribute(act, "name")] = Span(begin, max(ends, default=begin.time))
+        end = max(ends, default=begin.time)
+        self.conditions.spans["act", attribute(act, "name")] = Span(begin, end)
+        stop = act.find("StopTrigger")
+        if stop is None or stop.find("ConditionGroup") is None:
+            return
+        if sum(len(doing.acts) for doing in self.doing.values()) == before:
+            self._ignore(stop)
+            return
+        by_time = stop.find(".//ByEntityCondition") is None and stop.find(".//VariableCondition") is None
+        if not by_time or self.conditions.moment(stop, scope, Moment(0.0)).time < min(end, self.ends):
+            raise fault(stop, "an act that is stopped while somebody moves in it is not played")
 
     def _group(self, group: Element, around: Scope, begin: Moment) -> float:
+        if number(group, "maximumExecutionCount", around, 1.0) != 1.0:
+            raise fault(group, "a group of manoeuvres that runs more or less than once is not played")
         actors = child(group, "Actors")
         if flag(actors, "selectTriggeringEntities", around, default=False):
             raise fault(actors, "actors that the trigger selects are not played")
@@ -490,14 +514,33 @@ class _Player:
 
     def _maneuver(self, maneuver: Element, scope: Scope, names: list[str], begin: Moment) -> float:
         ends, moves = [begin.time], []
+        running: list[tuple[Element, Span]] = []
         for event in maneuver.iterfind("Event"):
             span = self._event(event, scope, names, begin)
             if span is not None:
+                self._check_priority(event, span, running)
+                running.append((event, span))
                 ends.append(span.end)
                 moves.append(span.move)
         end, move = max(ends), next((it for it in reversed(moves) if it is not None), None)
         self.conditions.spans["maneuver", attribute(maneuver, "name")] = Span(begin, end, move)
         return end
+
+    def _check_priority(self, event: Element, span: Span, above: list[tuple[Element, Span]]) -> None:
+        """Refuse an event that ends another move of its manoeuvre half-way, or is left out while another one runs."""
+        for other, there in above:
+            for one, first, two, second in ((event, span, other, there), (other, there, event, span)):
+                ends_it = attribute(one, "priority") in ("overwrite", "override") and _kinds(one) != _kinds(two)
+                if not ends_it and attribute(one, "priority") != "skip":
+                    continue
+                if not first.begin.known or not second.begin.known:
+                    if attribute(one, "priority") == "skip":
+                        raise fault(one, "the priority `skip` is played between events that begin at times only")
+                    continue
+                if second.begin.time < first.begin.time < second.end - _SAME and _kinds(two):
+                    what = "is left out" if attribute(one, "priority") == "skip" else "ends"
+                    raise fault(one, f"with its priority `{attribute(one, 'priority')}` it {what} while event "
+                                     f"`{attribute(two, 'name')}` runs, which is not played")  # fmt: skip
 
     def _event(self, event: Element, scope: Scope, names: list[str], begin: Moment) -> Span | None:
         """When an event runs; None where nothing in it means anything here."""
@@ -581,6 +624,9 @@ class _Player:
                 rate = abs(value)
             elif value <= 0.0:
                 raise fault(dynamics, f"`value` must be above 0, got {value:g}")
+            elif begin.known and begin.time < doing.steady - _SAME:
+                raise fault(dynamics, f"`{entity.name}` still changes its speed when this begins, at {begin.time:g} s: "
+                                      "by `rate` alone that is played")  # fmt: skip
             elif kind == "time":
                 rate = change / value
             else:
@@ -588,6 +634,7 @@ class _Player:
             if rate == 0.0:  # it never gets there
                 return Span(begin, NEVER)
         doing.speed = target
+        doing.steady = begin.time + change / rate if begin.known else 0.0
         return self._add(entity, doing, begin, played.Act(played.SPEED, 0.0, 0.0, target, 0.0, rate), change / rate)
 
     def _lateral(self, element: Element, entity: Entity, doing: Doing, begin: Moment, to: float, lasts: float,
@@ -620,10 +667,8 @@ class _Player:
         target = only(child(element, "LaneChangeTarget"))
         own = entity.placed(element)
         if target.tag == "RelativeTargetLane":
-            other = self.places.entity(text(target, "entityRef", scope), target).placed(target)
-            if other.road is None or other.lane is None:
-                raise fault(target, "the entity that it is relative to is in no lane")
-            lanes = int(number(target, "value", scope))
+            other = self._now(self.places.entity(text(target, "entityRef", scope), target), entity, target)
+            lanes = whole(target, "value", scope)
             lane = other.lane if lanes == 0 else self.places.lane_beside(other, lanes, target)
         elif target.tag == "AbsoluteTargetLane":
             if own.road is None:
@@ -647,6 +692,23 @@ class _Player:
             raise fault(dynamics, "a move across by `distance` is not played")
         return self._lateral(element, entity, doing, begin, to, lasts, shape)
 
+    def _now(self, other: Entity, mover: Entity, element: Element) -> Spot:
+        """Where somebody is in a lane when a move that is relative to it begins: the mover itself after its own moves
+        across, the ego where it starts. Another one must keep its lane.
+        """
+        spot = other.placed(element)
+        if spot.road is None or spot.lane is None:
+            raise fault(element, "the entity that it is relative to is in no lane")
+        if other.name == self.ego or self.doing[other.name].offset == 0.0:
+            return spot
+        if other is not mover:
+            raise fault(element, f"`{other.name}`, to which it is relative, moves across itself")
+        centre = spot.t + self.doing[other.name].offset
+        lanes = sorted(spot.road.lanes.values(), key=lambda it: abs(it.centre - centre))
+        if abs(lanes[0].centre - centre) > 0.5 * lanes[0].width:
+            raise fault(element, f"`{other.name}`, to which it is relative, is in no lane any more")
+        return replace(spot, lane=lanes[0])
+
     def _y(self, t: float, element: Element, spot: Spot) -> float:
         """y of a place t m left of the reference line of the ego's road."""
         if spot.road is None or spot.road.name != self.frame.road:
@@ -661,13 +723,16 @@ class _Player:
         assert entity.frame is not None
         own = entity.placed(element)
         if target.tag == "AbsoluteTargetLaneOffset":
-            if own.lane is None:
-                raise fault(target, "the entity is in no lane")
-            to = self._y(own.lane.centre, element, own) + value
+            lane = self._now(entity, entity, target).lane
+            assert lane is not None
+            to = self._y(lane.centre, element, own) + value
         elif target.tag == "RelativeTargetLaneOffset":
             other = self.places.entity(text(target, "entityRef", scope), target)
             assert other.frame is not None
-            to = other.frame.y + value
+            moved = 0.0 if other.name == self.ego else self.doing[other.name].offset
+            if moved and other is not entity:
+                raise fault(target, f"`{other.name}`, to which it is relative, moves across itself")
+            to = other.frame.y + moved + value
         else:
             raise not_played(target)
         to -= entity.frame.y
@@ -703,8 +768,12 @@ class _Player:
             entity.frame = self._found_in_frame(entity)
         else:
             entity.frame = self._along(entity)
+        if number(element, "initialDistanceOffset", scope, 0.0) != 0.0:
+            raise fault(element, "`initialDistanceOffset` is played before the start only")
         if not trajectory.times:
             return self._add(entity, doing, begin, played.Act(played.KEEP), NEVER)
+        if trajectory.times[0] != 0.0:
+            raise fault(element, f"the first time of its trajectory must be 0 s, got {trajectory.times[0]:g}")
         timing = element.find("TimeReference/Timing")
         scale = 1.0 if timing is None else number(timing, "scale", scope, 1.0)
         if timing is not None and number(timing, "offset", scope, 0.0) != 0.0:

@@ -56,7 +56,9 @@ def text(element: Element, name: str, scope: Scope, default: str | None = None) 
     if default is not None and element.get(name) is None:
         return default
     found = worked_out(attribute(element, name), scope, element)
-    return found if isinstance(found, str) else f"{found:g}"
+    if isinstance(found, str):
+        return found
+    return str(int(found)) if found.is_integer() else repr(found)
 
 
 def number(element: Element, name: str, scope: Scope, default: float | None = None) -> float:
@@ -69,6 +71,14 @@ def number(element: Element, name: str, scope: Scope, default: float | None = No
     if value is None or not math.isfinite(value):
         raise fault(element, f"`{name}` must be a finite number, got {shown(written)}")
     return value
+
+
+def whole(element: Element, name: str, scope: Scope) -> int:
+    """An attribute as a whole number, worked out."""
+    value = number(element, name, scope)
+    if not value.is_integer():
+        raise fault(element, f"`{name}` must be a whole number, got {value:g}")
+    return int(value)
 
 
 def flag(element: Element, name: str, scope: Scope, *, default: bool) -> bool:
@@ -162,7 +172,8 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
             if len(args) != count:
                 raise _WrongExpressionError(f"must give {count} values to `{name}`, got {len(args)}")
             return function(*(_evaluate(part, names, depth + 1) for part in args))
-    raise _WrongExpressionError(f"holds `{ast.unparse(node)[:60]}`; it has numbers, $names, + - * / %, pi and "
+    held = re.sub(r"\bp_(?=[^\W\d])", "$", ast.unparse(node))  # as the file has it
+    raise _WrongExpressionError(f"holds `{held[:60]}`; it has numbers, $names, + - * / %, pi and "
                                 f"{', '.join(FUNCTIONS)}")  # fmt: skip
 
 

@@ -9,6 +9,7 @@ is left out in silence but what has no shape: marks, objects, signals, speeds.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import NamedTuple
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.scenario.openscenario.reading import read_xml
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.parametric import Cubic, pieces_along
 from sumo_eval.scenario.road.reference_line import Piece, map_places
@@ -72,12 +74,7 @@ def read_opendrive(path: Path, road: str | Sequence[str] | None = None) -> ReadR
     which they meet; the only one where none is named. Raises InputError with what cannot be read.
     """
     owner = f"OpenDRIVE file {path.name}"
-    try:
-        root = etree.fromstring(path.read_bytes(), etree.XMLParser(resolve_entities=False, no_network=True))
-    except OSError as error:
-        raise InputError(f"OpenDRIVE file {path} cannot be read: {error}.") from error
-    except etree.XMLSyntaxError as error:
-        raise InputError(f"OpenDRIVE file {path} is not XML: {error}.") from error
+    root = read_xml(path, "OpenDRIVE file")
     if root.tag != "OpenDRIVE":
         raise must_be("The root", owner, "`OpenDRIVE`", root.tag)
     roads = {str(element.get("id")): element for element in root.iter("road")}
@@ -240,7 +237,9 @@ def lane_offset(road: etree._Element, owner: str, *, flat: bool = False) -> floa
     for name in ("lanes/laneOffset", *(() if flat else PROFILES)):
         entries = list(road.iterfind(name))
         values = {_number(entry, "a", owner) for entry in entries} or {0.0}
-        bends = [entry for entry in entries if any(float(entry.get(key, "0")) != 0.0 for key in "bcd")]
+        bends = [
+            entry for entry in entries if any(_number(entry, key, owner) != 0.0 for key in "bcd" if key in entry.attrib)
+        ]
         level = name != "lateralProfile/superelevation" or values == {0.0}
         if bends or len(values) > 1 or not level:
             shown = etree.tostring((bends or entries)[0]).decode().strip()
@@ -314,7 +313,10 @@ def _driving_lanes(
 
 def _rank(lane: etree._Element) -> int:
     """How far out a lane is: 1 beside the reference line."""
-    return abs(int(lane.get("id", "0")))
+    number = lane.get("id", "0")
+    if not re.fullmatch(r"[+-]?\d{1,6}", number):
+        raise must_be("The `id`", "a <lane>", "a whole number", number)
+    return abs(int(number))
 
 
 def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> list[tuple[float, float]]:
@@ -326,9 +328,9 @@ def _widths(lane: etree._Element, begin: float, end: float, owner: str) -> list[
     for number, entry in enumerate(entries):
         first = begin + (_number(entry, "sOffset", owner) if len(entries) > 1 else 0.0)
         last = begin + _number(entries[number + 1], "sOffset", owner) if number + 1 < len(entries) else end
-        if any(float(entry.get(key, "0")) != 0.0 for key in "cd"):
+        if any(_number(entry, key, owner) != 0.0 for key in "cd" if key in entry.attrib):
             raise must_be(f"The width of lane {lane.get('id')}", owner, "constant, or linear", "a polynomial")
-        a, b = _number(entry, "a", owner), float(entry.get("b", "0"))
+        a, b = _number(entry, "a", owner), _number(entry, "b", owner) if "b" in entry.attrib else 0.0
         found += [(first, a), (last, a + b * (last - first))]
     return found
 

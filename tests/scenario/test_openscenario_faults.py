@@ -1,0 +1,289 @@
+"""Files of OpenSCENARIO that are wrong, or ask for what is not played, through the command line: one sentence each."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+from sumo_eval.errors import InputError
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.road.opendrive import read_opendrive
+from tests.scenario.test_openscenario import AT, BRAKE, CARS, ROAD, TIMED, VARIATION, written
+
+
+def said(path: Path) -> str:
+    """What `import` refuses a file with: exit status 2, one sentence in one line."""
+    result = CliRunner().invoke(main, ["import", str(path)])
+    assert result.exit_code == 2, result.output
+    assert "Traceback" not in result.output
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    assert result.stderr.strip()[-1] in ".?", result.stderr
+    return result.stderr.strip()
+
+
+def change(path: Path, old: str, new: str) -> Path:
+    """The same file with a part of its text replaced."""
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return path
+
+
+def lane_change(n: int, when: float, target: str, lasts: float = 2.0) -> str:
+    """An event with a move of the other into a lane."""
+    action = f"""<LateralAction><LaneChangeAction><LaneChangeActionDynamics dynamicsShape="sinusoidal" value="{lasts}"
+    dynamicsDimension="time"/><LaneChangeTarget>{target}</LaneChangeTarget></LaneChangeAction></LateralAction>"""
+    return TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
+
+
+def speed_change(n: int, when: float, to: float, seconds: float, priority: str = "overwrite") -> str:
+    """An event with a change of the other's speed."""
+    action = f"""<LongitudinalAction><SpeedAction><SpeedActionDynamics dynamicsShape="linear" dynamicsDimension="time"
+    value="{seconds}"/><SpeedActionTarget><AbsoluteTargetSpeed value="{to}"/></SpeedActionTarget></SpeedAction>
+    </LongitudinalAction>"""
+    event = TIMED.format(n=n, action=action, delay=0, when=AT.format(when))
+    return event.replace('priority="overwrite"', f'priority="{priority}"')
+
+
+SELF = '<RelativeTargetLane entityRef="Other" value="{}"/>'
+BY_GAP = """<ByEntityCondition><TriggeringEntities triggeringEntitiesRule="any"><EntityRef entityRef="{one}"/>
+</TriggeringEntities><EntityCondition>{condition}</EntityCondition></ByEntityCondition>"""
+GAP = """<RelativeDistanceCondition entityRef="{other}" relativeDistanceType="longitudinal" freespace="true"
+rule="lessThan" value="30"/>"""
+SOON = '<ByValueCondition><SimulationTimeCondition value="3" rule="lessThan"/></ByValueCondition>'
+SLOW = '<SpeedCondition rule="lessThan" value="3" direction="lateral"/>'
+
+
+def when(condition: str, more: str = "") -> str:
+    """A brake of the other that begins by a condition, and by another one of the same group."""
+    group = "".join(f'<Condition name="c" delay="0" conditionEdge="none">{it}</Condition>' for it in (condition, more)
+                    if it)  # fmt: skip
+    return f"""<Event name="e" priority="overwrite"><Action name="act"><PrivateAction>{BRAKE}</PrivateAction></Action>
+    <StartTrigger><ConditionGroup>{group}</ConditionGroup></StartTrigger></Event>"""
+
+
+EVENTS = {
+    r"<RelativeTargetLane>: lane `3` is not on road `0` of road.xodr, which has 1, -1": lane_change(
+        1, 1.0, SELF.format(2)
+    ),
+    r"<RelativeTargetLane>: `value` must be a whole number, got 0.5": lane_change(1, 1.0, SELF.format(0.5)),
+    r"<AbsoluteTargetLane>: lane `-1.5` is not on road": lane_change(1, 1.0, '<AbsoluteTargetLane value="-1.5"/>'),
+    r"<SpeedActionDynamics>: `Other` still changes its speed when this begins, at 2 s": (
+        speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0)
+    ),
+    r"<Event>: with its priority `overwrite` it ends while event `e1` runs": (
+        speed_change(1, 0.0, 5.0, 6.0) + lane_change(2, 2.0, SELF.format(-1))
+    ),
+    r"<Event>: with its priority `skip` it is left out while event `e1` runs": (
+        speed_change(1, 0.0, 5.0, 6.0) + speed_change(2, 2.0, 20.0, 3.0, "skip").replace('"time"', '"rate"')
+    ),
+    r"<Condition>: a condition on the drive is not played together with a time until which": when(
+        BY_GAP.format(one="Ego", condition=GAP.format(other="Other")), SOON
+    ),
+    r"<SpeedCondition>: `direction` must be longitudinal to be played, got 'lateral'": when(
+        BY_GAP.format(one="Other", condition=SLOW)
+    ),
+    r"<RelativeDistanceCondition>: entity `Nobody` is not among Ego, Other": when(
+        BY_GAP.format(one="Ego", condition=GAP.format(other="Nobody"))
+    ),
+}
+
+
+@pytest.mark.parametrize("sentence", EVENTS)
+def test_events_that_would_be_played_wrongly_are_refused(tmp_path: Path, sentence: str) -> None:
+    path = written(tmp_path, events=EVENTS[sentence])
+    found = said(path)
+    assert "scenario.xosc, line " in found
+    assert re.search(sentence, found), found
+
+
+TEXTS = {
+    r"<ManeuverGroup>: a group of manoeuvres that runs more or less than once": (
+        'maximumExecutionCount="1"', 'maximumExecutionCount="2"'
+    ),
+    r"<ScenarioObject>: there is another entity with the name `Ego`": (
+        '<ScenarioObject name="Other">', '<ScenarioObject name="Ego">'
+    ),
+    r"<RelativeLanePosition>: `dLane` must be a whole number, got 0.5": ('dLane="1"', 'dLane="0.5"'),
+    r"<LanePosition>: road `7` is not in road.xodr": ('roadId="0"', 'roadId="7"'),
+    r"<CatalogReference>: entry `truck` is not in catalog `cars`": ('entryName="car"', 'entryName="truck"'),
+    r"<ParameterAssignments>|<CatalogReference>|<ParameterDeclarations>: parameter `wide` is not declared": (
+        'parameterRef="long"', 'parameterRef="wide"'
+    ),
+    r"<OpenSCENARIO>: <Entities> is missing in it": ("Entities>", "Entitys>"),
+    r"holds `\$kph and 2`": ("${$kph / 3.6}", "${$kph and 2}"),
+    r"bracket does not close": ("${$kph / 3.6}", "${$kph / 3.6"),
+    r"parameter `kmh` is not declared. Did you mean `kph`": ("${$kph / 3.6}", "${max(pow($kmh, 2), 1)}"),
+    r"<Private>: entity `Third` is not among": ('<Private entityRef="Other">', '<Private entityRef="Third">'),
+    r"<StopTrigger>: an act that is stopped while somebody moves in it": (
+        "</ManeuverGroup>", '</ManeuverGroup><StopTrigger><ConditionGroup><Condition name="x" delay="0" '
+        'conditionEdge="none"><ByValueCondition><SimulationTimeCondition value="2" rule="greaterThan"/>'
+        "</ByValueCondition></Condition></ConditionGroup></StopTrigger>"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", TEXTS)
+def test_a_file_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path, sentence: str) -> None:
+    old, new = TEXTS[sentence]
+    path = written(tmp_path, events=speed_change(1, 0.0, 5.0, 6.0))
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    many = old in ("Entities>",)
+    path.write_text(text.replace(old, new) if many else text.replace(old, new, 1), encoding="utf-8")
+    found = said(path)
+    assert re.search(sentence, found), found
+
+
+ROADS = {
+    r"<lane>: its `id` must be a whole number below 0, got 1\.5": ('<lane id="-1"', '<lane id="1.5"'),
+    r"<lane>: `id` must be a finite number, got one": ('<lane id="-1"', '<lane id="one"'),
+    r"<width>: `a` must be a finite number, got wide": ('a="3.5"', 'a="wide"'),
+    r"<width>: `b` must be a finite number, got steep": ('b="0"', 'b="steep"'),
+    r"`length` of <geometry>.* must be a number|length": ('hdg="0.5" length="1000"', 'hdg="0.5" length="long"'),
+    r"<road>: there is another road with the `id` 0": (
+        "<OpenDRIVE>", '<OpenDRIVE><road id="0" length="1" junction="-1"/>'
+    ),
+    r"must be <OpenDRIVE>": ("OpenDRIVE>", "OpenROAD>"),
+    r"must not declare a document type": ("<OpenDRIVE>", "<!DOCTYPE OpenDRIVE []><OpenDRIVE>"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sentence", ROADS)
+def test_a_road_with_one_thing_wrong_is_refused_with_its_element(tmp_path: Path, sentence: str) -> None:
+    path = written(tmp_path)
+    old, new = ROADS[sentence]
+    assert old in ROAD
+    road = ROAD.replace(old, new) if old == "OpenDRIVE>" else ROAD.replace(old, new, 1)
+    (tmp_path / "road.xodr").write_text(road, encoding="utf-8")
+    found = said(path)
+    assert re.search(sentence, found), found
+
+
+def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_path: Path) -> None:
+    """From lane 1 one lane to the right and one to the left again, each relative to itself: 0 m and then as it began,
+    0.25 m beside its lane's middle at the start.
+    """
+    events = lane_change(1, 1.0, SELF.format(-1)) + lane_change(2, 5.0, SELF.format(1))
+    (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
+    assert [move.offset for move in other.lane_changes] == pytest.approx([-3.75, 3.5])
+    assert [move.begin for move in other.lane_changes] == [1.0, 5.0]
+
+
+def test_a_time_that_is_equal_begins_at_it(tmp_path: Path) -> None:
+    events = TIMED.format(n=1, action=BRAKE, delay=0, when='<SimulationTimeCondition value="4" rule="equalTo"/>')
+    (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
+    assert other.brake is not None
+    assert other.brake.begin == 4.0
+
+
+def test_a_catalog_whose_entry_is_there_twice_is_not_guessed(tmp_path: Path) -> None:
+    """Two files with a catalog of one name: an entry that one of them has plays, one that both have is refused."""
+    path = written(tmp_path)
+    other = tmp_path / "catalogs" / "more.xosc"
+    other.write_text(CARS.replace('Vehicle name="car"', 'Vehicle name="van"'), encoding="utf-8")
+    assert find(str(path)).concrete(only=0.0).actors[0].length == 6.0
+    other.write_text(CARS, encoding="utf-8")
+    change(path, 'description="a test"', 'description="another"')
+    sentence = said(path)
+    assert "entry `car` of catalog `cars` is there more than once: cars.xosc, line 2, <Vehicle>, more.xosc" in sentence
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
+def test_a_file_in_another_encoding_reads_as_it_is(tmp_path: Path, encoding: str) -> None:
+    path = written(tmp_path)
+    told = encoding.removesuffix("-sig")
+    text = path.read_text(encoding="utf-8").replace('version="1.0"?>', f'version="1.0" encoding="{told}"?>')
+    path.write_bytes(text.replace("a test", "Prüfung").encode(encoding))
+    logical = find(str(path))
+    assert logical.about == "Prüfung"
+    assert logical.concrete(only=0.0).ego.speed == pytest.approx(20.0)
+
+
+def test_entities_in_an_encoding_without_ascii_are_not_expanded(tmp_path: Path) -> None:
+    """In EBCDIC the bytes of `<!DOCTYPE` are others."""
+    path = written(tmp_path)
+    text = path.read_text(encoding="utf-8").removeprefix('<?xml version="1.0"?>')
+    head = '<?xml version="1.0" encoding="cp037"?><!DOCTYPE OpenSCENARIO [<!ENTITY e "72">]>'
+    path.write_bytes((head + text.replace('value="72"', 'value="&e;"')).encode("cp037"))
+    sentence = said(path)
+    assert "must not declare a document type" in sentence or "is not XML" in sentence
+
+
+def test_a_range_with_a_step_of_nothing_is_refused_at_once(tmp_path: Path) -> None:
+    written(tmp_path)
+    part = """<DeterministicSingleParameterDistribution parameterName="kph"><DistributionRange stepWidth="1e-9">
+    <Range lowerLimit="36" upperLimit="90"/></DistributionRange></DeterministicSingleParameterDistribution>"""
+    path = tmp_path / "fine.xosc"
+    path.write_text(VARIATION.format(file="scenario.xosc", parts=part), encoding="utf-8")
+    assert "fine must be at most 2,000,000, got 54000000001" in said(path)
+
+
+def test_names_that_look_like_numbers_stay_what_they_are(tmp_path: Path) -> None:
+    """A road `1234567` that a distribution chooses."""
+    path = change(written(tmp_path), 'roadId="0"', 'roadId="$light"')
+    (tmp_path / "road.xodr").write_text(ROAD.replace('id="0" length', 'id="1234567" length'), encoding="utf-8")
+    part = """<DeterministicSingleParameterDistribution parameterName="light"><DistributionSet>
+    <Element value="1234567"/></DistributionSet></DeterministicSingleParameterDistribution>"""
+    varied = tmp_path / "varied.xosc"
+    varied.write_text(VARIATION.format(file=path.name, parts=part), encoding="utf-8")
+    assert find(str(varied)).concrete(only=0.0).ego.x == pytest.approx(21.5)
+
+
+def test_parameters_in_catalog_references_and_in_each_other_are_worked_out(tmp_path: Path) -> None:
+    """`$which` names the catalog and an entry's length is an expression of parameters that rest on each other."""
+    path = change(written(tmp_path), 'catalogName="cars" entryName="car"/>', 'catalogName="$which" entryName="car"/>')
+    change(path, "</ParameterDeclarations>",
+           '<ParameterDeclaration name="which" parameterType="string" value="cars"/>'
+           '<ParameterDeclaration name="half" parameterType="double" value="${sqrt(pow($v, 2)) / 8}"/>'
+           '<ParameterDeclaration name="all" parameterType="double" value="${max($half, -$half) * (1 + 1)}"/>'
+           "</ParameterDeclarations>")  # fmt: skip
+    change(path, 'parameterRef="long" value="6"', 'parameterRef="long" value="${$all + 0.5}"')
+    change(path, path.read_text(encoding="utf-8").split("<StopTrigger>")[1].split("</StopTrigger>")[0], "")
+    change(path, "<StopTrigger></StopTrigger>", "")
+    logical = find(str(path))
+    (other,) = logical.concrete(only=0.0).actors
+    assert other.length == pytest.approx(5.5)
+    assert logical.time_limit == 60.0
+    assert math.isfinite(logical.time_limit)
+
+
+def test_an_entry_that_leads_to_itself_is_refused(tmp_path: Path) -> None:
+    """A trajectory of a catalog whose first place is on that same trajectory."""
+    place = """<TrajectoryPosition s="0"><TrajectoryRef><CatalogReference catalogName="ways" entryName="round"/>
+    </TrajectoryRef></TrajectoryPosition>"""
+    follow = """<RoutingAction><FollowTrajectoryAction><TrajectoryRef><CatalogReference catalogName="ways"
+    entryName="round"/></TrajectoryRef><TimeReference><None/></TimeReference><TrajectoryFollowingMode
+    followingMode="position"/></FollowTrajectoryAction></RoutingAction>"""
+    path = written(tmp_path, events=TIMED.format(n=1, action=follow, delay=0, when=AT.format(1)))
+    (tmp_path / "catalogs" / "ways.xosc").write_text(
+        f"""<OpenSCENARIO><FileHeader revMajor="1" revMinor="3"/><Catalog name="ways"><Trajectory name="round"
+        closed="false"><Shape><Polyline><Vertex><Position>{place}</Position></Vertex><Vertex><Position>{place}
+        </Position></Vertex></Polyline></Shape></Trajectory></Catalog></OpenSCENARIO>""",
+        encoding="utf-8",
+    )
+    assert "<CatalogReference>: entry `round` of catalog `ways` refers to itself" in said(path)
+
+
+def test_what_is_no_scenario_is_said(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    assert "cars.xosc, line 1, <OpenSCENARIO>: it must hold a <Storyboard>" in said(tmp_path / "catalogs" / "cars.xosc")
+    path.write_text("", encoding="utf-8")
+    assert "is not XML" in said(path)
+    path.write_text("<OpenDRIVE/>", encoding="utf-8")
+    assert "its root must be <OpenSCENARIO>, got <OpenDRIVE>" in said(path)
+    assert "cannot be read" in said(tmp_path / "none.xosc")
+    (tmp_path / "folder.xosc").mkdir()
+    assert "cannot be read" in said(tmp_path / "folder.xosc")
+
+
+def test_a_road_of_a_scenario_file_declares_no_entities_either(tmp_path: Path) -> None:
+    (tmp_path / "road.xodr").write_text('<!DOCTYPE o [<!ENTITY e "3.5">]>' + ROAD.replace('a="3.5"', 'a="&e;"'),
+                                        encoding="utf-8")  # fmt: skip
+    with pytest.raises(InputError, match="must not declare a document type or entities, got <!DOCTYPE> in line 1"):
+        read_opendrive(tmp_path / "road.xodr")
