@@ -85,7 +85,7 @@ def scene(
 ) -> None:
     """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as they drove."""
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
-    from sumo_eval.rates.recorded_scene import write_scene
+    from sumo_eval.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
 
     found = write_scene(
         import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
@@ -100,6 +100,7 @@ def scene(
         )
     for reason, number in found.left_out.items():
         click.echo(f"Left out: {number} vehicles, {reason}.")
+    click.echo(ROAD_AS_WRITTEN)
     click.echo(f"Scene: {found.path}")
 
 
