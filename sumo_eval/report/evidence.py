@@ -170,7 +170,7 @@ def _collisions(
     return _claim(
         score, "collisions",
         claim=f"The collision share of {about} is below {it.high:z.3g} in this space under {under}.",
-        verdict="supported" if score.not_evaluated == 0 else "not supported",
+        verdict="not supported" if score.not_evaluated else "open" if it.high >= 1.0 else "supported",
         argument="Upper end of the two-sided interval of the weighted share: a bootstrap over the cases, or, where "
         "none collided, the exact binomial limit for as many equally frequent cases as tell as much.",
         evidence=(

@@ -91,6 +91,8 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     share = claims["approach/ideal/collisions"]
     assert share["claim"].endswith("is below 0.842 in this space under equal weights of its points.")
     assert share["interval"]["high"] == pytest.approx(1.0 - 0.025**0.5)
+    everything = claims["approach/nothing/collisions"]  # both of its cases: no limit below 1 can be told
+    assert (everything["interval"]["high"], everything["verdict"], share["verdict"]) == (1.0, "open", "supported")
     assert any("every point counts the same" in text for text in share["assumptions"])
     assert claims["approach/nothing/checks"]["verdict"] == "not supported"
     assert claims["approach/ideal/checks"]["verdict"] == "supported"

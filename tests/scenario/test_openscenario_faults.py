@@ -67,6 +67,14 @@ def when(condition: str, more: str = "") -> str:
     <StartTrigger><ConditionGroup>{group}</ConditionGroup></StartTrigger></Event>"""
 
 
+def after(ref: str, state: str = "endTransition") -> str:
+    """A brake of the other once an event has ended."""
+    ended = (
+        f'<StoryboardElementStateCondition storyboardElementType="event" storyboardElementRef="{ref}" state="{state}"/>'
+    )
+    return TIMED.format(n=9, action=BRAKE, delay=0, when=ended)
+
+
 EVENTS = {
     r"<RelativeTargetLane>: lane `3` is not on road `0` of road.xodr, which has 1, -1": lane_change(
         1, 1.0, SELF.format(2)
@@ -102,7 +110,20 @@ def test_events_that_would_be_played_wrongly_are_refused(tmp_path: Path, sentenc
     assert re.search(sentence, found), found
 
 
+EVENTS |= {
+    r"<StoryboardElementStateCondition>: 2 elements are called event `e1`: a path such as": (
+        speed_change(1, 0.0, 5.0, 2.0) + speed_change(1, 4.0, 9.0, 2.0) + after("e1")
+    ),
+    r"<ParameterCondition>: parameter `light` is set during the drive": when(
+        '<ByValueCondition><ParameterCondition parameterRef="light" value="night" rule="equalTo"/></ByValueCondition>'
+    ) + """<Event name="n" priority="parallel"><Action name="sets"><GlobalAction><ParameterAction parameterRef="light">
+    <SetAction value="night"/></ParameterAction></GlobalAction></Action></Event>""",
+}  # fmt: skip
 TEXTS = {
+    r"<SimulationTimeCondition>: `rule` must be one of greaterThan, greaterOrEqual, equalTo, got 'lessThan'": (
+        'value="30" rule="greaterThan"', 'value="30" rule="lessThan"'
+    ),
+    r"expression .* divides by zero": ("${$kph / 3.6}", "${$kph % 0}"),
     r"<ManeuverGroup>: a group of manoeuvres that runs more or less than once": (
         'maximumExecutionCount="1"', 'maximumExecutionCount="2"'
     ),
@@ -173,6 +194,17 @@ def test_who_moves_across_twice_is_told_from_the_lane_in_which_it_then_is(tmp_pa
     (other,) = find(str(written(tmp_path, events=events))).concrete(only=0.0).actors
     assert [move.offset for move in other.lane_changes] == pytest.approx([-3.75, 3.5])
     assert [move.begin for move in other.lane_changes] == [1.0, 5.0]
+
+
+def test_an_event_is_found_by_the_path_to_it(tmp_path: Path) -> None:
+    """Two manoeuvres with an event `e1` each, at 1 and at 4 s, for 2 s: `two::e1` has ended at 6 s."""
+    second = f'</Maneuver><Maneuver name="two">{speed_change(1, 4.0, 9.0, 2.0)}'
+    events = speed_change(1, 1.0, 5.0, 2.0) + second + after("s::a::g::two::e1")
+    for path in ("s::a::g::two::e1", "two::e1"):
+        (other,) = (
+            find(str(written(tmp_path, events=events.replace("s::a::g::two::e1", path)))).concrete(only=0.0).actors
+        )
+        assert [act.begin for act in other.acts] == pytest.approx([1.0, 4.0, 6.0])
 
 
 def test_a_time_that_is_equal_begins_at_it(tmp_path: Path) -> None:

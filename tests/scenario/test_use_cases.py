@@ -127,7 +127,7 @@ def test_rows_pass_and_fail_in_a_table_and_in_junit(tmp_path: Path) -> None:
     """A car that does nothing at 36 km/h is 30 m / (10 - 5) m/s = 6 s from contact, so no row of it passes."""
     path = written(tmp_path, FOLLOW)
     result = evaluate(
-        {"name": "n", "scenario": [{"use": str(path)}], "drivers": {"count": 2},
+        {"name": "n", "scenario": [{"use": str(path)}], "drivers": {"count": 2}, "run": {"case_timeout": 600.0},
          "ads": [{"name": "nothing", "controller": "no_reaction"}, {"name": "idm", "controller": "idm"}]},
         tmp_path / "run", workers=1,
     )  # fmt: skip

@@ -54,7 +54,29 @@ class Conditions:
 
     entities: Mapping[str, Entity]
     number_of: Mapping[str, int]
-    spans: dict[tuple[str, str], Span] = field(default_factory=dict)
+    spans: list[tuple[str, tuple[str, ...], Span]] = field(default_factory=list)
+
+    def note(self, element: Element, span: Span, *, again: bool = False) -> None:
+        """Remember when an element of the storyboard runs, for conditions below it. again: in place of what was noted
+        of it before.
+        """
+        kind = str(element.tag).lower()
+        names = (*(it.get("name", "") for it in element.iterancestors()), attribute(element, "name"))
+        path = tuple(str(name) for name in (*reversed(names[:-1]), names[-1]) if name)
+        if again:
+            self.spans = [it for it in self.spans if it[:2] != (kind, path)]
+        self.spans.append((kind, path, span))
+
+    def _span(self, kind: str, name: str, element: Element) -> Span:
+        """When the element above of a kind and a name runs; `act::event` where the name alone is not one element's."""
+        parts = tuple(name.split("::"))
+        found = [span for known, path, span in self.spans if known == kind.lower() and path[-len(parts) :] == parts]
+        if not found:
+            raise fault(element, f"no {kind} `{name}` stands above it")
+        if len(found) > 1:
+            wanted = f"a path such as `story::act::{name}` must say which"
+            raise fault(element, f"{len(found)} elements are called {kind} `{name}`: {wanted}")
+        return found[0]
 
     def moment(self, trigger: Element | None, scope: Scope, after: Moment) -> Moment:
         """When a <StartTrigger> lets something begin that cannot begin before `after`; without one, at `after`."""
@@ -131,7 +153,9 @@ class Conditions:
                 return Moment(0.0)
             return Moment(0.0, until=value) if compared(rule, 0.0, value, element) else Moment(NEVER)
         if element.tag == "ParameterCondition":
-            name = attribute(element, "parameterRef")
+            name = attribute(element, "parameterRef").removeprefix("$")
+            if any(it.get("parameterRef") == name for it in element.getroottree().iter("ParameterAction")):
+                raise fault(element, f"parameter `{name}` is set during the drive, and is read before it here")
             wanted = worked_out(attribute(element, "value"), scope, element)
             holds = compared(attribute(element, "rule"), scope.get(name, element), wanted, element)
             return Moment(0.0 if holds else NEVER)
@@ -146,9 +170,7 @@ class Conditions:
             "stopTransition",
         ))  # fmt: skip
         name = attribute(element, "storyboardElementRef")
-        span = self.spans.get((kind, name))
-        if span is None:
-            raise fault(element, f"no {kind} `{name}` stands above it")
+        span = self._span(kind, name, element)
         if state in ("startTransition", "runningState"):
             return span.begin
         if state not in ("completeState", "endTransition"):

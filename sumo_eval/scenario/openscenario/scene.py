@@ -480,11 +480,11 @@ class _Player:
 
     def _act(self, act: Element, scope: Scope) -> None:
         begin = self.conditions.moment(act.find("StartTrigger"), scope, Moment(0.0))
-        self.conditions.spans["act", attribute(act, "name")] = Span(begin, NEVER)  # for who is in it
+        self.conditions.note(act, Span(begin, NEVER))  # for who is in it
         before = sum(len(doing.acts) for doing in self.doing.values())
         ends = [self._group(group, scope, begin) for group in act.iterfind("ManeuverGroup")]
         end = max(ends, default=begin.time)
-        self.conditions.spans["act", attribute(act, "name")] = Span(begin, end)
+        self.conditions.note(act, Span(begin, end), again=True)
         stop = act.find("StopTrigger")
         if stop is None or stop.find("ConditionGroup") is None:
             return
@@ -523,7 +523,7 @@ class _Player:
                 ends.append(span.end)
                 moves.append(span.move)
         end, move = max(ends), next((it for it in reversed(moves) if it is not None), None)
-        self.conditions.spans["maneuver", attribute(maneuver, "name")] = Span(begin, end, move)
+        self.conditions.note(maneuver, Span(begin, end, move))
         return end
 
     def _check_priority(self, event: Element, span: Span, above: list[tuple[Element, Span]]) -> None:
@@ -563,9 +563,9 @@ class _Player:
             for name in names:
                 if begin.time < NEVER and inner.tag == "PrivateAction":
                     span = self._move(only(inner), scope, self.places.entity(name, event), begin)
-            self.conditions.spans["action", attribute(action, "name")] = span
+            self.conditions.note(action, span)
             found = Span(begin, max(found.end, span.end), span.move or found.move)
-        self.conditions.spans["event", attribute(event, "name")] = found
+        self.conditions.note(event, found)
         return found
 
     def _idle(self, action: Element, names: list[str]) -> bool:
@@ -669,6 +669,7 @@ class _Player:
         if target.tag == "RelativeTargetLane":
             other = self._now(self.places.entity(text(target, "entityRef", scope), target), entity, target)
             lanes = whole(target, "value", scope)
+            assert other.lane is not None
             lane = other.lane if lanes == 0 else self.places.lane_beside(other, lanes, target)
         elif target.tag == "AbsoluteTargetLane":
             if own.road is None:
@@ -906,8 +907,10 @@ class _Player:
             ]
             if kinds == ["SimulationTimeCondition"]:
                 time = only(only(conditions[0]))
-                self.ends = min(
-                    self.ends, number(time, "value", self.scope) + number(conditions[0], "delay", self.scope, 0.0)
-                )
+                rule = one_of(time, "rule", ("greaterThan", "greaterOrEqual", "equalTo"))
+                stop = number(time, "value", self.scope) + number(conditions[0], "delay", self.scope, 0.0)
+                if stop <= 0.0:
+                    raise fault(time, f"a stop by time must be after the start, got {rule} {stop:g} s")
+                self.ends = min(self.ends, stop)
             else:
                 self._ignore(group)

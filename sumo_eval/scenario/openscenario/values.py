@@ -21,7 +21,7 @@ _REFERENCE = re.compile(r"\$([^\W\d]\w*)")
 
 _BINARY: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Mod: math.fmod,
+    ast.Mod: lambda one, two: math.fmod(one, two) if two else operator.mod(one, two),  # 0: divides by zero
 }  # fmt: skip
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "sqrt": (math.sqrt, 1), "pow": (math.pow, 2), "sin": (math.sin, 1), "cos": (math.cos, 1), "tan": (math.tan, 1),
