@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
@@ -52,7 +53,7 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import driver_deviations
 from sumo_eval.scoring.confidence.intervals import Judged, score_intervals, strata
-from sumo_eval.scoring.kept_scores import RowWriter
+from sumo_eval.scoring.kept_rows import Chunk, KeptRows, encode_rows
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 from sumo_eval.settings import (
@@ -161,50 +162,66 @@ def measure(folder: Path) -> None:
         )
 
 
+def made_up_chunks(cases: int) -> list[Chunk]:
+    """How so many rows of one ADS lie in a run's folder."""
+    firsts = enumerate(range(0, cases, POINTS_AT_ONCE))
+    return [Chunk("cut_in", "first", place, min(POINTS_AT_ONCE, cases - first)) for place, first in firsts]
+
+
+def made_up_rows(folder: Path, cases: int) -> KeptRows:
+    """The rows of a made-up run, none of them read yet."""
+    return KeptRows(KeptResults(folder), folder.name.encode(), made_up_chunks(cases))
+
+
 def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluation:
     """A run of one ADS whose rows are made up; its scores are those of two of them."""
     folder.mkdir()
-    row = made_up_row()
-    writer = RowWriter(KeptResults(folder), folder.name.encode())
-    for first in range(0, cases, POINTS_AT_ONCE):
-        some = range(first, min(first + POINTS_AT_ONCE, cases))
-        writer.add(row.scenario, row.ads, [another(row, number, changed=changed) for number in some])
-    kept_rows = writer.rows(row.ads, row.scenario)
-    score = combine(row.ads, row.scenario, kept_rows[:2], MethodSettings())
-    return Evaluation(folder.name, folder, MADE_UP, {}, (), (score,), kept_rows)
+    row, kept = made_up_row(), KeptResults(folder)
+    for chunk in made_up_chunks(cases):
+        first = chunk.place * POINTS_AT_ONCE
+        some = [another(row, number, changed=changed) for number in range(first, first + chunk.rows)]
+        kept.put([("rows", folder.name.encode(), chunk.place, encode_rows(some))])
+    rows = made_up_rows(folder, cases)
+    score = combine(row.ads, row.scenario, rows[:2], MethodSettings())
+    return Evaluation(folder.name, folder, MADE_UP, {}, (), (score,), rows)
 
 
 def from_rows(cases: int) -> None:
-    """A line for each thing that is made of all rows of a run."""
+    """A line for each thing that is made of all rows of a run. Each reads them from the folder anew."""
     with tempfile.TemporaryDirectory() as place:
-        run = made_up_run(Path(place) / "run", cases)
-        rows, logical = run.cases_of("first", "cut_in"), catalogue.load("cut_in")
+        made = made_up_run(Path(place) / "run", cases)
+        rows, logical = made.cases_of("first", "cut_in"), catalogue.load("cut_in")
         points = np.column_stack([np.linspace(0.0, 1.0, cases)] * len(logical.names))
         score = combine("first", "cut_in", rows, MethodSettings())
-        run = replace(run, scores=(score,))
         drivers = driver_deviations(rows, {}, {}, DriverSettings(), 1)
         judged = Judged(
             "first", case_terms(rows, MethodSettings()), np.arange(cases), np.zeros(cases, dtype=np.bool_), drivers
         )
         groups = strata(points, "sobol")
-        parts: dict[str, Callable[[], object]] = {
-            "scores": lambda: combine("first", "cut_in", rows, MethodSettings()),
-            f"intervals of {FEW_REPLICATES} replicates": lambda: score_intervals(
+        zone: Any = SimpleNamespace(scenario="cut_in")
+
+        def why(run: Evaluation) -> object:
+            its = run.cases_of("first", "cut_in")
+            return explain_a(score, its, MADE_UP), explain_h(score, its), collision_shares(its, MADE_UP)
+
+        parts: dict[str, Callable[[Evaluation], object]] = {
+            "scores": lambda run: combine("first", "cut_in", run.cases_of("first", "cut_in"), MethodSettings()),
+            f"intervals of {FEW_REPLICATES} replicates": lambda _: score_intervals(
                 [judged], groups, MethodSettings(), 1, "cut_in", replicates=FEW_REPLICATES, even=points
             ),
-            "cases.csv": lambda: cases_csv(run, Path(place) / "cases.csv"),
-            "junit.xml": lambda: write_junit(run_suites(run), Path(place) / "junit.xml"),
-            "ledger": lambda: ledger_lines(run),
-            "shown cases": lambda: shown_cases(replace(run, zones=(SimpleNamespace(scenario="cut_in"),))),  # type: ignore[arg-type]
-            "preventability": lambda: preventability(run),
-            "people": lambda: (people_rows(run), worst_cases(run), index_notes(run)),
-            "why": lambda: (explain_a(score, rows, MADE_UP), explain_h(score, rows), collision_shares(rows, MADE_UP)),
-            "all rows one by one": lambda: sum(row.collided for row in run.cases),
+            "cases.csv": lambda run: cases_csv(run, Path(place) / "cases.csv"),
+            "junit.xml": lambda run: write_junit(run_suites(run), Path(place) / "junit.xml"),
+            "ledger": ledger_lines,
+            "shown cases": lambda run: shown_cases(replace(run, zones=(zone,))),
+            "preventability": preventability,
+            "people": lambda run: (people_rows(run), worst_cases(run), index_notes(run)),
+            "why": why,
         }
         print(f"{cases} cases: {getrusage(RUSAGE_SELF).ru_maxrss // 1024} MB with their terms and strata", flush=True)
         for name, part in parts.items():
+            run = replace(made, scores=(score,), cases=made_up_rows(made.folder, cases))
             began = time.process_time()
-            part()
+            part(run)
             took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
             print(f"  {name}: {took:.2f} s, {1e6 * took / cases:.1f} us a case; {peak} MB at most", flush=True)
 
@@ -245,12 +262,17 @@ def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
     if changed and number % 100 == 0:
         likeness, hit = likeness - 0.1, not hit
-    return replace(
-        row, case=f"cut_in-{number:07d}-first", values={"gap": 0.001 * number, "ego_speed": 20.0 + number % 17},
-        zone="hazardous" if number % 3 == 0 else "safe", collided=hit, status="collision" if hit else "ok",
-        severity=5.0 + math.cos(number) if hit else None, no_reaction_severity=12.0 if number % 3 == 0 else 0.0,
-        weight=1.0 + 0.5 * math.cos(number), index=None if hit else likeness, human_likeness=None if hit else likeness,
-    )  # fmt: skip
+    own = copy(row)  # `replace` would look at each of the other fields, which is most of what a million rows cost
+    values: dict[str, Any] = {
+        "case": f"cut_in-{number:07d}-first", "values": {"gap": 0.001 * number, "ego_speed": 20.0 + number % 17},
+        "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit, "status": "collision" if hit else "ok",
+        "severity": 5.0 + math.cos(number) if hit else None, "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
+        "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit else likeness,
+        "human_likeness": None if hit else likeness,
+    }  # fmt: skip
+    for name, value in values.items():
+        object.__setattr__(own, name, value)
+    return own
 
 
 if __name__ == "__main__":

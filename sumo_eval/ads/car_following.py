@@ -12,7 +12,7 @@ import numpy as np
 
 from sumo_eval.ads.asked_change import change_if_free, is_waiting, lead_beside, road_left
 from sumo_eval.ads.cycle import cycles_of
-from sumo_eval.ads.lane_change import PATH, keep_lane, path_at, rear_axle_next, steering
+from sumo_eval.ads.lane_change import PATH, curvature_kept, keep_lane, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, coming_into_path, lead_in_path
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import Records, fields, flags
@@ -219,6 +219,7 @@ def idm(
     if memory.steps == 0:
         memory.desired_speed = me.speed
         keep_lane(memory.path, me, scenario.road)
+        memory.curvature = curvature_kept(memory.path, me)
     if memory.steps % round(cycle.step / scenario.step) == 0:
         memory.told, memory.steered = _decide(me, others, memory, known, p, way, cycle)
     memory.steps += 1

@@ -10,7 +10,7 @@ import numpy as np
 
 from sumo_eval.ads.braking import switched
 from sumo_eval.ads.foresight import evasion, foresee
-from sumo_eval.ads.lane_change import PATH, lane_kept, path_at, rear_axle_next, steering
+from sumo_eval.ads.lane_change import PATH, curvature_kept, lane_kept, path_at, rear_axle_next, steering
 from sumo_eval.ads.perception import bumper_gap, lateral_overlap, lead_in_path, safe_gap
 from sumo_eval.cosim.compiled import Compiled, records
 from sumo_eval.cosim.records import Records, fields
@@ -103,6 +103,8 @@ def ideal_braking_rows(
                 command.acceleration = ideal_braking(egos[i].seen, seen[i], known[i], parameters[i], scenario[0], time)
                 command.steering = lane_kept(egos[i], scenario[0])
             else:
+                if time == 0.0:
+                    evades.curvature = curvature_kept(evades.path, egos[i].seen)
                 y, slope, bend = path_at(evades.path, rear_axle_next(egos[i].seen, scenario[0]))
                 command.steering = steering(evades, egos[i].seen, y, slope, bend, scenario[0])
             egos[i].settled = 1

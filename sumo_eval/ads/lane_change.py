@@ -70,6 +70,15 @@ def keep_lane(path: Any, me: Any, road: Any) -> None:
 
 
 @kernel
+def curvature_kept(path: Any, me: Any) -> float:
+    """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even distance: how the wheel
+    stands where a drive begins. Who took it to be straight there would steer anew, by more the longer a step is.
+    """
+    line = me.curvature / (1.0 + me.curvature * me.y)
+    return float(line / (1.0 - line * path.start))
+
+
+@kernel
 def lane_of(y: float, road: Any) -> int:
     """Number of the lane at y, 0: the right-hand one."""
     return int(min(max(round(y / road.lane_width), 0), road.lanes - 1))

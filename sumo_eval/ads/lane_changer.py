@@ -38,7 +38,7 @@ def _remember(to: Any, decided: Any) -> None:
     path, goes = decided.path, to.path
     goes.start, goes.offset, goes.begin, goes.length = path.start, path.offset, path.begin, path.length
     to.cruising_speed, to.began = decided.cruising_speed, decided.began
-    to.passing, to.changing = decided.passing, decided.changing
+    to.passing, to.changing, to.curvature = decided.passing, decided.changing, decided.curvature
 
 
 @kernel

@@ -13,6 +13,7 @@ from typing import Any
 from sumo_eval.ads.car_following import FOLLOWED, change_as_asked, follow
 from sumo_eval.ads.lane_change import (
     PATH,
+    curvature_kept,
     keep_lane,
     lane_of,
     path_y,
@@ -90,6 +91,7 @@ def overtake(
     if memory.began == 0:
         memory.began, memory.cruising_speed = 1, me.speed
         keep_lane(memory.path, me, scenario.road)
+        memory.curvature = curvature_kept(memory.path, me)
     asked = math.inf
     if way.asked:
         asked = change_as_asked(memory.path, way, me, others, desired_speed, idm, scenario)

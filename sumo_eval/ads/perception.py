@@ -178,6 +178,7 @@ def take(to: Any, other: Any) -> None:
         other.speed,
         other.braking,
     )
+    to.curvature = other.curvature
 
 
 @kernel

@@ -15,6 +15,7 @@ from typing import Any, Final, NoReturn
 import click
 
 from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
+from sumo_eval.cli.sentences import WHOLE
 from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
 from sumo_eval.text import clean, clean_log
 
@@ -73,9 +74,6 @@ MEANT: Final = {
 """Words that people type for a command, by what it does."""
 
 
-_WHOLE: Final = 200  # characters: no first sentence of a command is longer
-
-
 class _Group(click.Group):
     """Loads a command when it is named, offers the nearest name for a misspelt one, turns errors into sentences."""
 
@@ -106,7 +104,7 @@ class _Group(click.Group):
     def _line(self, ctx: click.Context, name: str) -> str:
         command = self.get_command(ctx, name)
         assert command is not None
-        return command.get_short_help_str(limit=_WHOLE)
+        return command.get_short_help_str(limit=WHOLE)
 
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()

@@ -8,7 +8,9 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
+from sumo_eval.cli.finish import show_table
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
@@ -58,8 +60,7 @@ def compare(
     gates = judge(after, comparison, settings)
     if junit is not None:
         write_junit(comparison_suites(comparison, gates), junit)
-    for line in comparison_lines(comparison, gates, after):
-        click.echo(line)
+    say(comparison_lines(comparison, gates, after))
     if page is not None:
         from sumo_eval.report.html import write_comparison
 
@@ -100,7 +101,7 @@ def nightly(
     warm_up()  # before the imports below, which take a second
     from sumo_eval.nightly.night import run_night
     from sumo_eval.report.gate_settings import read_gate
-    from sumo_eval.report.terminal import closing_lines, comparison_lines, gate_lines, plain_table
+    from sumo_eval.report.terminal import closing_lines, comparison_lines, gate_lines
 
     settings = read_gate(gate)
     with Progress() as progress:
@@ -108,15 +109,12 @@ def nightly(
             evaluation, history, settings, keep=keep, workers=workers,
             exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress,
         )  # fmt: skip
-    click.echo(result.night.verdict)
-    for note in result.notes:
-        click.echo(note)
-    click.echo(plain_table(result.evaluation))
+    say((result.night.verdict, *result.notes))
+    show_table(result.evaluation)
     lines = gate_lines(result.gates)
     if result.comparison:
         lines = comparison_lines(result.comparison, result.gates, result.evaluation)[1:]
-    for line in (*lines, *closing_lines(result.evaluation)[:-1]):
-        click.echo(line)
+    say((*lines, *closing_lines(result.evaluation)[:-1]))
     click.echo(f"The report is {result.report}")
     click.echo(f"The trend is {result.trend}")
     sys.exit(result.night.exit_status)

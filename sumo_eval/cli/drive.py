@@ -10,6 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
@@ -76,8 +77,7 @@ def _collect(path: Path) -> None:
     from sumo_eval.wheel.plan import read_study
 
     found = collect(read_study(path))
-    for sentence in found.sentences():
-        click.echo(sentence)
+    say(found.sentences())
     for file in found.files:
         click.echo(str(file))
     click.echo(

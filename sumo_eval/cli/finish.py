@@ -9,22 +9,18 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sumo_eval.results import Evaluation
 
 
-def finish(evaluation: Evaluation) -> NoReturn:
-    """Write what a person and a machine read, print the table, and leave with the status that the cases deserve."""
-    from sumo_eval.report.assessed import write_assessed_report
-    from sumo_eval.report.junit import JUNIT, run_suites, write_junit
-    from sumo_eval.report.tables import write_tables
-    from sumo_eval.report.terminal import closing_lines, plain_table, score_table
+def show_table(evaluation: Evaluation) -> None:
+    """Print the scores: on a terminal as tables that fit it, elsewhere as one row an ADS and scenario."""
+    from sumo_eval.report.terminal import plain_table, score_table
 
-    write_tables(evaluation)
-    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
-    with Progress() as progress:
-        write_assessed_report(evaluation, progress=progress)
     if sys.stdout.isatty():
         from rich.console import Console
 
@@ -32,8 +28,25 @@ def finish(evaluation: Evaluation) -> NoReturn:
         console.print(score_table(evaluation, console.width))
     else:
         click.echo(plain_table(evaluation))
-    for line in closing_lines(evaluation):
-        click.echo(line)
+
+
+def finish(evaluation: Evaluation, notes: Sequence[str] = ()) -> NoReturn:
+    """Write what a person and a machine read, print the table, and leave with the status that the cases deserve.
+
+    notes: sentences that stand before where the report is.
+    """
+    from sumo_eval.report.assessed import write_assessed_report
+    from sumo_eval.report.junit import JUNIT, run_suites, write_junit
+    from sumo_eval.report.tables import write_tables
+    from sumo_eval.report.terminal import closing_lines
+
+    write_tables(evaluation)
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
+    with Progress() as progress:
+        write_assessed_report(evaluation, progress=progress)
+    show_table(evaluation)
+    *closing, where = closing_lines(evaluation)
+    say((*closing, *notes, where))
     if not evaluation.not_evaluated:
         sys.exit(DONE)
     if evaluation.settings.run.incomplete == "gate":

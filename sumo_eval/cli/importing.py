@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.named_values import named_values
+from sumo_eval.cli.sentences import say
 
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
@@ -45,8 +46,7 @@ def import_(
     if conformity:
         click.echo(table())
     if steps:
-        for line in use_cases.sentences():
-            click.echo(line)
+        say(use_cases.sentences())
     if file is None:
         if not conformity and not steps:
             raise click.UsageError("Missing argument 'FILE'.")
@@ -68,8 +68,7 @@ def import_(
         raise InputError(
             f"`import` reads OpenSCENARIO files (.xosc), use cases (.feature.md) and catalogues, got {plain}.{near}"
         )
-    for line in lines:
-        click.echo(line)
+    say(lines)
     if out is None:
         return
     if use_case is not None:

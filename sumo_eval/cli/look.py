@@ -8,6 +8,7 @@ import click
 
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval report results/first")
@@ -41,8 +42,7 @@ def explain(run: Path, case: str | None) -> None:
         lines = ledger_lines(evaluation)
     else:
         lines = explain_case(evaluation, zone_partitions(evaluation), case)
-    for line in lines:
-        click.echo(line)
+    say(lines)
 
 
 @click.command(epilog="Example: sumo-eval find results/first ego_speed=30 gap=25 --ads idm")
@@ -58,8 +58,7 @@ def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | No
 
     with Progress() as progress:
         evaluation = score(run, progress=progress)
-    for line in nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most):
-        click.echo(line)
+    say(nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most))
 
 
 @click.command(epilog="Example: sumo-eval replay results/first cut_in-0042-idm --beside driver_03 --open")

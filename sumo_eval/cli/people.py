@@ -8,9 +8,21 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import WHOLE, say
 
 
-@click.group(epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
+class _WholeLines(click.Group):
+    """A group of commands whose help cuts no line, as the help of all commands does not."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Each command with its whole first sentence."""
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(name, command.get_short_help_str(limit=WHOLE)) for name, command in sorted(self.commands.items())]
+            )
+
+
+@click.group(cls=_WholeLines, epilog="Example: sumo-eval humans import highd recordings --out people.csv.gz")
 def humans() -> None:
     """Recorded human driving: import it, look for events, weigh scenarios, check the synthetic population."""
 
@@ -45,8 +57,7 @@ def events(tables: tuple[Path, ...], out: Path | None) -> None:
     found = extract_events(import_recordings(OWN, tables))
     if out is not None:
         write_events(found, out)
-    for sentence in found.sentences():
-        click.echo(sentence)
+    say(found.sentences())
 
 
 @humans.command(epilog="Example: sumo-eval humans exposure cut_in people.csv.gz")
@@ -85,7 +96,7 @@ def scene(
 ) -> None:
     """A scene of imported TABLES as a scenario file: an ADS in the place of VEHICLE, the others as they drove."""
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
-    from sumo_eval.rates.recorded_scene import write_scene
+    from sumo_eval.rates.recorded_scene import ROAD_AS_WRITTEN, write_scene
 
     found = write_scene(
         import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
@@ -100,6 +111,7 @@ def scene(
         )
     for reason, number in found.left_out.items():
         click.echo(f"Left out: {number} vehicles, {reason}.")
+    click.echo(ROAD_AS_WRITTEN)
     click.echo(f"Scene: {found.path}")
 
 
@@ -170,8 +182,7 @@ def population(
             population=people,
             progress=lambda done, total: progress("synthetic drivers", done, total),
         )
-    for line in comparison_lines(rows):
-        click.echo(line)
+    say(comparison_lines(rows))
     if out is not None:
         write_rows(rows, out)
 
@@ -196,8 +207,7 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     with Progress() as progress:
         evaluation = score(run, progress=progress)
     result = compare_opinion(evaluation, given)
-    for line in opinion_lines(result):
-        click.echo(line)
+    say(opinion_lines(result))
     place = run / "opinion.html" if out is None else out
     write_opinion_plot(result, place)
     click.echo(f"Plot: {place}")
@@ -219,8 +229,7 @@ def similarity(run: Path, out: Path | None) -> None:
         rows = similarity_rows(evaluation, progress)
     place = run / "similarity.csv" if out is None else out
     write_rows(rows, place)
-    for line in similarity_lines(rows):
-        click.echo(line)
+    say(similarity_lines(rows))
     click.echo(f"Table: {place}")
 
 
@@ -235,8 +244,7 @@ def calibrate(runs: tuple[Path, ...], by: str) -> None:
 
     with Progress() as progress:
         evaluations = [score(run, progress=progress) for run in runs]
-    for line in calibration_lines(calibrated(evaluations, by=by)):
-        click.echo(line)
+    say(calibration_lines(calibrated(evaluations, by=by)))
 
 
 @click.command(epilog="Example: sumo-eval sensitivity results/first --constant k2")
@@ -257,8 +265,7 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
     with Progress() as progress:
         rows = respond(run, progress, constants=constants) if constants else respond(run, progress)
     by_wheel = not without_the_wheel(read_settings(run))
-    for line in sensitivity_lines(rows, by_wheel=by_wheel):
-        click.echo(line)
+    say(sensitivity_lines(rows, by_wheel=by_wheel))
     write_rows(rows, run / "sensitivity.csv")
     write_sensitivity_plot(rows, run / "sensitivity.html")
     click.echo(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

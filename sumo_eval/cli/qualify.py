@@ -10,6 +10,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 
 
 @click.command(epilog="Example: sumo-eval qualify --out qualification")
@@ -28,8 +29,7 @@ def qualify(out: Path) -> None:
     with Progress() as progress:
         found = qualified.qualify(qualified.all_checks(), progress)
     written = pages.write_qualification(found, out)
-    for line in pages.lines(found):
-        click.echo(line)
+    say(pages.lines(found))
     for path in written:
         click.echo(str(path))
     sys.exit(GATE_FAILED if found.failed else DONE)

@@ -12,6 +12,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 from sumo_eval.errors import InputError
 
 
@@ -41,8 +42,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     source = ", ".join(path.name for path in recordings)
     with Progress() as progress:
         lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
-    for sentence in sentences(lesson):
-        click.echo(sentence)
+    say(sentences(lesson))
     for path in write_lesson(lesson, out):
         click.echo(str(path))
 
@@ -71,8 +71,7 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     out_folder.ready(out)
     with Progress() as progress:
         found = run_campaign(settings, file.parent, lambda what, done, total: progress(what, done, total))
-    for sentence in sentences(found):
-        click.echo(sentence)
+    say(sentences(found))
     lost = sum((rate.lost for rate in found.rates), Counter[str]())
     if lost:
         click.echo(lost_words(lost))

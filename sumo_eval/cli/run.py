@@ -11,6 +11,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 from sumo_eval.cli.stopping import Heard, Stopping
 from sumo_eval.cli.tools import refuse_a_bare_file
 
@@ -119,7 +120,9 @@ def score(run: Path, changes: tuple[str, ...]) -> None:
 
     with Progress() as progress:
         result = score_run(run, changes, progress=progress)
-    finish(result)
+    said = f"Scored with {', '.join(changes)}, in place of what {result.folder / 'evaluation.toml'} says."
+    stays = "report.html and scores.json show that; every other command scores with the file's own settings."
+    finish(result, [f"{said} {stays}"] if changes else [])
 
 
 @click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")
@@ -152,8 +155,7 @@ def verify(run: Path, share: float, workers: int | None) -> None:
 
     with Progress() as progress:
         drives, differences = simulate_again(run, share, workers=workers, progress=progress)
-    for sentence in differences[:_MOST_LISTED]:
-        click.echo(sentence)
+    say(differences[:_MOST_LISTED])
     if len(differences) > _MOST_LISTED:
         click.echo(f"and {len(differences) - _MOST_LISTED} more.")
     if differences:

@@ -154,7 +154,8 @@ def boundary(
     if not found.collided.any() or found.collided.all():
         click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():
-        click.echo(f"  {number} simulations could not be evaluated ({status}); the search went on without them.")
+        drives = "1 simulation" if number == 1 else f"{number} simulations"
+        click.echo(f"  {drives} could not be evaluated ({status}); the search went on without them.")
     for path in write_boundary(found, out, held):
         click.echo(str(path))
     sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

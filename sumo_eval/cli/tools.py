@@ -15,6 +15,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import say
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
@@ -115,8 +116,7 @@ def _check_scenario(use: str) -> NoReturn:
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
     space_of(scenario, alone, path.parent.resolve())
-    for sentence in check_file(path, given):
-        click.echo(sentence)
+    say(check_file(path, given))
     sys.exit(DONE)
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Literal
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.method import score_terms
-from sumo_eval.method.zone_partition import IntArray, ZonePartition
 from sumo_eval.trajectory import BoolArray, FloatArray
+
+if TYPE_CHECKING:  # zones come with scenarios and their files, which a loss or a severity does not need
+    from sumo_eval.method.zone_partition import IntArray, ZonePartition
 
 SMALLEST_OVERLAP = 0.5  # w of Eq. 15 lies in [0.5, 1]
 LOSS_CLASSES = ((15.0, 1.0), (8.0, 0.7), (0.0, 0.4))  # Eq. 14: U above this, m/s -> L
@@ -114,10 +116,10 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     to_face = np.divide(towards, np.abs(direction), out=np.full(start.shape, np.inf), where=moves)
     to_box = np.maximum(to_face.min(axis=1), 1.0)  # t = 1 is x_i itself, which is in the box
 
-    def inside(rays: IntArray, t: FloatArray) -> BoolArray:
+    def inside(rays: IntArray, t: FloatArray, hazardous: Callable[[ArrayLike], BoolArray]) -> BoolArray:
         unit = np.clip(start[rays] + t[:, None] * direction[rays], 0.0, 1.0)
         points = partition.logical.from_unit(unit)
-        return np.asarray(partition.hazardous(points) & partition.exists(points))
+        return np.asarray(hazardous(points) & partition.exists(points))
 
     low: FloatArray = np.zeros(len(start))
     high: FloatArray = to_box.copy()
@@ -126,7 +128,8 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     for first in range(1, steps + 1, AT_ONCE):
         shares = np.arange(first, min(first + AT_ONCE, steps + 1)) / steps
         t = np.column_stack([low[marching], to_box[marching, None] * shares])
-        stays = inside(np.repeat(marching, len(shares)), t[:, 1:].ravel()).reshape(-1, len(shares))
+        samples = np.repeat(marching, len(shares)), t[:, 1:].ravel()
+        stays = inside(*samples, partition.hazardous_among_many).reshape(-1, len(shares))
         stayed = np.argmin(np.column_stack([stays, np.zeros(len(t), dtype=bool)]), axis=1)  # steps before the first out
         rows, leaves = np.arange(len(t)), stayed < len(shares)
         low[marching] = t[rows, stayed]
@@ -137,7 +140,7 @@ def _first_exit(partition: ZonePartition, start: FloatArray, direction: FloatArr
     every = np.arange(len(start))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        stays = inside(every, middle)
+        stays = inside(every, middle, partition.hazardous)
         low, high = np.where(stays, middle, low), np.where(stays, high, middle)
     return high
 

@@ -64,23 +64,46 @@ class SmoothMotion:
     lateral_acceleration: FloatArray
 
 
-def measures(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None) -> CriticalityMeasures:
-    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first contact if any."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """What the measures and the extremes of one drive are both made of: gap m, closing m/s, ttc s and thw s to the
+    nearest vehicle ahead at the ego's samples, (n,) each, and the drive's derivatives.
+    """
+
+    gap: FloatArray
+    closing: FloatArray
+    ttc: FloatArray
+    thw: FloatArray
+    motion: SmoothMotion
+
+
+def course_of(ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None) -> Course:
+    """The course of a drive: the ego, the other vehicles by name, and the ego's first contact if any."""
     gap, closing = vehicle_ahead(ego, actors, collision)
-    ttc = time_to_collision(gap, closing)
-    smooth = smooth_motion(ego)
+    headway = time_headway(gap, ego.speed * np.cos(ego.heading))
+    return Course(gap, closing, time_to_collision(gap, closing), headway, smooth_motion(ego))
+
+
+def measures(
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None, course: Course | None = None
+) -> CriticalityMeasures:
+    """The criticality measures of a case: the ego, the other vehicles by name, and the ego's first contact if any.
+
+    course: the drive's `course_of`, where it is known already.
+    """
+    seen = course_of(ego, actors, collision) if course is None else course
     return CriticalityMeasures(
-        min_ttc=_least(ttc),
-        max_ittc=_most(_inverse(ttc)),
-        min_thw=_least(time_headway(gap, ego.speed * np.cos(ego.heading))),
-        min_gap=_least(gap),
-        max_drac=_most(deceleration_to_avoid(gap, closing)),
+        min_ttc=_least(seen.ttc),
+        max_ittc=_most(_inverse(seen.ttc)),
+        min_thw=_least(seen.thw),
+        min_gap=_least(seen.gap),
+        max_drac=_most(deceleration_to_avoid(seen.gap, seen.closing)),
         pet=post_encroachment_time(ego, actors, collision),
         max_deceleration=max(0.0, -float(ego.acceleration.min())),
         max_jerk=_most(np.abs(np.diff(ego.acceleration) / np.diff(ego.time))),
         delta_v=np.nan if collision is None else velocity_change(collision),
-        max_lateral_speed=_most(np.abs(smooth.lateral_speed)),
-        max_lateral_acceleration=_most(np.abs(smooth.lateral_acceleration)),
+        max_lateral_speed=_most(np.abs(seen.motion.lateral_speed)),
+        max_lateral_acceleration=_most(np.abs(seen.motion.lateral_acceleration)),
     )
 
 

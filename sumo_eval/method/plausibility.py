@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 
 from sumo_eval.errors import InputError, must_be, unknown
-from sumo_eval.method.measures import smooth_motion, time_headway, time_to_collision, vehicle_ahead
+from sumo_eval.method.measures import Course, course_of
 from sumo_eval.trajectory import Collision, FloatArray, Trajectory
 
 USUAL_SHARE = 0.05
@@ -111,19 +111,20 @@ out as a ghost of the tracker (3.5 m/s across the road). Not for towns: nobody h
 
 
 def extremes_of(
-    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None
+    ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None, course: Course | None = None
 ) -> dict[str, float]:
-    """The six extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any.
+    """The six extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course: the
+    drive's `course_of`, where it is known already.
 
     min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_lateral_speed m/s;
     max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this drive,
     as without a vehicle ahead, or in one too short for a derivative.
     """
-    gap, closing = vehicle_ahead(ego, actors, collision)
-    motion = smooth_motion(ego)
+    seen = course_of(ego, actors, collision) if course is None else course
+    motion = seen.motion
     return {
-        "min_ttc": -_largest(-time_to_collision(gap, closing)),
-        "min_thw": -_largest(-time_headway(gap, ego.speed * np.cos(ego.heading))),
+        "min_ttc": -_largest(-seen.ttc),
+        "min_thw": -_largest(-seen.thw),
         "max_deceleration": _largest(np.maximum(-motion.acceleration, 0.0)),
         "max_jerk": _largest(np.abs(motion.jerk)),
         "max_lateral_speed": _largest(np.abs(motion.lateral_speed)),

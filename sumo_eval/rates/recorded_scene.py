@@ -34,6 +34,7 @@ BEFORE, BEHIND = 100.0, 500.0  # m of road behind whoever is last at the start, 
 BODIES: Final = {"van": "van", "truck": "truck", "bus": "truck", "truck_bus": "truck", "motorcycle": "motorcycle",
                  "bicycle": "bicycle", "pedestrian": "pedestrian"}  # fmt: skip
 """Bodies of scenario files by recorded class; all others are cars."""
+ROAD_AS_WRITTEN: Final = "The lanes are straight and there throughout; bends, ramps and lanes that end are not written."
 FAR, IN_ANOTHER, SHORT = (
     f"never within {REACH:g} m of the ego",
     "would stand in another vehicle where its track is continued to the start",
@@ -88,8 +89,8 @@ def write_scene(
     names = [str(name) for name in table["vehicle"].unique()]
     if ego not in names:
         raise unknown("vehicle of the recording", ego, names)
-    if model is not None and not beyond > 0.0:
-        raise must_be("The distance from which on others react", "a scene", "above 0 m", beyond)
+    if not 0.0 < beyond < NEVER:
+        raise must_be("The distance from which on others react", "a scene", f"above 0 m and below {NEVER:g} m", beyond)
     own = table[table["vehicle"] == ego]
     first = float(own["t"].iloc[0]) if begin is None else begin
     last = min(first + 30.0, float(own["t"].iloc[-1])) if end is None else end
@@ -132,13 +133,14 @@ def write_scene(
     seconds = float(clock[-1])
     content = {
         "name": re.sub(r"\W", "_", path.stem),
-        "about": f"A recorded scene: what was around vehicle {ego}, {first:g} to {last:g} s.",
+        "about": f"A recorded scene: what was around vehicle {ego}, {first:g} to {last:g} s. {ROAD_AS_WRITTEN}",
         "source": f"{table['recording'].iloc[0]}, recorded; " + (
             "nobody reacts" if model is None else f"from a departure on others react as SUMO's {model}"),
         "zone": "none",
         "people": "none",
-        "parameter": [{"name": "react_beyond", "unit": "m", "values": [*([beyond] if model else []), NEVER],
+        "parameter": [{"name": "react_beyond", "unit": "m", "values": [beyond, NEVER],
                        "about": "distance of the ego from the recorded one beyond which the others react"}],
+        "constraint": [] if model else [{"require": f"react_beyond >= {NEVER:g}", "about": "one where nobody reacts"}],
         "road": {"lanes": lanes, "lane_width": width, "length": round(road, 1)},
         "end": {"x": round(road - BEHIND / 2.0, 1), "time": round(seconds, 1)},
         "ego": {"speed": round(_speed(mine, 0.0), 3), "x": round(at[0, 0] + shift, 3), "y": round(at[0, 1], 3),

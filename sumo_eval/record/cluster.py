@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Generator, Iterable
 from importlib.util import find_spec
 from typing import Any
@@ -17,6 +18,7 @@ BATCH = 100  # cases a task at most: each starts a child, and a lost worker cost
 _BATCHES_PER_THREAD = 3  # under way for each thread of the cluster: enough that none waits, few enough to bound memory
 _TIMES = 3  # that a batch is given to the cluster before its cases count as crashed
 _CONNECT_TIME = 10.0  # s
+_OWN_LOG = "distributed.client"
 
 
 def run_batch(cases: Pack, setup: Setup, harness: str) -> list[Outcome] | str:
@@ -33,12 +35,16 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
     """
     client = _connect(setup.run.scheduler)
     from distributed import as_completed
+    from distributed.comm.core import CommClosedError
 
+    own_log = logging.getLogger(_OWN_LOG)
+    level = own_log.level
+    own_log.setLevel(logging.CRITICAL)  # it writes a traceback of a lost scheduler, of which there is a sentence here
     try:
         under_way: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
         batches: dict[str, tuple[Pack, int]] = {}
         harness = harness_identity()
-        packs = Packs(cases, max(sum(client.nthreads().values()), 1), BATCH)
+        packs = Packs(cases, _threads(client, setup.run.scheduler), BATCH)
 
         def submit(batch: Pack, times: int) -> None:
             future = client.submit(run_batch, batch, setup, harness, pure=False)
@@ -46,7 +52,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
             under_way.add(future)
 
         def fill() -> None:
-            most = max(sum(client.nthreads().values()), 1) * _BATCHES_PER_THREAD
+            most = _threads(client, setup.run.scheduler) * _BATCHES_PER_THREAD
             while len(batches) < most and not stopping():
                 batch = packs.take()
                 if batch is None:
@@ -70,8 +76,26 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
                 yield [Outcome(case, "crashed", None, f"Its worker was lost {times} times: {fault}") for case in batch]
             future.release()
             fill()
+    except CommClosedError as error:
+        raise _lost(setup.run.scheduler, error) from error
     finally:
         client.close()
+        own_log.setLevel(level)
+
+
+def _threads(client: Any, address: str) -> int:
+    """How many threads the cluster's workers have, at least 1. Raises InputError where the scheduler is gone."""
+    try:
+        return max(int(sum(client.nthreads().values())), 1)
+    except OSError as error:
+        raise _lost(address, error) from error
+
+
+def _lost(address: str, error: OSError) -> InputError:
+    return InputError(
+        f"The Dask scheduler at {address} does not answer any more: {said(error)}. What had ended is recorded; start a "
+        f"scheduler again and go on with --resume."
+    )
 
 
 def _fault(future: Any) -> str | None:

@@ -7,27 +7,29 @@ from dataclasses import replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.method.danger import danger
-from sumo_eval.method.zone_partition import PartitionParts, ZonePartition, from_parts, partition, parts_of
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario, Values
-from sumo_eval.scenario.sampling.request import Request
-from sumo_eval.scenario.sampling.samples import Sample, sample
 from sumo_eval.settings import EvaluationSettings, RankingSettings, ScenarioSettings, ZoneSettings
 from sumo_eval.trajectory import FloatArray
+
+if TYPE_CHECKING:  # who asks which scenarios a run has needs neither zones nor samples: half a second of imports
+    from sumo_eval.method.zone_partition import ZonePartition
+    from sumo_eval.scenario.sampling.samples import Sample
 
 Exposure = Callable[[Values], FloatArray]
 
 
 def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResults, key: bytes) -> ZonePartition:
     """The partition of a scenario, from what a run keeps of it under a key of all that it depends on, or computed."""
+    from sumo_eval.method.zone_partition import PartitionParts, from_parts, parts_of
+
     data = kept.get("zones", key)
     if data is not None:
         with np.load(BytesIO(data), allow_pickle=False) as found:
@@ -46,6 +48,8 @@ def kept_zones(logical: LogicalScenario, settings: ZoneSettings, kept: KeptResul
 @lru_cache(maxsize=64)  # more than ship: with fewer places than scenarios, taken in turn, none would be found again
 def zones_of(logical: LogicalScenario, settings: ZoneSettings) -> ZonePartition:
     """The partition of a scenario; asked for again by every stage of an evaluation, computed once."""
+    from sumo_eval.method.zone_partition import partition
+
     return partition(logical, settings)
 
 
@@ -58,6 +62,10 @@ def choose_points(
     entry: ScenarioSettings, source: Path, settings: EvaluationSettings, exposure: Exposure | None = None
 ) -> tuple[LogicalScenario, Sample]:
     """A logical scenario and the points of its space that are simulated. exposure: in place of the scenario's own."""
+    from sumo_eval.method.danger import danger
+    from sumo_eval.scenario.sampling.request import Request
+    from sumo_eval.scenario.sampling.samples import sample
+
     logical, sampling = catalogue.find(entry.use, source), entry.sampling
     request = Request(
         levels=sampling.levels,

@@ -19,9 +19,10 @@ from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.words import count
-from sumo_eval.results import EVALUATED, CaseResult, Evaluation
+from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms
-from sumo_eval.scoring.kept_rows import Chosen, Column, arrays, names_at, point_numbers
+from sumo_eval.scoring.kept_rows import Chosen, Column, arrays, arrays_in_parts, names_at, point_numbers
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -349,28 +350,35 @@ class _Table:
 
     @classmethod
     def of(cls, cases: Sequence[CaseResult], rows: IntArray) -> _Table:
-        names = (
-            "zone", "status", "collided", "severity", "human_likeness", "index", "ideal_severity",
-            "no_reaction_severity", "requirements_missed",
-        )  # fmt: skip
-        found = {name: column[rows] for name, column in arrays(cases, *names).items()}
-        safe, status = found["zone"] == "safe", found["status"]
-        collided, evaluated = found["collided"] == 1.0, np.isin(status, EVALUATED)
-        avoidable = collided & (found["ideal_severity"] == 0.0)
-        kinds = {
-            "collisions": collided,
-            "avoidable_collisions": avoidable,
-            "unavoidable_collisions": collided & (np.nan_to_num(found["ideal_severity"]) != 0.0),
-            "caused_collisions": avoidable & (found["no_reaction_severity"] == 0.0),
-            "safe_collisions": collided & safe,
-            "off_road": status == "off_road",
-            "not_evaluated": ~evaluated,
-            "requirements_missed": _texts(found["requirements_missed"]) != "",
+        there, chosen_rows = OutcomeColumns.of(cases), _all_or(rows, len(cases))
+        flags = {
+            "collisions": there.collided,
+            "avoidable_collisions": there.avoidable,
+            "unavoidable_collisions": there.unavoidable,
+            "caused_collisions": there.caused,
+            "safe_collisions": there.collided & there.safe,
+            "off_road": there.off_road,
+            "not_evaluated": ~there.evaluated,
+            "requirements_missed": _missing_requirements(cases),
         }
+        numbers = arrays(cases, "severity", "human_likeness", "index")
         return cls(
-            safe, evaluated, collided, kinds["off_road"], found["severity"], found["human_likeness"], found["index"],
-            {name: int(flags.sum()) for name, flags in kinds.items()},
+            there.safe[chosen_rows], there.evaluated[chosen_rows], there.collided[chosen_rows],
+            there.off_road[chosen_rows], numbers["severity"][chosen_rows], numbers["human_likeness"][chosen_rows],
+            numbers["index"][chosen_rows], {name: int(found[chosen_rows].sum()) for name, found in flags.items()},
         )  # fmt: skip
+
+
+def _all_or(rows: IntArray, cases: int) -> IntArray | slice:
+    """Rows of so many cases; all of them as a slice, of which no column is copied."""
+    return slice(None) if np.array_equal(rows, np.arange(cases)) else rows
+
+
+def _missing_requirements(cases: Sequence[CaseResult]) -> BoolArray:
+    """Which cases miss a requirement, (n,)."""
+    name = "requirements_missed"
+    parts = [_texts(part[name]) != "" for part in arrays_in_parts(cases, name)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.bool_)
 
 
 def _texts(column: Column) -> Column:
@@ -381,7 +389,8 @@ def _texts(column: Column) -> Column:
 def _terms(cases: Sequence[CaseResult], rows: IntArray, run: Evaluation) -> CaseTerms:
     """The terms of chosen cases."""
     terms = case_terms(cases, run.settings.method)
-    return CaseTerms(**{item.name: getattr(terms, item.name)[rows] for item in fields(terms)})
+    chosen_rows = _all_or(rows, len(cases))
+    return CaseTerms(**{item.name: getattr(terms, item.name)[chosen_rows] for item in fields(terms)})
 
 
 def _changes(

@@ -66,7 +66,7 @@ def picture(logical: LogicalScenario, points: Sample) -> go.Figure:
     for place, (x, y) in enumerate(pairs):
         row, column = (1, 1) if k == 1 else (y, x + 1)
         for name, rows, colour, symbol, sizes in (
-            (f"refused by a constraint: {len(points.refused)}", points.refused, REFUSED, "x-thin-open", 5),
+            (f"refused: {len(points.refused)}", points.refused, REFUSED, "x-thin-open", 5),
             (f"chosen: {len(points.points)}", points.points, CHOSEN, "circle", size),
         ):
             figure.add_trace(

@@ -10,9 +10,10 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from sumo_eval.results import EVALUATED, CaseResult, Evaluation
+from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario.logical import LogicalScenario, Parameter
 from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import FloatArray
 
 MOST_SHOWN = 5_000  # cases that the page has, of all ADSs and scenarios together: with more it would be over 10 MB
@@ -72,12 +73,11 @@ def shown_cases(evaluation: Evaluation) -> dict[str, Shown]:
 
 def _telling(cases: Sequence[CaseResult]) -> FloatArray:
     """How much each case tells, (n,)."""
-    read = arrays(cases, "status", "collided", "severity", "human_likeness")
+    read, there = arrays(cases, "severity", "human_likeness"), OutcomeColumns.of(cases)
     tells = np.nan_to_num(1.0 - read["human_likeness"])
-    hit = read["collided"] == 1.0
     severity = np.nan_to_num(read["severity"])
-    tells[hit] = _HIT + severity[hit] / max(float(severity.max(initial=0.0)), 1.0)
-    return np.where(np.isin(read["status"], EVALUATED), tells, _LOST)
+    tells[there.collided] = _HIT + severity[there.collided] / max(float(severity.max(initial=0.0)), 1.0)
+    return np.where(there.evaluated, tells, _LOST)
 
 
 def density_maps(logical: LogicalScenario, cases: Sequence[CaseResult], x: int, y: int) -> list[tuple[str, Markup]]:

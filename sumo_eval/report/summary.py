@@ -177,7 +177,7 @@ def _good(evaluation: Evaluation, best: str) -> Answer:
         return Answer(question, "it has avoidable collisions", tuple(sentences), "bad")
     if below or missing:
         return Answer(question, "safe here, with questions", tuple(sentences), "open")
-    return Answer(question, "no weakness seen", tuple(sentences), "good")
+    return Answer(question, "no avoidable collision", tuple(sentences), "good")
 
 
 def _collisions(avoidable: int, caused: int, cases: int) -> str:

@@ -128,6 +128,17 @@ _STATUS = {
     "crashed": "The process that ran the case died.",
     "rejected": "The case was refused before it began.",
 }
+_LEFT_OUT = {
+    "collision": "collided",
+    "off_road": "left the road",
+    "timeout": "took too long",
+    "ads_error": "failed",
+    "ads_timeout": "took too long over one step",
+    "sim_error": "were refused by SUMO",
+    "crashed": "ended with their process",
+    "rejected": "were refused before they began",
+}
+"""What became of drivers' drives that are no reference, by their status."""
 _END = {
     "contact": "contact with another road user",
     "standstill": "the ego came to a standstill",
@@ -657,8 +668,8 @@ def score_note(note: ScoreNote) -> str:
     """What a reader must know of a score, as sentences."""
     match note:
         case DrivesLeftOut(left_out, drives, statuses):
-            how = ", ".join(f"{number} {status}" for status, number in statuses)
-            return f"{left_out} of {drives} drives of the drivers are left out of the reference ({how})."
+            how = ", ".join(f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses)
+            return f"{left_out} of the drivers' {drives} drives are left out of the reference: {how}."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(number for _, number in alone)

@@ -13,7 +13,6 @@ from typing import Final
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scenario.openscenario.logical import read_logical
 from sumo_eval.scenario.shipped_files import scenario_files
 from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 from sumo_eval.settings.locators import load_object
@@ -50,6 +49,8 @@ def find(use: str, folder: Path | None = None) -> LogicalScenario:
     if plain.endswith(".toml"):
         return read_scenario((Path.cwd() if folder is None else folder) / plain, given)
     if plain.endswith(".xosc"):
+        from sumo_eval.scenario.openscenario.logical import read_logical
+
         return read_logical((Path.cwd() if folder is None else folder) / plain, given)
     if plain.endswith(ENDINGS):
         return read_use_case((Path.cwd() if folder is None else folder) / plain, given).logical

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 from sumo_eval.method.conflict import conflicting
-from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, lane_keeping, measures
+from sumo_eval.method.measures import CriticalityMeasures, LaneKeeping, conflict_pet, course_of, lane_keeping, measures
 from sumo_eval.method.plausibility import EXTREMES, Quantiles, extremes_of, plausibility
 from sumo_eval.record.human_reference import method_sources
 from sumo_eval.record.kept_results import KeptResults, key_of
@@ -103,8 +103,9 @@ def _measured(drive: _Drive, store: Store, lane_width: float) -> bytes:
     if EGO not in actors:
         raise store.no_trajectory(drive.case)
     ego = actors.pop(EGO)
-    criticality = measures(ego, actors, drive.collision)
-    extremes = extremes_of(ego, actors, drive.collision)
+    course = course_of(ego, actors, drive.collision)
+    criticality = measures(ego, actors, drive.collision, course)
+    extremes = extremes_of(ego, actors, drive.collision, course)
     lane = lane_keeping(ego, lane_width)
     pet = math.nan
     if drive.conflicting in actors:

@@ -30,6 +30,7 @@ _FIELDS: Final = tuple(field.name for field in fields(CaseResult))
 _HEADER = struct.Struct("<I")
 _HELD = 32  # chunks of rows that are in memory at a time
 _REAL, _LISTED = "real", "listed"
+_PLAIN = frozenset((str, bool, type(None)))
 
 Thing = TypeVar("Thing")
 Column = NDArray[Any]
@@ -105,11 +106,26 @@ def _arrays(data: bytes, names: Sequence[str]) -> dict[str, Column]:
     return found
 
 
-def _joined(parts: Sequence[Column]) -> Column:
-    """Columns of chunks as one; of texts a chunk in which no row has one is a column of nan."""
-    if any(part.dtype.kind == "U" for part in parts):
-        return np.concatenate([part if part.dtype.kind == "U" else np.full(len(part), "") for part in parts])
-    return np.concatenate(parts) if parts else np.empty(0)
+class _Column:
+    """A column of many rows that is filled some rows at a time: numbers are never in memory twice."""
+
+    def __init__(self, rows: int) -> None:
+        self._numbers, self._filled = np.empty(rows), 0
+        self._texts: list[Column] = []
+
+    def add(self, part: Column) -> None:
+        """Put the next rows in."""
+        if part.dtype.kind == "U" and not self._texts:  # until now no row had a text
+            self._texts = [np.full(self._filled, "")]
+        if self._texts:
+            self._texts.append(part if part.dtype.kind == "U" else np.full(len(part), ""))
+        else:
+            self._numbers[self._filled : self._filled + len(part)] = part
+            self._filled += len(part)
+
+    def whole(self) -> Column:
+        """The column (n,); of texts a chunk in which no row has one has empty ones."""
+        return np.concatenate(self._texts) if self._texts else self._numbers[: self._filled]
 
 
 def as_array(values: Sequence[Any]) -> Column:
@@ -130,16 +146,32 @@ def arrays(cases: Sequence[CaseResult], *names: str) -> dict[str, Column]:
     return found
 
 
+def arrays_in_parts(cases: Sequence[CaseResult], *names: str) -> Iterator[dict[str, Column]]:
+    """Columns of some rows after the other, each part as `arrays` gives it: a column of texts need not be in memory."""
+    return cases.arrays_in_parts(*names) if isinstance(cases, KeptRows) else iter([arrays(cases, *names)])
+
+
 def _encode(values: list[Any]) -> tuple[str, bytes]:
     """Numbers as their bits, the missing ones marked; anything else as what occurs, and which of it each row has."""
     if all(value is None or isinstance(value, float) for value in values):
         missing = np.array([value is None for value in values], dtype=np.bool_)
         numbers = np.array([0.0 if value is None else value for value in values], dtype="<f8")
         return _REAL, np.packbits(missing).tobytes() + numbers.view(np.uint8).reshape(-1, 8).T.tobytes()
+    written: dict[tuple[type, Any], bytes] = {}
     places: dict[bytes, int] = {}
-    which = [places.setdefault(encoded(value), len(places)) for value in values]
+    which = [places.setdefault(_written(value, written), len(places)) for value in values]
     listed = b"[" + b",".join(places) + b"]"
     return _LISTED, np.array(which, dtype="<u4").tobytes() + listed
+
+
+def _written(value: Any, before: dict[tuple[type, Any], bytes]) -> bytes:
+    """A value as `encoded` has it; what of texts, truth values and None was written before is not written again."""
+    if type(value) not in _PLAIN:  # 0.0 equals -0.0, and is written otherwise
+        return encoded(value)
+    key = (type(value), value)
+    if key not in before:
+        before[key] = encoded(value)
+    return before[key]
 
 
 def _decode(body: bytes, kind: str, count: int) -> list[Any]:
@@ -309,11 +341,16 @@ class KeptRows(Sequence[CaseResult]):
 
     def arrays(self, *names: str) -> dict[str, Column]:
         """These fields of all rows as arrays (n,); `values.NAME` is a parameter's."""
-        parts: dict[str, list[Column]] = {name: [] for name in names}
+        found = {name: _Column(len(self)) for name in names}
+        for some in self.arrays_in_parts(*names):
+            for name, part in some.items():
+                found[name].add(part)
+        return {name: found.pop(name).whole() for name in names}
+
+    def arrays_in_parts(self, *names: str) -> Iterator[dict[str, Column]]:
+        """These fields as arrays, of some rows after the other."""
         for chunk in self._chunks:
-            for name, part in _arrays(self._data(chunk), names).items():
-                parts[name].append(part)
-        return {name: _joined(found) for name, found in parts.items()}
+            yield _arrays(self._data(chunk), names)
 
     def find(self, case: str) -> CaseResult | None:
         """The row of a case; None where there is none."""

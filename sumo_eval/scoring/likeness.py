@@ -39,7 +39,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 FEWEST_DRIVERS = 2  # a deviation needs two
 FEWEST_FOR_A_BAND = 3  # and so does what is left when one is left out
 SYNTHETIC = "synthetic"  # what is recorded as the controller of a synthetic driver
-_AT_ONCE = 65_536  # points whose zone and weight are computed at a time
+_AT_ONCE = 8_192  # points whose zone and weight are computed at a time: 65,536 took 0.3 GB
 JACKKNIFED = 16  # cases of an ADS in a scenario on which drivers are left out one by one
 
 Judged = TypeVar("Judged")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.results import EVALUATED, CaseResult
-from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.kept_rows import arrays_in_parts
 from sumo_eval.trajectory import BoolArray, FloatArray
+
+_FIELDS = ("zone", "status", "collided", "struck_from_behind", "ideal_severity", "no_reaction_severity")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,10 +32,14 @@ class OutcomeColumns:
 
     @classmethod
     def of(cls, cases: Sequence[CaseResult]) -> OutcomeColumns:
-        """Those of rows, of which nothing else is read."""
-        read = arrays(
-            cases, "zone", "status", "collided", "struck_from_behind", "ideal_severity", "no_reaction_severity"
-        )
+        """Those of rows, of which nothing else is read, and that some at a time."""
+        parts = [cls._of_some(read) for read in arrays_in_parts(cases, *_FIELDS)]
+        if not parts:
+            return cls.of([])
+        return cls(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)))
+
+    @classmethod
+    def _of_some(cls, read: Mapping[str, NDArray[Any]]) -> OutcomeColumns:
         return cls(
             safe=read["zone"] == "safe",
             evaluated=np.isin(read["status"], EVALUATED),

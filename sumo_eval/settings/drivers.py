@@ -19,7 +19,7 @@ class PopulationSettings(Checked):
         1.0
     )
     reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
-    lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.0
+    lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.1
 
 
 @dataclass(frozen=True, slots=True)

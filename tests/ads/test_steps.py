@@ -140,6 +140,32 @@ def far_flips(name: str, ads: str, count: int) -> list[tuple[str, float]]:
     return [(label, kept) for label, kept in flips if kept > GRAZE]
 
 
+@pytest.mark.parametrize("step", [0.1, 0.05, 0.005])
+@pytest.mark.parametrize("ads", ["idm", "lane_changer", "no_reaction"])
+def test_law_on_a_bend_nobody_leaves_the_line_before_there_is_a_reason(ads, step):
+    # A wheel that is taken to be straight when the drive begins was turned anew: 4 mm to the left at a step of 0.05 s.
+    concrete = catalogue.load("curve_braking").concrete(ego_speed=20.0, headway=2.4, lead_deceleration=2.0)
+    ego = simulate(concrete, ads, SimulationSettings(step=step, record_interval=0.1, time_limit=0.3)).ego
+    assert len(ego) == 4
+    assert np.abs(ego.y - ego.y[0]).max() < 2e-5
+    assert np.abs(ego.steering_wheel_angle - ego.steering_wheel_angle[0]).max() < 1e-4
+
+
+HUNG_ON_MILLIMETRES = [
+    ("curve_braking", (24.6705, 1.55017, 8.78243)),
+    ("curve_braking", (24.733, 2.13913, 6.52766)),
+    ("curve_cut_in", (20.7896, 6.40342, 28.0572, 1.51642)),
+]
+
+
+@pytest.mark.parametrize(("name", "point"), HUNG_ON_MILLIMETRES)
+def test_beside_a_lead_on_a_bend_lane_changer_ends_the_same_way_at_every_step(name, point):
+    logical = catalogue.load(name)
+    concrete = logical.concrete(**dict(zip(logical.names, point, strict=True)))
+    coarse, fine = (driven(concrete, "lane_changer", step) for step in (0.05, 0.01))
+    assert (coarse.collision is None, coarse.end_reason) == (fine.collision is None, fine.end_reason)
+
+
 def test_the_clearance_of_bodies_on_the_map_by_hand():
     # 10 m behind a standing vehicle of 4.5 m, both turned by a right angle to the side for 1.8 m: 10 - 0.9 - 2.25 m
     time = np.array([0.0, 1.0])

@@ -17,11 +17,15 @@ from sumo_eval.drivers.synthetic.population import (
 )
 from sumo_eval.errors import InputError
 from sumo_eval.scenario.concrete import smooth_step, smooth_step_rate
+from sumo_eval.settings import PopulationSettings
+
+AS_FITTED = PopulationSettings(lane_change_scale=1.0)
+"""Drivers whose every parameter has the fitted distribution."""
 
 
 @pytest.fixture(scope="module")
 def drivers():
-    return draw_population(2000, seed=1)
+    return draw_population(2000, seed=1, settings=AS_FITTED)
 
 
 OWN = {
@@ -84,6 +88,11 @@ def test_lane_changes_last_as_long_and_are_as_quick_as_recorded(drivers):
     across = 3.65 / duration * smooth_step_rate(time / duration)  # the recorded motorway has lanes of 3.62 and 3.79 m
     assert across.max() == pytest.approx(math.exp(-0.373), rel=0.03)
     assert np.mean(across > 0.12) * duration == pytest.approx(math.exp(2.125), rel=0.1)
+
+
+def test_lane_changes_of_the_drivers_that_ship_last_a_tenth_longer_than_fitted(drivers):
+    for fitted, ships in zip(drivers[:20], draw_population(20, seed=1), strict=True):
+        assert ships.lane_change_10_90 == pytest.approx(1.1 * fitted.lane_change_10_90)
 
 
 def test_the_speed_at_which_drivers_settle_spreads_as_recorded(drivers):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 from drivers.test_reference import write_people
@@ -19,7 +19,8 @@ from sumo_eval.settings import PopulationSettings
     [({"reaction_scale": 2.0}, "reaction_time", 2.0), ({"lane_change_scale": 0.5}, "lane_change_10_90", 0.5)],
 )
 def test_a_setting_of_the_population_changes_what_it_says_and_nothing_else(changes, field, factor):
-    for before, after in zip(draw_population(8, 3), draw_population(8, 3, PopulationSettings(**changes)), strict=True):
+    ones = PopulationSettings(reaction_scale=1.0, lane_change_scale=1.0)
+    for before, after in zip(draw_population(8, 3, ones), draw_population(8, 3, replace(ones, **changes)), strict=True):
         assert getattr(after, field) == pytest.approx(factor * getattr(before, field))
         assert asdict(after) | {field: None} == asdict(before) | {field: None}
 

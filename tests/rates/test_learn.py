@@ -78,8 +78,9 @@ def test_what_was_planted_is_found_again_and_the_files_can_be_driven(tmp_path):
 
 @pytest.mark.campaign
 def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_path):
-    """Each of 21 quantities does. All ends at once, and all correlations at once, are held by 95 % intervals as well: a
-    count of 100 is below 93 with probability 0.128 and below 88 with 0.0015.
+    """Each of 21 quantities does. All ends at once, and all correlations at once, are held by intervals made to hold
+    them in 95 % of samples and no more: a count of 100 is below 93 with probability 0.128 where that is so. They keep
+    95 % less three deviations, as in the test below, which has 1,000 samples to tell it with.
     """
     held: dict[str, int] = {}
     for seed in range(100):
@@ -89,7 +90,7 @@ def test_what_was_planted_lies_in_the_intervals_in_93_of_100_repetitions(tmp_pat
     assert len(held) == 23
     at_once = [held.pop("all ends"), held.pop("all correlations")]
     assert {name: count for name, count in held.items() if count < 93} == {}
-    assert min(at_once) >= 88
+    assert min(at_once) >= 100 * 0.95 - 3.0 * np.sqrt(100 * 0.95 * 0.05), at_once  # 88.5, so 89; missed in 0.4 %
 
 
 def test_intervals_of_a_class_hold_all_its_ends_and_all_its_correlations_at_once_in_95_of_100():

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from sumo_eval.cli import main
 from sumo_eval.cosim import simulate
-from sumo_eval.drivers.recorded.recordings import Recordings, canonical
+from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
 from sumo_eval.rates.departures import Departure
-from sumo_eval.rates.recorded_scene import FAR, NEVER, fit_speeds, thinned, write_scene
+from sumo_eval.rates.recorded_scene import FAR, NEVER, ROAD_AS_WRITTEN, fit_speeds, thinned, write_scene
 from sumo_eval.scenario.concrete import departures, smooth_step
 from sumo_eval.scenario.file import read_scenario, scenario_from
 
@@ -47,6 +49,27 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert (found.others, found.continued, found.seconds) == (3, 0, 20.0)
     assert found.error[1] < 0.1
     return path
+
+
+def test_the_file_and_the_terminal_say_what_of_the_road_is_not_written(scene: Path, tmp_path: Path) -> None:
+    assert read_scenario(scene).about.endswith(ROAD_AS_WRITTEN)
+    table = tmp_path / "people.csv.gz"
+    write_csv(recorded(), table)
+    told = CliRunner().invoke(
+        main, ["humans", "scene", str(table), "--ego", "ego", "--end", "120", "--out", str(tmp_path / "scene.toml")]
+    )
+    assert told.exit_code == 0, told.output
+    assert ROAD_AS_WRITTEN in told.output
+
+
+def test_where_no_model_is_named_nobody_reacts_and_one_point_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    write_scene(recorded(), path, "ego", end=120.0)
+    logical = read_scenario(path)
+    with pytest.raises(InputError, match="one where nobody reacts"):
+        logical.concrete(react_beyond=2.0)
+    found = simulate(logical.concrete(react_beyond=NEVER), "careful_driver")
+    assert not any(clip.what == "handed_over" for clip in found.clips)
 
 
 def test_where_nobody_departs_everybody_drives_as_recorded(scene: Path) -> None:

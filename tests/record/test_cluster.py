@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import random
+import sqlite3
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from record.runs import sumo_eval_cli, write_evaluation
+from record.runs import MY_ADS, command, digest, sumo_eval_cli, write_evaluation
 
 from sumo_eval.errors import InputError
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.kept import pack
+from sumo_eval.record.run_folder import FACTS
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
@@ -142,6 +144,54 @@ def test_workers_that_are_killed_at_random_moments_cost_no_case(tmp_path: Path) 
         lost = [one for one in found if one.status == "crashed"]
         assert all("Its worker was lost 3 times" in (one.error or "") for one in lost)
         assert len({pack(one.recording.ego) for one in found if one.recording}) == 1
+
+
+SLOW_TO_BEGIN = MY_ADS.replace(
+    "    def step", "    def __init__(self):\n        __import__('time').sleep(0.2)\n\n    def step"
+)
+
+
+@pytest.mark.campaign
+def test_a_scheduler_that_is_killed_ends_the_run_with_a_sentence_and_the_run_goes_on_with_another(
+    tmp_path: Path,
+) -> None:
+    path, far = write_evaluation(tmp_path, SLOW_TO_BEGIN, levels=5), tmp_path / "far"
+    (tmp_path / "first").mkdir()
+    with started(tmp_path / "first") as cluster:
+        cluster.worker("--no-nanny")
+        cluster.wait_for(1)
+        words = command("run", path, "--out", far, "--engine", "dask", "--scheduler", cluster.address)
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        until = time.monotonic() + 240.0
+        while not recorded(far) and process.poll() is None and time.monotonic() < until:
+            time.sleep(0.05)
+        cluster.processes[0].kill()
+        _, said = process.communicate(timeout=120)
+    assert process.returncode == 2, said
+    assert "Traceback" not in said
+    assert said.count("sumo-eval: ") == 1
+    assert f"The Dask scheduler at {cluster.address} does not answer any more" in said
+    before = recorded(far)
+    assert before > 0
+    (tmp_path / "second").mkdir()
+    with started(tmp_path / "second") as cluster:
+        cluster.worker("--no-nanny")
+        cluster.wait_for(1)
+        done = sumo_eval_cli("run", path, "--out", far, "--resume", "--engine", "dask", "--scheduler", cluster.address)
+    assert done.returncode == 0, done.stderr
+    assert recorded(far) > before
+    assert sumo_eval_cli("run", path, "--out", tmp_path / "near").returncode == 0
+    assert digest(far) == digest(tmp_path / "near")
+
+
+def recorded(folder: Path) -> int:
+    """How many cases a run's file holds, 0 where it is not there yet."""
+    try:
+        with closing(sqlite3.connect(f"file:{folder / FACTS}?mode=ro", uri=True)) as connection:
+            (found,) = connection.execute("SELECT count(*) FROM facts").fetchone()
+            return int(found)
+    except sqlite3.Error:
+        return 0
 
 
 def test_without_a_scheduler_there_is_a_sentence(tmp_path: Path) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import tomllib
+from dataclasses import fields
 from typing import Any
 
 import pytest
 
 from sumo_eval.errors import InputError
+from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.config import SUITES, settings_from
 
-FROZEN = {"2026.1": "99bab240a03d86c8"}
+FROZEN = {"2026.1": "b9528fe14c9a19fa"}
 
 
 def asked(**more: Any) -> dict[str, Any]:
@@ -24,6 +27,13 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers() -> None:
         "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
     ]  # fmt: skip
     assert (settings.seed, settings.drivers.count) == (20261, 6)
+    assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0)
+
+
+def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores() -> None:
+    for path in SUITES.glob("*.toml"):
+        said = tomllib.loads(path.read_text(encoding="utf-8"))["drivers"]["population"]
+        assert set(said) == {item.name for item in fields(PopulationSettings)}, path.name
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 LEVEL = 0.95
 REPLICATES = 2_000
 AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
+DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
 EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
 SMALLEST = 4  # points that are split in halves
 _FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
@@ -145,8 +146,11 @@ def draw_counts(
     """
     counts = np.ones((replicates, sum(len(group) for group in groups)))
     for size, same in same_sizes(groups) if sizes is None else sizes:
-        drawn = stream.multinomial(size - 1, np.full(size, 1.0 / size), (replicates, len(same)))
-        counts[:, same] = drawn * (size / (size - 1))
+        some = max(DRAWN_AT_ONCE // same.size, 1)  # replicates: the numbers of a stream are the same, however many
+        for first in range(0, replicates, some):
+            rows = slice(first, min(first + some, replicates))
+            drawn = stream.multinomial(size - 1, np.full(size, 1.0 / size), (rows.stop - first, len(same)))
+            counts[rows, same.ravel()] = (drawn * (size / (size - 1))).reshape(rows.stop - first, -1)
     return counts
 
 
@@ -177,7 +181,9 @@ class Balance:
         """The draws (m, n), balanced."""
         errors = counts - 1.0
         errors -= (errors @ self.trend) @ self.trend.T
-        return np.maximum(1.0 + self.scale * errors, 0.0)
+        errors *= self.scale
+        errors += 1.0
+        return np.maximum(errors, 0.0, out=errors)
 
 
 def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -> FloatArray:
@@ -219,11 +225,16 @@ def score_intervals(
         plain = draw_counts(groups, rows.stop - first, stream, sizes)
         counts = plain if balance is None else balance(plain)
         for one, drawn, part in zip(judged, draws, parts, strict=True):
-            part.append(_replicates(one, counts[:, one.points], plain[:, one.points], drawn.rows(rows), method))
+            part.append(_replicates(one, _at(counts, one.points), _at(plain, one.points), drawn.rows(rows), method))
     return [
         _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
         for one, drawn, part in zip(judged, draws, parts, strict=True)
     ]
+
+
+def _at(counts: FloatArray, points: IntArray) -> FloatArray:
+    """How often the points of an ADS's cases stand, (m, n): the counts themselves where it drove at all points."""
+    return counts if np.array_equal(points, np.arange(counts.shape[1])) else counts[:, points]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,39 @@
+"""Sentences of the commands on a terminal: each broken between words, and the commands' own in full."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable
+from typing import Final
+
+import click
+
+WHOLE: Final = 200
+"""Characters that a help line may have: no first sentence of a command is longer."""
+
+
+def say(lines: Iterable[str]) -> None:
+    """Print lines; on a terminal what is wider is broken between words, and goes on indented.
+
+    A file or a pipe gets every line as it is: whoever searches in it finds a sentence in one line.
+    """
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    for line in lines:
+        click.echo(line if width is None else broken(line, width))
+
+
+def broken(line: str, width: int) -> str:
+    """A line broken between words so that none of its parts is wider, as far as its words allow.
+
+    What is not wider stays as it is, spaces between words too, so that columns stay columns.
+    """
+    if len(line) <= width:
+        return line
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    parts = textwrap.wrap(
+        line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False,
+        drop_whitespace=True,
+    )  # fmt: skip
+    return "\n".join(parts)
