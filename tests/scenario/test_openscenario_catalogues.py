@@ -196,6 +196,11 @@ def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Pat
         one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads).collision for case in (own, theirs))
         alike = (one is None) == (two is None)
         assert alike == ((ads, name) not in SHAPE_DECIDES), name
+        if one is not None and two is not None:
+            speeds = [it.ego_velocity[0] - it.other_velocity[0] for it in (one, two)]
+            assert speeds[0] == pytest.approx(speeds[1], abs=2.0 / 3.6), (
+                name
+            )  # the target of their CCRb goes on at that
 
 
 @needs_catalogues
