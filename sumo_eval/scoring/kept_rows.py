@@ -147,7 +147,7 @@ def arrays(cases: Sequence[CaseResult], *names: str) -> dict[str, Column]:
 
 
 def arrays_in_parts(cases: Sequence[CaseResult], *names: str) -> Iterator[dict[str, Column]]:
-    """As `arrays`, some rows after the other, so that a column of texts need not be in memory."""
+    """Fields of rows as arrays, of some rows after the other, so that no column of texts need be in memory whole."""
     return cases.arrays_in_parts(*names) if isinstance(cases, KeptRows) else iter([arrays(cases, *names)])
 
 
