@@ -260,11 +260,12 @@ def page(folder: Path, cases: int) -> None:
         settings = replace(run.settings, ads=ads)
         many = replace(run, cases=rows, scores=(one,), ranking=None, settings=settings, folder=folder)
         middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
-        for name, part in {
+        parts: dict[str, Callable[[], object]] = {
             "a case by its name": lambda: rows.find(f"cut_in-{cases - 1:07d}-first"),  # type: ignore[attr-defined]
             "cases by parameters": lambda: list(nearest_cases(many, middle, None, None, 3)),
             "page": lambda: write_report(many, zone_partitions(run)),
-        }.items():
+        }
+        for name, part in parts.items():
             began = time.process_time()
             # the rows have no drives: trajectories, of which a page has at most 4.5 MB, are left out
             with (

@@ -289,7 +289,8 @@ def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:
     for part in arrays_in_parts(cases, "case"):
         found.append(part["case"][wanted[first : first + len(part["case"])]].astype(np.str_))
         first += len(part["case"])
-    return np.concatenate(found)[np.cumsum(wanted)[places] - 1]
+    names: NDArray[np.str_] = np.concatenate(found)[np.cumsum(wanted)[places] - 1]
+    return names
 
 
 def point_numbers(tables: Sequence[Sequence[CaseResult]]) -> list[IntArray]:
