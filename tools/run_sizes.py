@@ -8,6 +8,8 @@
     python tools/run_sizes.py rows CASES [CASES ...]           what comes of so many made-up rows: scores, intervals
                                                                (of a few replicates), tables, JUnit, ledger, what
                                                                pages say of all cases
+    python tools/run_sizes.py page FOLDER CASES                the page of so many made-up rows, in a scored run of
+                                                               `make`, whose report.html it takes the place of
 
 Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
 depend on that. Seconds are of processor time, children included.
@@ -28,9 +30,11 @@ from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
+from sumo_eval.evaluation import score, zone_partitions
 from sumo_eval.record import run_folder
 from sumo_eval.record.cases import Case, Outcome, Role
 from sumo_eval.record.facts import space_of
@@ -39,9 +43,12 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.recording import Space
 from sumo_eval.record.store import open_store
 from sumo_eval.report.comparison import compare
+from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import judge
+from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
+from sumo_eval.report.page_data import Embedded
 from sumo_eval.report.people import people_rows, worst_cases
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.shown_cases import shown_cases
@@ -69,6 +76,7 @@ from sumo_eval.trajectory import Collision, Recording, Trajectory
 FEW_REPLICATES = 20  # of 2,000: each costs as much as any other, and they are held some at a time
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
+BOX = catalogue.load("cut_in").parameters
 MADE_UP = EvaluationSettings("made up", (ScenarioSettings("cut_in"),), (AdsSettings("first", "idm"),))
 
 
@@ -182,8 +190,8 @@ def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluatio
         some = [another(row, number, changed=changed) for number in range(first, first + chunk.rows)]
         kept.put([("rows", folder.name.encode(), chunk.place, encode_rows(some))])
     rows = made_up_rows(folder, cases)
-    score = combine(row.ads, row.scenario, rows[:2], MethodSettings())
-    return Evaluation(folder.name, folder, MADE_UP, {}, (), (score,), rows)
+    two = combine(row.ads, row.scenario, rows[:2], MethodSettings())
+    return Evaluation(folder.name, folder, MADE_UP, {}, (), (two,), rows)
 
 
 def from_rows(cases: int) -> None:
@@ -192,7 +200,7 @@ def from_rows(cases: int) -> None:
         made = made_up_run(Path(place) / "run", cases)
         rows, logical = made.cases_of("first", "cut_in"), catalogue.load("cut_in")
         points = np.column_stack([np.linspace(0.0, 1.0, cases)] * len(logical.names))
-        score = combine("first", "cut_in", rows, MethodSettings())
+        whole = combine("first", "cut_in", rows, MethodSettings())
         drivers = driver_deviations(rows, {}, {}, DriverSettings(), 1)
         judged = Judged(
             "first", case_terms(rows, MethodSettings()), np.arange(cases), np.zeros(cases, dtype=np.bool_), drivers
@@ -202,7 +210,7 @@ def from_rows(cases: int) -> None:
 
         def why(run: Evaluation) -> object:
             its = run.cases_of("first", "cut_in")
-            return explain_a(score, its, MADE_UP), explain_h(score, its), collision_shares(its, MADE_UP)
+            return explain_a(whole, its, MADE_UP), explain_h(whole, its), collision_shares(its, MADE_UP)
 
         parts: dict[str, Callable[[Evaluation], object]] = {
             "scores": lambda run: combine("first", "cut_in", run.cases_of("first", "cut_in"), MethodSettings()),
@@ -219,7 +227,7 @@ def from_rows(cases: int) -> None:
         }
         print(f"{cases} cases: {getrusage(RUSAGE_SELF).ru_maxrss // 1024} MB with their terms and strata", flush=True)
         for name, part in parts.items():
-            run = replace(made, scores=(score,), cases=made_up_rows(made.folder, cases))
+            run = replace(made, scores=(whole,), cases=made_up_rows(made.folder, cases))
             began = time.process_time()
             part(run)
             took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
@@ -242,6 +250,34 @@ def compared(cases: int) -> None:
     )
 
 
+def page(folder: Path, cases: int) -> None:
+    """The page of a scored run with made-up rows in place of its own, and cases found by their parameters."""
+    run = score(folder)
+    with tempfile.TemporaryDirectory() as place:
+        made = made_up_run(Path(place) / "run", cases)
+        rows, ads = made.cases, tuple(one for one in run.settings.ads if one.name == "first")
+        one = combine("first", "cut_in", rows, run.settings.method)
+        settings = replace(run.settings, ads=ads)
+        many = replace(run, cases=rows, scores=(one,), ranking=None, settings=settings, folder=folder)
+        middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
+        parts: dict[str, Callable[[], object]] = {
+            "a case by its name": lambda: rows.find(f"cut_in-{cases - 1:07d}-first"),  # type: ignore[attr-defined]
+            "cases by parameters": lambda: list(nearest_cases(many, middle, None, None, 3)),
+            "page": lambda: write_report(many, zone_partitions(run)),
+        }
+        for name, part in parts.items():
+            began = time.process_time()
+            # the rows have no drives: trajectories, of which a page has at most 4.5 MB, are left out
+            with (
+                patch("sumo_eval.report.page_data.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
+                patch("sumo_eval.report.page_data._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
+            ):
+                found = part()
+            took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
+            size = f", {found.stat().st_size / 1e6:.1f} MB" if isinstance(found, Path) else ""
+            print(f"{name}: {took:.2f} s, {1e6 * took / cases:.1f} us a case{size}; {peak} MB at most", flush=True)
+
+
 def made_up_row() -> CaseResult:
     """A safe case without a contact."""
     given: dict[str, Any] = {item.name: None for item in fields(CaseResult)}
@@ -257,6 +293,14 @@ def made_up_row() -> CaseResult:
     )  # fmt: skip
 
 
+def somewhere(number: int) -> dict[str, float]:
+    """A point of the cut-in's box that no other number has, as a lattice spreads them."""
+    shares = (
+        number * step % 1.0 for step in (0.8566748838545029, 0.7338918566271260, 0.6287067210378086, 0.5385972572236101)
+    )
+    return {item.name: item.low + share * (item.high - item.low) for item, share in zip(BOX, shares, strict=True)}
+
+
 def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
     """Another case, by its number; every hundredth may be changed."""
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
@@ -264,7 +308,7 @@ def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
         likeness, hit = likeness - 0.1, not hit
     own = copy(row)  # `replace` would look at each of the other fields, which is most of what a million rows cost
     values: dict[str, Any] = {
-        "case": f"cut_in-{number:07d}-first", "values": {"gap": 0.001 * number, "ego_speed": 20.0 + number % 17},
+        "case": f"cut_in-{number:07d}-first", "values": somewhere(number),
         "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit, "status": "collision" if hit else "ok",
         "severity": 5.0 + math.cos(number) if hit else None, "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
         "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit else likeness,
@@ -286,6 +330,8 @@ if __name__ == "__main__":
             subprocess.run([sys.executable, __file__, "compared-in-this-process", size], check=True)
     elif task == "compared-in-this-process":
         compared(int(place))
+    elif task == "page":
+        page(Path(place), int(rest[0]))
     elif task == "rows":
         for size in (place, *rest):
             subprocess.run([sys.executable, __file__, "rows-in-this-process", size], check=True)

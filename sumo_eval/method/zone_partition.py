@@ -211,7 +211,7 @@ class ZonePartition:
         return np.asarray(self.predicted(points) <= 0.0)
 
     def hazardous_among_many(self, points: ArrayLike) -> BoolArray:
-        """Where y <= 0, of very many points: quicker than `hazardous` where few lie within rounding of the boundary."""
+        """Where y <= 0, quicker for many points: single precision says it of all that do not lie near the boundary."""
         unit = _checked_unit(self.logical, points)
         return self.surface.at_most_zero(unit.reshape(-1, unit.shape[-1])).reshape(unit.shape[:-1])
 

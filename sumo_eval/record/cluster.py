@@ -86,7 +86,7 @@ def run_on_cluster(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> G
 def _threads(client: Any, address: str) -> int:
     """How many threads the cluster's workers have, at least 1. Raises InputError where the scheduler is gone."""
     try:
-        return max(int(sum(client.nthreads().values())), 1)
+        return max(sum(int(threads) for threads in client.nthreads().values()), 1)
     except OSError as error:
         raise _lost(address, error) from error
 

@@ -149,7 +149,7 @@ _Lines = Iterable[tuple[str, str, float, _Parts]]
 def _scaled(term: Term, scale: float, cases: Sequence[CaseResult], lines: _Lines) -> list[Line]:
     scaled = []
     for equation, words, alone, (places, parts) in lines:
-        index = math.fsum(parts.tolist()) if len(places) else alone
+        index = math.fsum(map(float, parts)) if len(places) else alone
         order = np.lexsort((names_at(cases, places), parts))
         entries = Entries(cases, places[order], parts[order], scale)
         scaled.append(Line(term, equation, words, index, index * scale, entries))

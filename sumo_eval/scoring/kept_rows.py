@@ -22,7 +22,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.method.anthropomorphic import IndexNote
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.results import CaseResult, ThinReference, columns
+from sumo_eval.results import CaseResult, ThinReference
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 _RECORDS = {one.__name__: one for one in (ThinReference, IndexNote)}
@@ -147,7 +147,7 @@ def arrays(cases: Sequence[CaseResult], *names: str) -> dict[str, Column]:
 
 
 def arrays_in_parts(cases: Sequence[CaseResult], *names: str) -> Iterator[dict[str, Column]]:
-    """Columns of some rows after the other, each part as `arrays` gives it: a column of texts need not be in memory."""
+    """Fields of rows as arrays, of some rows after the other, so that no column of texts need be in memory whole."""
     return cases.arrays_in_parts(*names) if isinstance(cases, KeptRows) else iter([arrays(cases, *names)])
 
 
@@ -285,8 +285,12 @@ def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:
     """Keys of the cases at these places, (n,), as an array of texts."""
     wanted = np.zeros(len(cases), dtype=np.bool_)
     wanted[places] = True
-    found = [name for (name, _), here in zip(columns(cases, "case", "zone"), wanted.tolist(), strict=True) if here]
-    return np.array(found, dtype=np.str_)[np.cumsum(wanted)[places] - 1] if found else np.empty(0, dtype=np.str_)
+    found, first = [np.empty(0, dtype=np.str_)], 0
+    for part in arrays_in_parts(cases, "case"):
+        found.append(part["case"][wanted[first : first + len(part["case"])]].astype(np.str_))
+        first += len(part["case"])
+    names: NDArray[np.str_] = np.concatenate(found)[np.cumsum(wanted)[places] - 1]
+    return names
 
 
 def point_numbers(tables: Sequence[Sequence[CaseResult]]) -> list[IntArray]:
