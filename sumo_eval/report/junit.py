@@ -13,7 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from tempfile import TemporaryFile
+from typing import IO, Literal
 
 import numpy as np
 from lxml import etree
@@ -94,22 +95,25 @@ def _test_of_pair(case: CaseResult, place: int, changed: Changes, place_of: NDAr
 
 
 def write_junit(suites: Suites, path: Path) -> Path:
-    """Write the suites to a file and return its path. No more than one test of a case is in memory at a time."""
-    counts = {key: _counted(tests) for key, tests in suites.items()}
-    totals = sum((found for found, _ in counts.values()), Counter[str]())
+    """Write the suites to a file and return its path. No more than one test of a case is in memory at a time.
+
+    How many tests there are stands before them, so they wait in a temporary file: to make each twice costs more.
+    """
     try:
-        with path.open("wb") as out:
+        with TemporaryFile() as body, path.open("wb") as out:
+            suited = {key: _written(tests, key[1], body) for key, tests in suites.items()}
+            totals = sum((one.counts for one in suited.values()), Counter[str]())
+            body.seek(0)
             with etree.xmlfile(out, encoding="UTF-8") as file:
                 file.write_declaration()
                 attributes = {key: str(totals[key]) for key in _COUNTED}
                 with file.element("testsuites", name="sumo_eval", **attributes):
-                    for (name, classname), tests in suites.items():
-                        found, seconds = counts[name, classname]
-                        attributes = {key: str(found[key]) for key in _COUNTED}
+                    for (name, _), one in suited.items():
+                        attributes = {key: str(one.counts[key]) for key in _COUNTED}
                         file.write("\n  ")
-                        with file.element("testsuite", name=_clean(name), **attributes, time=f"{seconds:z.3f}"):
-                            for test in tests:
-                                file.write("\n    ", _element(test, classname))
+                        with file.element("testsuite", name=_clean(name), **attributes, time=f"{one.seconds:z.3f}"):
+                            file.flush()
+                            _copy(body, out, one.size)
                             file.write("\n  ")
                     file.write("\n")
             out.write(b"\n")
@@ -119,19 +123,40 @@ def write_junit(suites: Suites, path: Path) -> Path:
 
 
 _COUNTED = ("tests", "failures", "errors", "skipped")
+_COPIED = 1 << 20  # bytes at once
 
 
-def _counted(tests: Iterable[Test]) -> tuple[Counter[str], float]:
-    """How many tests there are by what JUnit calls them, and how long they took, s."""
+@dataclass(frozen=True, slots=True)
+class _Suite:
+    """A suite that waits: its tests by what JUnit calls them, how long they took, s, and how many bytes they are."""
+
+    counts: Counter[str]
+    seconds: float
+    size: int
+
+
+def _written(tests: Iterable[Test], classname: str, body: IO[bytes]) -> _Suite:
+    """Write a suite's tests behind what is there."""
     found: Counter[str] = Counter()
-    seconds = array("d")
+    seconds, size = array("d"), 0
     names = {"failure": "failures", "error": "errors", "skipped": "skipped"}
     for test in tests:
         found["tests"] += 1
         if test.verdict in names:
             found[names[test.verdict]] += 1
         seconds.append(test.seconds)
-    return found, math.fsum(seconds)
+        size += body.write(
+            b"\n    " + etree.tostring(_element(test, classname), encoding="UTF-8", xml_declaration=False)
+        )
+    return _Suite(found, math.fsum(seconds), size)
+
+
+def _copy(body: IO[bytes], out: IO[bytes], size: int) -> None:
+    """Copy so many bytes from one file to another."""
+    while size:
+        part = body.read(min(size, _COPIED))
+        out.write(part)
+        size -= len(part)
 
 
 def _element(test: Test, classname: str) -> etree._Element:
