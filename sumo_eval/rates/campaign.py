@@ -20,7 +20,7 @@ from annotated_types import Ge, Le, MinLen
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.collision_avoidance import collision_loss, impact_severity
-from sumo_eval.rates.importance import Estimate, Met, RareEvents, how_met, resampled
+from sumo_eval.rates.importance import Estimate, Met, RareEvents, degrees_of_freedom, how_met, resampled
 from sumo_eval.rates.intervals import rate_interval
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import identify, run_cases
@@ -226,6 +226,8 @@ def loss_of(outcome: Outcome) -> float:
 
 def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dict[str, int]) -> Part:
     """The rates of one ADS in one scenario, from what the search was told."""
+    from scipy.special import stdtrit
+
     estimate = search.estimate()
     limit = MILLION * space.interval[1] * estimate.upper_limit
     hits = search.counted & search.collided
@@ -236,10 +238,14 @@ def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dic
     often = _often(space, search, seed, stream)
     terms = np.stack([search.weights[hits], search.weights[hits] * search.loss[hits]])
     relative = math.sqrt(math.log1p(estimate.deviation**2))
-    noise = np.exp(relative * stream.standard_normal(DRAWS) - 0.5 * relative**2)
-    draws = MILLION * np.stack([often(row) for row in terms]) * noise / search.drawn
-    values = MILLION * space.per_km * np.array([estimate.probability, estimate.loss])
+    # Student's, as the drives' own interval: else a sum would be told more narrowly than what it is mostly made of.
+    # Evenly spaced and shuffled: with few degrees of freedom the limits of draws by chance would be chance themselves.
+    even = [(stream.permutation(DRAWS) + 0.5) / DRAWS for _ in terms]
+    wide = np.stack([stdtrit(degrees_of_freedom(row), share) for row, share in zip(terms, even, strict=True)])
+    noise = np.exp(np.minimum(relative * wide, 50.0))
     most = MILLION * space.interval[1]  # every encounter ends in a collision, and L is at most 1
+    draws = np.minimum(MILLION * np.stack([often(row) for row in terms]) * noise / search.drawn, most)
+    values = MILLION * space.per_km * np.array([estimate.probability, estimate.loss])
     limits = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
     # The drives' own interval is Student's and wider where few of them collided.
     own = [MILLION * space.per_km * np.array(pair) for pair in (estimate.interval, estimate.loss_interval)]

@@ -99,12 +99,22 @@ def lost_words(lost: Mapping[str, int]) -> str:
     return f"{sum(lost.values())} drives could not be evaluated ({why}) and count as without a collision."
 
 
+def unseen_words(rate: AdsRate) -> str:
+    """What a rate leaves out: scenarios in which no collision was seen, beside others that have some; else nothing."""
+    unseen = [part for part in rate.parts if part.collisions[0] == 0.0]
+    if not unseen or len(unseen) == len(rate.parts):
+        return ""
+    names = ", ".join(part.space.logical.name for part in unseen)
+    most = amount(max(part.limit for part in unseen))
+    return f"The rate and its interval hold nothing of {names}: no collision was seen there, at most {most} (95 %)."
+
+
 def sentences(campaign: Campaign) -> list[str]:
-    """The result, a line an ADS and one for the people."""
-    said = [
-        f"{rate.ads}: collisions per million km {rate_words(rate.collisions)}; expected loss {rate_words(rate.loss)}."
-        for rate in campaign.rates
-    ]
+    """The result, a line or two an ADS and one for the people."""
+    said = []
+    for rate in campaign.rates:
+        found = f"collisions per million km {rate_words(rate.collisions)}; expected loss {rate_words(rate.loss)}."
+        said.append(f"{rate.ads}: {found} {unseen_words(rate)}".rstrip())
     for where, km, limit in people(campaign.spaces):
         said.append(f"people ({where}): no collision in {km:.1f} vehicle-km, at most {amount(limit)} per million km.")
     return said
@@ -124,6 +134,7 @@ def parts(campaign: Campaign) -> list[Piece]:
               [*((rate.ads, rate_words(rate.collisions), rate_words(rate.loss)) for rate in campaign.rates),
                *((f"people ({where})", f"none in {km:.1f} km, at most {amount(limit)}", "")
                  for where, km, limit in people(campaign.spaces))]),
+        *(Text(f"{rate.ads}: {words}", "note") for rate in campaign.rates if (words := unseen_words(rate))),
         Text(OUTSIDE, "note"),
         Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
              (spaces, Text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "

@@ -402,18 +402,22 @@ def estimated(
 
 
 def _mean(terms: FloatArray, drawn: int) -> tuple[float, float, float, float]:
-    """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution, and its relative error.
-
-    The quantile is Student's, with as many degrees of freedom as terms count effectively, less one.
+    """Mean of `drawn` terms, all but these 0, its limits by a log-normal distribution with Student's quantile, and its
+    relative error.
     """
     from scipy.special import stdtrit
 
     mean = float(terms.sum()) / drawn
     variance = max(float((terms**2).sum()) / drawn - mean**2, 0.0) / max(drawn - 1, 1)
     relative = math.sqrt(variance) / mean if mean > 0.0 else math.inf
-    effective = float(terms.sum() ** 2 / (terms**2).sum()) if mean > 0.0 else 1.0
-    reach = float(stdtrit(max(effective - 1.0, 1.0), (1.0 + LEVEL) / 2.0)) * math.sqrt(math.log1p(relative**2))
+    reach = float(stdtrit(degrees_of_freedom(terms), (1.0 + LEVEL) / 2.0)) * math.sqrt(math.log1p(relative**2))
     return mean, mean * math.exp(-reach), mean * math.exp(min(reach, 50.0)), relative
+
+
+def degrees_of_freedom(terms: FloatArray) -> float:
+    """How much a mean of terms (h,) knows of its own error: as many as count effectively, less one; at least one."""
+    squares = float((terms**2).sum())
+    return max(float(terms.sum() ** 2) / squares - 1.0, 1.0) if squares > 0.0 else 1.0
 
 
 def resampled(met: Met, count: int, seed: int) -> list[tuple[Any, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from rates.rare import estimate, logical
 from scipy.special import ndtri
 
 from sumo_eval.cli import main
-from sumo_eval.rates.campaign_page import lost_words
+from sumo_eval.rates.campaign import Space, part_of, summed
+from sumo_eval.rates.campaign_page import lost_words, unseen_words
 from sumo_eval.rates.importance import DEFENSIVE, estimated, how_met
 
 FILE = """
@@ -63,6 +65,35 @@ def test_without_a_collision_the_upper_limit_is_that_of_the_drives_drawn_as_poin
     none = estimated(np.empty(0), np.empty(0), 300, 1.0, 0, 500)
     assert none.probability == 0.0
     assert none.interval == pytest.approx((0.0, 2.9957 / (DEFENSIVE * 300)), rel=1e-4)
+
+
+def test_a_sum_is_told_no_more_narrowly_than_the_scenario_that_makes_most_of_it():
+    def part(name, weights):
+        ones, loss = np.ones(len(weights), dtype=bool), np.full(len(weights), 0.5)
+        told = estimated(weights, loss, 100, 1.0, len(weights), 100)
+        search = SimpleNamespace(
+            estimate=lambda: told, counted=ones, collided=ones, weights=weights, loss=loss, drawn=100
+        )
+        search.points = np.zeros((len(weights), 3))
+        return part_of(Space(name, logical(), how_met(logical()), 0.1, None, None, ""), search, 1, "budget", {})
+
+    doubtful = part("doubtful", np.array([1e-3, *[1e-6] * 9]))  # one of ten collisions makes nearly all of the rate
+    certain = part("certain", np.full(90, 1e-6))
+    for kind in ("collisions", "loss"):
+        value, low, high = getattr(summed("x", "x", [doubtful, certain]), kind)
+        one, other = getattr(doubtful, kind), getattr(certain, kind)
+        assert value == pytest.approx(one[0] + other[0])
+        assert other[1] < low < one[0]
+        assert one[2] <= 1.1 * high <= 1.1 * 1.1 * (one[2] + other[2])
+    assert unseen_words(summed("x", "x", [doubtful, certain])) == ""
+    unseen = part("unseen", np.empty(0))
+    rate = summed("x", "x", [certain, unseen])
+    assert rate.collisions == certain.collisions
+    # 0.1 encounters a km; 3.0 over the 20 of 100 drives that were drawn as points are met.
+    assert "nothing of rare: no collision was seen there, at most 15,000 (95 %)" in unseen_words(rate)
+    assert unseen_words(summed("x", "x", [unseen])) == ""
+    alone = summed("x", "x", [certain, certain])
+    assert alone.collisions[2] / alone.collisions[0] < certain.collisions[2] / certain.collisions[0]  # errors average
 
 
 def test_terms_that_are_alike_have_the_interval_of_a_share():
