@@ -111,6 +111,8 @@ def score(run: str | os.PathLike[str], changes: Sequence[str] = (), *, progress:
     """
     folder = Path(run)
     for change in changes:
+        if "=" not in change:
+            raise InputError(f"--set must have the form KEY=VALUE, e.g. method.score.a=60, got {change!r}.")
         if not change.strip().startswith(("method.", "report.", "run.")):
             raise InputError(
                 f"`{change.partition('=')[0]}` cannot be changed by scoring: the recorded facts depend on it. "

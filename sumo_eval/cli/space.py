@@ -52,9 +52,9 @@ def partition(scenario: str) -> None:
 @click.option("--out", type=click.Path(path_type=Path),
               help="Folder for points.csv and points.html (default: results/SCENARIO-points-TIME).")  # fmt: skip
 @click.option("--method", help="As in an evaluation file: grid, pairwise, combinations, latin_hypercube, sobol ...")
-@click.option("--count", type=int, help="How many points to draw.")
-@click.option("--levels", type=int, help="Points on each axis of a grid.")
-@click.option("--strength", type=int, help="t of t-way combinations.")
+@click.option("--count", type=click.IntRange(min=1), help="How many points to draw.")
+@click.option("--levels", type=click.IntRange(min=1), help="Points on each axis of a grid.")
+@click.option("--strength", type=click.IntRange(min=1), help="t of t-way combinations.")
 @click.option("--file", help="CSV with a column for each parameter.")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Source of randomness.")
 def sample(

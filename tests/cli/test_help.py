@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import COMMANDS, MEANT, TASKS, main
+from sumo_eval.cli.sentences import broken
 
 CONTEXT = click.Context(main, info_name="sumo-eval")
 
@@ -66,3 +67,20 @@ def test_no_word_means_two_commands_and_none_is_a_command_itself() -> None:
     assert len(words) == len(set(words))
     assert not set(words) & set(COMMANDS)
     assert MEANT.keys() == COMMANDS.keys()
+
+
+def test_the_help_of_humans_cuts_no_line_either() -> None:
+    shown = CliRunner().invoke(main, ["humans", "--help"], terminal_width=80).output
+    assert "..." not in shown.partition("Commands:")[2]
+    assert "\n  similarity " in shown
+
+
+def test_a_line_wider_than_the_terminal_breaks_between_words_and_goes_on_indented() -> None:
+    line = "  2. an_ads_with_a_long_name  57.2 (39.9..66.0)  -8.0 to another_one: not told apart, the place is shared"
+    parts = broken(line, 60).splitlines()
+    assert len(parts) == 2
+    assert all(len(part) <= 60 for part in parts)
+    assert parts[1].startswith("      ")
+    assert " ".join(line.split()) == " ".join(" ".join(parts).split())
+    assert broken("  columns   stay", 60) == "  columns   stay"
+    assert broken("x" * 70, 60).strip() == "x" * 70, "a path is not cut: it could not be copied"

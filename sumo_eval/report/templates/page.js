@@ -45,7 +45,7 @@ const sumoPage = (() => {
     }
   }
 
-  const folds = () => [...document.querySelectorAll("details.fold")];
+  const folds = () => [...document.querySelectorAll("details.fold, details[data-gates]")];
 
   function tools(holder) {
     if (folds().length) {
