@@ -74,8 +74,14 @@ def curvature_kept(path: Any, me: Any) -> float:
     """The curvature, 1/m, that the rear axle has on a path beside the road's line at an even distance: how the wheel
     stands where a drive begins. Who took it to be straight there would steer anew, by more the longer a step is.
     """
-    line = me.curvature / (1.0 + me.curvature * me.y)
+    line = line_curvature(me)
     return float(line / (1.0 - line * path.start))
+
+
+@kernel
+def line_curvature(me: Any) -> float:
+    """Curvature, 1/m, of the road's line itself, from that beside it at the offset where somebody is."""
+    return float(me.curvature / (1.0 + me.curvature * me.y))
 
 
 @kernel
@@ -121,7 +127,7 @@ def steered(now: float, me: Any, path_y: float, slope: float, bend: float, scena
         wanted, beside = math.atan(slope), 0.0
     else:
         half, ahead = 0.5 * vehicle.wheelbase, speed * step
-        line = me.curvature / (1.0 + me.curvature * me.y)
+        line = line_curvature(me)
         left, turn = beside_an_arc(me.curvature, -half * math.cos(me.heading), -half * math.sin(me.heading))
         y, heading = me.y + left, me.heading - turn
         turned = heading + 0.5 * ahead * now
