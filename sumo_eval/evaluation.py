@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,11 +78,15 @@ def record_rounds(
     Each round is scored before the next one is chosen. A run that was stopped goes on in the round in which it was.
     """
     from sumo_eval.record.facts import in_rounds, record_facts
+    from sumo_eval.scoring.zones import find_zones
 
     adaptive = any(entry.sampling.method == "adaptive" for entry in settings.scenario)
     if adaptive:
         settings = in_rounds(settings, folder if resume else None)
-    recorded = record_facts(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
+    zones = partial(find_zones, settings, source, folder)  # which scores need, and driving does not
+    recorded = record_facts(
+        settings, source, folder, resume=resume, progress=progress, stopping=stopping, meanwhile=zones
+    )
     while adaptive and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
         settings = further
         recorded = record_facts(

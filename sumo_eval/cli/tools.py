@@ -107,6 +107,7 @@ def _is_scenario(path: Path) -> bool:
 def _check_scenario(use: str) -> NoReturn:
     """By the function that a run of the scenario alone, on its own sample, asks first."""
     from sumo_eval.record.facts import space_of
+    from sumo_eval.record.points import zones_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
     from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
@@ -115,7 +116,7 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    space_of(scenario, alone, path.parent.resolve())
+    zones_of(space_of(scenario, alone, path.parent.resolve()).logical, alone.method.zones)
     say(check_file(path, given))
     sys.exit(DONE)
 
@@ -153,7 +154,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
     from sumo_eval.record.facts import refuse_doubles, resolve, space_of
-    from sumo_eval.record.points import scenario_weights
+    from sumo_eval.record.points import scenario_weights, zones_of
     from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario import catalogue
@@ -182,6 +183,7 @@ def _check_evaluation(path: Path) -> None:
         space = space_of(entry, settings, source, offset=offset)
         spaces.append(space)
         refuse_doubles(spaces)
+        zones_of(space.logical, settings.method.zones)
         return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
     def planned(words: str, part: EvaluationSettings) -> str:

@@ -222,7 +222,7 @@ class ZonePartition:
         """
         rows = np.asarray(points, dtype=np.float64)
         _checked_unit(self.logical, rows)
-        flat = _exactly_hazardous(self.logical, rows.reshape(-1, rows.shape[-1]), self.settings)
+        flat = exactly_hazardous(self.logical, rows.reshape(-1, rows.shape[-1]), self.settings)
         return flat.reshape(rows.shape[:-1])
 
     def zone_of(self, points: ArrayLike) -> IntArray:
@@ -449,7 +449,7 @@ def boundary_error(zones: ZonePartition, n: int | None = None) -> BoundaryError:
     if n < 1:
         raise must_be("`n`", "`boundary_error`", "at least 1", n)
     points = zones.logical.from_unit(steadily(len(zones.logical.parameters), n))
-    wrong = zones.hazardous(points) != _exactly_hazardous(zones.logical, points, zones.settings)
+    wrong = zones.hazardous_among_many(points) != exactly_hazardous(zones.logical, points, zones.settings)
     feasible = zones.logical.feasible(points)
     return BoundaryError(float(wrong.mean()), float(wrong[feasible].mean()) if feasible.any() else math.nan)
 
@@ -482,7 +482,7 @@ def _learn(
     of the rounds counts.
     """
     exact = np.zeros(len(grid), dtype=bool)
-    exact[feasible] = _exactly_hazardous(logical, grid[feasible], settings)
+    exact[feasible] = exactly_hazardous(logical, grid[feasible], settings)
     unit, own, possible = logical.to_unit(grid), len(training), int(feasible.sum())
     best: _Learnt | None = None
     for _ in range(refinements + 1):
@@ -626,7 +626,8 @@ def exact_inverse_ttc(logical: LogicalScenario, points: FloatArray, settings: Zo
     return _criticality(logical, points, settings)[0]
 
 
-def _exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
+def exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:
+    """Where max ITTC itself reaches its threshold, at points (n, k) of the box, (n,): without any partition."""
     return np.asarray(_criticality(logical, points, settings)[0] >= settings.critical_inverse_ttc)
 
 

@@ -15,7 +15,7 @@ from sumo_eval.record import loops
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads
 from sumo_eval.record.identity import IDENTITY_BOUND, locator_identity, read_identity, tell_identity
-from sumo_eval.record.packs import Pack, Packs, driven
+from sumo_eval.record.packs import Pack, Packs, driven, largest_pack
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
 from sumo_eval.record.worker import answer, run_together
@@ -60,7 +60,7 @@ def run_in_children(
     """Every pack in one of `workers` child processes: what goes wrong in one is found in its cases, each run alone."""
     listed = cases if isinstance(cases, Sequence) else ()  # who hands them over one by one has seen to it
     loops.ready(loops.of_cases(listed))  # a case's time is for driving
-    packs = Packs(cases, workers, min(setup.run.cases_per_pack, setup.run.cases_per_child))
+    packs = Packs(cases, workers, min(largest_pack(setup), setup.run.cases_per_child))
     work: Work[Pack] = Work(
         answer,
         setup,
@@ -70,10 +70,10 @@ def run_in_children(
         size=driven,
     )
     with _pool(workers, setup, setup.run.cases_per_child) as pool:
-        for outcomes in pool.run(work, packs.take, partial(_settled, packs=packs, setup=setup), stopping):
+        settle = partial(_settled, packs=packs, setup=setup)
+        for outcomes in pool.run(work, packs.take, settle, stopping, packs.look_ahead):
             if outcomes:
                 yield outcomes
-            packs.look_ahead()
 
 
 def identify(named: Sequence[tuple[str, str]], setup: Setup) -> dict[str, str]:
@@ -122,7 +122,8 @@ def refuse_to_share(homes: Iterable[str]) -> None:
 
 
 def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Generator[list[Outcome], None, None]:
-    packs = Packs(cases, 1, setup.run.cases_per_pack)
+    packs = Packs(cases, 1, largest_pack(setup))
+    packs.look_ahead()
     served: set[str] = set()
     while not stopping() and (pack := packs.take()) is not None:
         served.add(home(pack[0], setup))
@@ -130,6 +131,7 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Genera
         outcomes = _settled(Ended(pack, "done", run_together(pack, setup), None, ""), packs, setup)
         if outcomes:
             yield outcomes
+        packs.look_ahead()
 
 
 def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time as clock
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -16,12 +16,13 @@ from sumo_eval.cosim.doors.controller import find_controller, made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of
+from sumo_eval.method.zone_partition import exactly_hazardous
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
-from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of, zones_of
+from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -32,6 +33,7 @@ from sumo_eval.record.recording import (
     record,
     refuse_to_lose_cases,
 )
+from sumo_eval.record.spread import beside
 from sumo_eval.record.store import Store, open_store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
@@ -152,11 +154,13 @@ def record_facts(
     progress: Progress = quiet,
     stopping: Stopping = never,
     another_round: bool = False,
+    meanwhile: Callable[[], object] | None = None,
 ) -> Recorded:
     """Simulate an evaluation, or its share number i of n (`shard`), into a run folder, or what is missing there.
 
-    another_round: whether this adds points to what the caller has recorded there just now. Raises StoppedError after
-    `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
+    another_round: whether this adds points to what the caller has recorded there just now. meanwhile: what a process of
+    its own does while cases are driven; driving ends where that fails, with what it then says in this one. Raises
+    StoppedError after `stopping` said so, or after Ctrl-C; what was done by then is kept, and `resume` goes on.
     """
     if shard != WHOLE:
         _refuse_rounds_in_shards(evaluation)
@@ -183,7 +187,7 @@ def record_facts(
             store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
             try:
                 with prepared_meanwhile():
-                    record(spaces, plan, store, progress, stopping)
+                    _record_beside(meanwhile, spaces, plan, store, progress, stopping)
             except (StoppedError, KeyboardInterrupt):
                 raise StoppedError(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
@@ -192,6 +196,27 @@ def record_facts(
             store.seal()
             store.note(run_folder.COMPLETE, "yes")
             return _counted(store, folder, shard)
+
+
+def _record_beside(
+    meanwhile: Callable[[], object] | None,
+    spaces: Sequence[Space],
+    plan: Planner,
+    store: Store,
+    progress: Progress,
+    stopping: Stopping,
+) -> None:
+    """Record while a process of its own does something else. An hour of driving must not end in its mistake."""
+    if meanwhile is None:
+        return record(spaces, plan, store, progress, stopping)
+    with beside(meanwhile) as failed:
+        try:
+            return record(spaces, plan, store, progress, lambda: stopping() or failed())
+        except StoppedError:
+            if stopping() or not failed():
+                raise
+    meanwhile()
+    return record(spaces, plan, store, progress, stopping)  # it was only the process that was lost
 
 
 def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
@@ -430,7 +455,7 @@ def space_of(
     check_points(logical, points.points)
     for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
         logical.column(name)
-    hazardous = zones_of(logical, settings.method.zones).exactly_hazardous(points.points)
+    hazardous = exactly_hazardous(logical, points.points, settings.method.zones)
     index, count = shard
     numbers = range((index - 1 - offset) % count, len(points.points), count)
     return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))

@@ -1,9 +1,10 @@
 """Which cases go to a child process together, and which alone.
 
 Cases of one kind (same scenario, same driver of the ego) can share one simulation where that driver has a form for many
-cases. A pack costs something of its own, so packs are as large as may be, and towards the end equally large, so that
-all workers have work to the end. What does not come through in a pack runs alone, so that a faulty case costs itself.
-Cases of one block, which a policy over arrays drives in one call, go together whatever their number.
+cases. A pack costs something of its own, so packs are as large as may be, and towards the end smaller and smaller, so
+that all workers have work to the end, however long their cases take. What does not come through in a pack runs alone,
+so that a faulty case costs itself. Cases of one block, which a policy over arrays drives in one call, go together
+whatever their number.
 """
 
 from __future__ import annotations
@@ -15,15 +16,17 @@ from dataclasses import replace
 from itertools import islice
 
 from sumo_eval.cosim.simulate import probable_end
-from sumo_eval.record.cases import Case
+from sumo_eval.record.cases import Case, Setup
 from sumo_eval.trajectory import Alone
 
 Pack = tuple[Case, ...]
 Kind = tuple[str, str, str, str]
 
+OF_LONG_CASES = 192  # in a pack at most where drives are long: a vehicle's step takes SUMO longer among more of them
 LEAST = 32  # cases in a pack if there are as many: in smaller ones its own cost outweighs that of the cases
 _PACKS_AHEAD = 4  # full packs for each worker that are held ready: the end is seen in time to divide it evenly
 _MOST_AHEAD = 16_384  # cases that are held ready at most
+_SHARES = 2  # packs that a worker would take of the rest, were they all as large as the next one
 _CUT = 4  # by how much packs of a kind get smaller after one that did not come through
 
 
@@ -32,7 +35,7 @@ class Packs:
 
     def __init__(self, cases: Iterable[Case], workers: int, largest: int) -> None:
         self._waiting = iter(cases)
-        self._largest = self._size = largest
+        self._largest = largest
         self._all_seen = False
         self._workers = workers
         self._most_ahead = min(workers * _PACKS_AHEAD * largest, _MOST_AHEAD)
@@ -50,15 +53,13 @@ class Packs:
             case, why, printed = self._alone.popleft()
             self._remarks[case.key] = why, printed
             return (case,)
-        if not self._ahead:
-            self.look_ahead()
-            if not self._ahead:
-                return None
+        if not self._ahead and not self._make_ready(self._largest):
+            return None
         kind, queue = next(iter(self._ahead.items()))
         in_block = bool(kind[-1])
         while in_block and kind == self._last and self._make_ready(1):  # until all of the block is there
             pass
-        pack = queue.take(len(queue) if in_block else min(self._size, self._largest_of.get(kind, self._largest)))
+        pack = queue.take(len(queue) if in_block else min(self._share, self._largest_of.get(kind, self._largest)))
         self._number_ahead -= len(pack)
         if not len(queue):
             del self._ahead[kind]
@@ -70,10 +71,15 @@ class Packs:
         if room <= 0 or self._all_seen:
             return
         self._make_ready(room)
-        if self._number_ahead < self._most_ahead:  # the least number of equal packs for each worker that hold the rest
-            self._all_seen = True
-            rounds = math.ceil(self._number_ahead / (self._workers * self._largest)) or 1
-            self._size = min(max(math.ceil(self._number_ahead / (self._workers * rounds)), LEAST), self._largest)
+
+    @property
+    def _share(self) -> int:
+        """How many cases the next pack may hold: of the last ones half of what would be a worker's, so that the one
+        that ends first finds something to do, and nothing large is left for the other alone.
+        """
+        if not self._all_seen or self._workers == 1:
+            return self._largest
+        return min(max(math.ceil(self._number_ahead / (_SHARES * self._workers)), LEAST), self._largest)
 
     def _make_ready(self, number: int) -> int:
         """Take in so many of the waiting cases; how many there were."""
@@ -82,7 +88,9 @@ class Packs:
             self._last = _kind(case)
             self._ahead.setdefault(self._last, _Queue()).add((case,))
             self._number_ahead += 1
-        return self._number_ahead - before
+        made = self._number_ahead - before
+        self._all_seen = self._all_seen or made < number
+        return made
 
     def came_through(self, pack: Pack) -> None:
         """Every case of a pack has its result: packs of the kind may become as large as they were."""
@@ -143,6 +151,12 @@ class _Queue:
         pack = self._sorted[-number:]
         del self._sorted[-number:]
         return tuple(pack)
+
+
+def largest_pack(setup: Setup) -> int:
+    """Cases in a pack at most: as many as the user allows, fewer where each goes on to the road's end."""
+    most = setup.run.cases_per_pack
+    return most if setup.simulation.end_when_decided else min(most, OF_LONG_CASES)
 
 
 def _kind(case: Case) -> Kind:

@@ -154,11 +154,13 @@ class Pool:
         take: Callable[[], Item | None],
         settle: Callable[[Ended[Item]], Settled],
         stopping: Callable[[], bool] = lambda: False,
+        meanwhile: Callable[[], object] = lambda: None,
     ) -> Iterator[Settled]:
         """What `settle` makes of the items, as they end. When `stopping`, those that run are the last.
 
         take: gives the next item whenever a child is free; None: there is none, unless one that runs brings up more.
         settle: is told of every end at once; its results come out when the children have been given more to do.
+        meanwhile: called whenever they have, and nothing else is left to do.
         """
         busy: dict[_Child, Item] = {}
         settled: list[Settled] = []
@@ -172,6 +174,7 @@ class Pool:
             if not busy:
                 return
             settled = []
+            meanwhile()
             for child, ended in self._next_ended(busy, work):
                 del busy[child]
                 settled.append(settle(ended))

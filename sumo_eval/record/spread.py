@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Protocol, TypeVar
 
@@ -43,15 +44,18 @@ def spread_over(workers: int, prepare: Callable[[], object]) -> Iterator[Spread]
 
 
 @contextmanager
-def beside(work: Callable[[], object]) -> Iterator[None]:
-    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it, too."""
+def beside(work: Callable[[], object]) -> Iterator[Callable[[], bool]]:
+    """`work` in a child process meanwhile, waited for at the end; what ends this early ends it, too.
+
+    What comes back says whether it has failed. Why is told to whoever then does it in this process.
+    """
     context = child_context()
     lifeline, held = context.Pipe(duplex=False)
     with lifeline, held:
         child = context.Process(target=_tied, args=(lifeline, work))  # type: ignore[attr-defined]
         child.start()
         try:
-            yield
+            yield lambda: child.exitcode not in (None, 0)
         except BaseException:
             child.kill()
             raise
@@ -61,4 +65,7 @@ def beside(work: Callable[[], object]) -> Iterator[None]:
 
 def _tied(lifeline: Connection, work: Callable[[], object]) -> None:
     tie_to_owner(lifeline)
-    work()
+    with suppress(Exception):  # a traceback of this process would tell the user nothing
+        work()
+        return
+    sys.exit(1)

@@ -11,6 +11,7 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 from typing import Any
@@ -91,16 +92,16 @@ def page_data(
         runs = MOST_BYTES // BYTES_OF_A_RUN
         while True:
             embedded = worth_embedding(evaluation, store, runs, shown)
-            scenarios = [
-                _scenario(
-                    evaluation,
-                    partitions[zone.scenario],
-                    store,
-                    embedded,
-                    told[zone.scenario],
-                )
-                for zone in evaluation.zones
-            ]
+            with ThreadPoolExecutor(1) as beside:  # deflating holds no lock of the interpreter
+                encoded: dict[str, Future[dict[str, Any]]] = {}
+                scenarios = []
+                for zone in evaluation.zones:
+                    name, cases = zone.scenario, told[zone.scenario]
+                    drives = _drives(name, store, embedded, cases)
+                    encoded[name] = beside.submit(encode_trajectories, drives.trajectories)
+                    scenarios.append(_scenario(evaluation, partitions[name], drives, cases))
+                for scenario in scenarios:
+                    scenario["trajectories"] = encoded[scenario["name"]].result()
             sent = [scenario["trajectories"] for scenario in scenarios]
             size = sum(len(them["data"]) + BYTES_OF_A_RUN_BEYOND * len(them["beyond"]) for them in sent)
             if size <= MOST_BYTES or not embedded.points:
@@ -161,40 +162,56 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[_Told]:
     return found
 
 
-def _scenario(
-    evaluation: Evaluation, zones: ZonePartition, store: Store, embedded: Embedded, told: Sequence[_Told]
-) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Drives:
+    """The recorded drives that the page has of a scenario. rows: what is said of them beside each case, in order.
+
+    drivers: of each point, the places of its drivers' among the trajectories.
+    """
+
+    trajectories: Sequence[Trajectory]
+    rows: Sequence[Mapping[str, Any]]
+    drivers: Mapping[int, Sequence[int]]
+
+
+def _drives(scenario: str, store: Store, embedded: Embedded, told: Sequence[_Told]) -> _Drives:
+    trajectories: list[Trajectory] = []
+    rows: list[dict[str, Any]] = []
+    points = _points_of(store, {one.case.case for one in told}, scenario)
+    there = set(points.values())
+    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there}
+    for one in told:
+        case, number = one.case.case, points[one.case.case]
+        here = (scenario, number) in embedded.points
+        recorded = store.trajectories(case) if here else {}
+        here = here and (bool(recorded) or not store.is_let_go(case))
+        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
+        trajectories += recorded.values()
+        fact = store.fact(case) if EGO in recorded else None
+        hit = contact(None if fact is None else fact.collision, recorded.get(EGO))
+        row = {"point": number, "embedded": here, "vehicles": vehicles, "contact": hit}
+        rows.append({**row, "drivers": numbers.get(number, 0)})
+    drivers: dict[int, list[int]] = {}
+    for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
+        for fact in store.facts_at(range(number, number + 1), "human", scenario):
+            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
+                drivers.setdefault(number, []).append(len(trajectories))
+                trajectories.append(store.trajectory(fact.case, EGO))
+    return _Drives(trajectories, rows, drivers)
+
+
+def _scenario(evaluation: Evaluation, zones: ZonePartition, drives: _Drives, told: Sequence[_Told]) -> dict[str, Any]:
+    """All of a scenario but its trajectories."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
-    trajectories: list[Trajectory] = []
     rows = []
-    points = _points_of(store, {one.case.case for one in told}, logical.name)
-    for one in told:
-        case, number = one.case, points[one.case.case]
-        here = (logical.name, number) in embedded.points
-        recorded = store.trajectories(case.case) if here else {}
-        here = here and (bool(recorded) or not store.is_let_go(case.case))
-        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
-        trajectories += recorded.values()
-        row = _case(case, logical.row(case.values), view, one.missing, one.share, one.a_lost)
-        row |= {"verdict": one.verdict, "point": number, "embedded": here, "vehicles": vehicles}
-        fact = store.fact(case.case) if EGO in recorded else None
-        row["contact"] = contact(None if fact is None else fact.collision, recorded.get(EGO))
-        rows.append(row)
-    drivers: dict[int, list[int]] = {}
-    there = set(points.values())
-    numbers = {at: drives for at, drives, _ in store.drivers_at_points(logical.name, RECORDED) if at in there}
+    for one, recorded in zip(told, drives.rows, strict=True):
+        row = _case(one.case, logical.row(one.case.values), view, one.missing, one.share, one.a_lost)
+        rows.append({**row, "verdict": one.verdict, **recorded})
     here_too = {row["key"] for row in rows}
-    for row in rows:
-        row["drivers"] = numbers.get(row["point"], 0)
-    for number in sorted(number for name, number in embedded.with_drivers if name == logical.name):
-        for fact in store.facts_at(range(number, number + 1), "human", logical.name):
-            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
-                drivers.setdefault(number, []).append(len(trajectories))
-                trajectories.append(store.trajectory(fact.case, EGO))
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
         "name": logical.name,
@@ -246,8 +263,7 @@ def _scenario(
             for values in zones.most_dangerous
         ],
         "cases": rows,
-        "drivers": drivers,
-        "trajectories": encode_trajectories(trajectories),
+        "drivers": drives.drivers,
     }
 
 

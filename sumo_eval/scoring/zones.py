@@ -7,6 +7,7 @@ from pathlib import Path
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.points import kept_zones
+from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
@@ -21,3 +22,11 @@ def zones_of_entry(
     """The partition of a scenario, kept or computed."""
     key = key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
     return kept_zones(logical, settings.method.zones, kept, key)
+
+
+def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:
+    """Compute the partition of every scenario of a run that its folder does not keep yet."""
+    kept = KeptResults(folder)
+    for entry in settings.scenario:
+        zones_of_entry(entry, catalogue.find(entry.use, source), settings, source, kept)
+    kept.close()

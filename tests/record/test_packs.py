@@ -158,21 +158,39 @@ def test_conditions_of_the_ads_keep_it_out_of_packs_and_change_nothing_for_the_i
 
 def taken(packs: Packs) -> list[int]:
     sizes = []
+    packs.look_ahead()
     while pack := packs.take():
         sizes.append(len(pack))
         packs.look_ahead()
     return sizes
 
 
+def idle_at_the_end(sizes: list[int], lengths: list[int], workers: int) -> int:
+    """How long workers have nothing to do: each takes the next pack when it is free; a pack costs 8, and its cases."""
+    free_at, first = [0] * workers, 0
+    for size in sizes:
+        soonest = free_at.index(min(free_at))
+        free_at[soonest] += 8 + sum(lengths[first : first + size])
+        first += size
+    return sum(max(free_at) - time for time in free_at)
+
+
 @pytest.mark.parametrize(("count", "workers"), [(2125, 2), (1500, 2), (300, 2), (10_000, 8), (40, 2), (1, 2)])
-def test_packs_are_few_and_towards_the_end_equally_large(count: int, workers: int) -> None:
+def test_packs_are_few_and_leave_all_workers_work_to_the_end(count: int, workers: int) -> None:
     concrete = SPACE.concrete(ego_speed=20.0, lead_speed=10.0)
     drives = [Case(number, concrete, "ads", "a", "a") for number in range(count)]
     sizes = taken(Packs(drives, workers, 256))
     assert sum(sizes) == count
     assert max(sizes) <= 256
-    assert len(sizes) <= -(-count // 256) + 2 * workers, "each costs something of its own"
-    assert max(sizes[-workers:]) - min(sizes[-workers:]) <= LEAST, "all workers have work to the end"
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(sizes) <= -(-count // 256) + 7 * workers, "each costs something of its own"
+    for lengths in (
+        [1] * count,
+        [1 + (number * 7919) % 5 for number in range(count)],
+        [3] * (count // 2) + [1] * count,
+    ):
+        least = 8 + LEAST * max(lengths)  # of a pack; no worker waits longer than the last of them takes
+        assert idle_at_the_end(sizes, lengths, workers) <= (workers - 1) * least
 
 
 def test_a_pack_holds_one_kind_and_never_more_than_allowed() -> None:
@@ -190,6 +208,7 @@ def test_the_longest_cases_of_a_kind_go_first_and_kinds_in_their_order() -> None
     drives = [Case(number, quick if number % 2 else slow, "ads", "a", "a") for number in range(8)]
     drives += [Case(number, slow, "human", "driver_00", "synthetic") for number in range(4)]
     packs = Packs(drives, 1, 4)
+    packs.look_ahead()
     found = []
     while pack := packs.take():
         found.append((pack[0].role, {case.concrete.label for case in pack}))

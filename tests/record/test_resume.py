@@ -12,7 +12,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -331,3 +331,84 @@ def test_a_caller_can_stop_a_run_and_go_on(whole: Path, tmp_path: Path) -> None:
         sumo_eval.evaluate(path, tmp_path / "run", progress=count, stopping=lambda: len(seen) > 3)
     sumo_eval.evaluate(path, tmp_path / "run", resume=True)
     assert digest(tmp_path / "run") == digest(whole)
+
+
+# --- what another process does while cases are driven -----------------------------------------------------------------
+
+SLOW_ADS = "import time as clock\n\n\ndef MyAds(traci, ego, time):\n    clock.sleep(0.02)\n"
+
+
+NARROW = """
+name = "narrow"
+[[parameter]]
+name = "v"
+low = 10.0
+high = 30.0
+step = 5.0
+unit = "m/s"
+about = "speed of the ego at the start"
+[[parameter]]
+name = "w"
+low = 1.0
+high = 9.3
+step = 1.0
+unit = "m/s"
+about = "speed of the vehicle ahead"
+[[constraint]]
+require = "abs(w - 6.717) < 0.0001"
+about = "one in which the lead drives at 6.717 m/s"
+[ego]
+speed = "v"
+[[vehicle]]
+name = "lead"
+speed = "w"
+gap = "60.0"
+[zone]
+obstacle = "lead"
+"""
+
+
+def refuse() -> None:
+    raise InputError("The zones of `mine` cannot be found.")
+
+
+@dataclass(frozen=True)
+class LostElsewhere:
+    """Work during which every process but one dies."""
+
+    here: int
+
+    def __call__(self) -> None:
+        if os.getpid() != self.here:
+            os._exit(9)
+
+
+def test_what_fails_beside_the_driving_ends_it_with_its_own_sentence(whole: Path, tmp_path: Path) -> None:
+    path = write_evaluation(tmp_path, SLOW_ADS)
+    settings = read_evaluation(path)
+    with pytest.raises(InputError, match="zones of `mine`"):
+        record_facts(settings, tmp_path, tmp_path / "run", meanwhile=refuse)
+    assert rows(tmp_path / "run") < rows(whole), "not after an hour of driving"
+
+
+def test_driving_goes_on_where_only_the_process_beside_it_was_lost(whole: Path, tmp_path: Path) -> None:
+    settings = read_evaluation(write_evaluation(tmp_path))
+    record_facts(settings, tmp_path, tmp_path / "run", meanwhile=LostElsewhere(os.getpid()))
+    assert digest(tmp_path / "run") == digest(whole)
+
+
+def test_zones_that_cannot_be_found_are_told_by_a_run_and_by_a_check(tmp_path: Path) -> None:
+    """The point lies where the constraint allows it, and of the even grid by which zones are found none does."""
+    (tmp_path / "narrow.toml").write_text(NARROW, encoding="utf-8")
+    (tmp_path / "points.csv").write_text("v,w\n20.1,6.717\n", encoding="utf-8")
+    path = tmp_path / "batch.toml"
+    path.write_text(
+        'name = "narrow"\n[[scenario]]\nuse = "narrow.toml"\n[scenario.sampling]\nmethod = "file"\n'
+        'file = "points.csv"\n[[ads]]\nname = "idm"\ncontroller = "idm"\n',
+        encoding="utf-8",
+    )
+    sentence = "must have points that satisfy its constraints"
+    for order in (("run", path, "--out", tmp_path / "run"), ("check", path)):
+        done = sumo_eval_cli(*order)
+        assert done.returncode != 0
+        assert sentence in done.stderr + done.stdout
