@@ -6,6 +6,7 @@ sharper curve, and the place where it is clear of the vehicle ahead stays where 
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any
 
@@ -166,6 +167,7 @@ def lane_kept(ego: Any, scenario: Any) -> float:
     return float(vehicle.steering_ratio * math.atan(vehicle.wheelbase * curvature))
 
 
+@functools.cache  # every driver of a population asks the same
 def share_of_duration(done: float) -> float:
     """The share of a lane change's duration at which the share `done` of its offset is covered (0..1 -> 0..1)."""
     if not 0.0 <= done <= 1.0:
