@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim.simulate import simulate
 from sumo_eval.scenario.catalogue import SCENARIOS, find
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.scenario.logical import LogicalScenario
