@@ -95,7 +95,7 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
         module.leaderboard()
 
 
-@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in"])
+@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"])
 def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
     spec = importlib.util.spec_from_file_location("animate_scenarios", ROOT / "tools" / "animate_scenarios.py")
