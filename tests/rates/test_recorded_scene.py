@@ -173,7 +173,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"ego": "eg"}, "Unknown vehicle of the recording `eg`. Did you mean `ego`"),
+        ({"ego": "eg"}, "Unknown vehicle `eg` of the recording. Did you mean `ego`"),
         ({"ego": "ego", "end": 300.0}, "within its recording, 100 to 120 s"),
         ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),

@@ -107,7 +107,7 @@ def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean() -> None:
 
 def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
     scores, found = scored(drives("a", 0.0))
-    with pytest.raises(InputError, match=r"Unknown scenario in `method.ranking.weights` `z`"):
+    with pytest.raises(InputError, match=r"Unknown scenario `z` in `method.ranking.weights`"):
         rank(scores, found, RankingSettings({"z": 2.0}))
     with pytest.raises(InputError, match="at least one scenario a weight above 0"):
         rank(scores, found, RankingSettings({"s": 0.0}))
