@@ -105,7 +105,7 @@ def write_scene(
     left_out: Counter[str] = Counter()
     others: list[_Track] = []
     continued = 0
-    begins = {name: float(rows["t"].iloc[0]) for name, rows in table.groupby("vehicle", sort=False)}
+    begins = {str(name): float(rows["t"].iloc[0]) for name, rows in table.groupby("vehicle", sort=False)}
     for name in sorted(begins, key=lambda name: (begins[name], name)):
         rows = table[(table["vehicle"] == name) & (table["t"] >= first) & (table["t"] <= last)]
         if name == ego or rows.empty:
