@@ -184,6 +184,27 @@ def test_a_scene_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path, given: 
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
 
 
+def twice(*, with_ego: bool) -> Recordings:
+    """Two recordings of the same vehicles, the ego in both or in the first alone."""
+    table = recorded().table
+    other = table if with_ego else table[table["vehicle"] != "ego"]
+    return canonical(pd.concat([table, other.assign(recording="s")], ignore_index=True))
+
+
+def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    write_scene(twice(with_ego=False), path, "ego", end=120.0)
+    alone = tmp_path / "alone" / "scene.toml"
+    write_scene(recorded(), alone, "ego", end=120.0)
+    assert path.read_text() == alone.read_text()
+    with pytest.raises(InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."):
+        write_scene(twice(with_ego=True), path, "ego", end=120.0)
+    with pytest.raises(InputError, match=r"Unknown vehicle of the recording `eg`\. Did you mean `ego`"):
+        write_scene(twice(with_ego=True), path, "eg", end=120.0)
+    write_scene(twice(with_ego=True), path, "ego", end=120.0, recording="s")
+    assert "s, recorded" in read_scenario(path).source
+
+
 def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego() -> None:
     follow = {"do": "follow", "model": "IDM", "when": "departed > far"}
     content = {
