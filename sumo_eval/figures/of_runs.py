@@ -61,9 +61,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
     view = choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name))
-    judged = dict(
-        zip((case.case for case in cases), verdicts(evaluation, evaluation.score(who, name)).tolist(), strict=True)
-    )
+    judged = dict(zip((case.case for case in cases), verdicts(evaluation, evaluation.score(who, name)), strict=True))
     panels = range(len(view.panels))
     columns = min(len(panels), MOST_COLUMNS if width == "page" else 2)
     rows = math.ceil(len(panels) / columns)

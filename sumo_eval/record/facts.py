@@ -12,7 +12,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from sumo_eval.cosim.doors.controller import find_controller, made_absolute
+from sumo_eval.cosim.doors.controller import find_controller
+from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of

@@ -8,7 +8,7 @@ import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sumo_eval.cosim.doors.controller import made_absolute
+from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.cosim.openscenario import opendrive_xml, openscenario_xml
 from sumo_eval.cosim.sumo.sumo_files import configuration_xml, network_xml, routes_xml, view_xml
 from sumo_eval.errors import InputError, unknown

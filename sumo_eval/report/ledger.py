@@ -27,7 +27,7 @@ from sumo_eval.report.words import (
 )
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms
-from sumo_eval.scoring.kept_rows import OfSomeRows, arrays, names_at
+from sumo_eval.scoring.kept_rows import OfSomeRows, arrays, name_ranks
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -147,10 +147,10 @@ _Lines = Iterable[tuple[str, str, float, _Parts]]
 
 
 def _scaled(term: Term, scale: float, cases: Sequence[CaseResult], lines: _Lines) -> list[Line]:
-    scaled = []
+    scaled, ranks = [], name_ranks(cases, np.arange(len(cases)))
     for equation, words, alone, (places, parts) in lines:
         index = math.fsum(map(float, parts)) if len(places) else alone
-        order = np.lexsort((names_at(cases, places), parts))
+        order = np.lexsort((ranks[places], parts))
         entries = Entries(cases, places[order], parts[order], scale)
         scaled.append(Line(term, equation, words, index, index * scale, entries))
     return scaled

@@ -105,7 +105,8 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
         if score.scenario != scenario:
             continue
         cases = cases_of(evaluation, score)
-        missing = set(unevaluated_of(evaluation, score).places.tolist())
+        missing = np.zeros(len(cases), dtype=np.bool_)
+        missing[unevaluated_of(evaluation, score).places] = True
         shares, judged = collision_shares(cases, evaluation.settings), verdicts(evaluation, score)
         share_at = np.full(len(cases), -1, dtype=np.intp)
         share_at[shares.places] = np.arange(len(shares))
@@ -114,10 +115,10 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
             found.append(
                 Told(
                     case,
-                    why_missing(case) if place in missing else None,
+                    why_missing(case) if missing[place] else None,
                     shares[int(share_at[place])] if share_at[place] >= 0 else None,
                     float(lost[place]) if math.isfinite(lost[place]) else None,
-                    str(judged[place]),
+                    judged[place],
                 )
             )
     return found

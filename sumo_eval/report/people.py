@@ -17,6 +17,7 @@ from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
 from sumo_eval.results import CaseResult, Evaluation, columns
 from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 STUDY: Final = "study.json"
@@ -99,9 +100,9 @@ def people_rows(evaluation: Evaluation) -> list[PeopleRow]:
     for score in evaluation.scores:
         cases = cases_of(evaluation, score)
         read = arrays(
-            cases, "zone", "index", "human_low", "human_mean", "human_high", "drivers", "recorded_drivers", "exposure"
+            cases, "index", "human_low", "human_mean", "human_high", "drivers", "recorded_drivers", "exposure"
         )
-        safe = (read["zone"] == "safe") & np.isfinite(read["index"])
+        safe = OutcomeColumns.of(cases).safe & np.isfinite(read["index"])
         banded = safe & np.isfinite(read["human_mean"])
         if not safe.any():
             continue

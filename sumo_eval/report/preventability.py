@@ -6,10 +6,9 @@ happen. The reference is an ADS of the same run, `[report] reference`, or the id
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.kept_rows import arrays, point_numbers
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
-from sumo_eval.trajectory import FloatArray
+from sumo_eval.trajectory import BoolArray, FloatArray
 
 Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "off road", "not evaluated"]
 
@@ -85,8 +84,39 @@ def reference_sentence(settings: EvaluationSettings) -> str:
     )
 
 
-def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
-    """The verdict on every case of one ADS in one scenario, (n,), in their order."""
+_CODES: Mapping[Verdict, int] = {verdict: code for code, verdict in enumerate(get_args(Verdict))}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdicts(Sequence[Verdict]):
+    """The verdicts on many cases, in their order. codes: the place of each among all that there are, (n,)."""
+
+    codes: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @overload
+    def __getitem__(self, place: int) -> Verdict: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Verdicts: ...
+
+    def __getitem__(self, place: int | slice) -> Verdict | Verdicts:
+        return Verdicts(self.codes[place]) if isinstance(place, slice) else tuple(_CODES)[self.codes[place]]
+
+    def numbers(self) -> dict[Verdict, int]:
+        """How many cases have each verdict."""
+        found = np.bincount(self.codes, minlength=len(_CODES)).tolist()
+        return dict(zip(_CODES, found, strict=True))
+
+    def among(self, *wanted: Verdict) -> BoolArray:
+        """Which cases have one of these, (n,)."""
+        return np.isin(self.codes, [_CODES[one] for one in wanted])
+
+
+def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
+    """The verdict on every case of one ADS in one scenario."""
     cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
     there = OutcomeColumns.of(cases)
     if reference is None:
@@ -94,14 +124,18 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> NDArray[np.str_]:
         collided = arrays(cases, "ideal_collided")["ideal_collided"]
     else:
         collided = _outcomes_at(cases, evaluation.cases_of(reference, score.scenario))
-    found = np.where(collided == 1.0, "better", np.full(len(there.safe), "avoided", dtype="U16"))
-    found[there.off_road] = "off road"
-    hit = there.collided
-    found[hit] = np.where(np.isnan(collided), "undecided", np.where(collided == 1.0, "unpreventable", "preventable"))[
-        hit
-    ]
-    found[~there.evaluated] = "not evaluated"
-    return found
+    found = np.full(len(there.safe), _CODES["avoided"], dtype=np.uint8)
+    rules: tuple[tuple[Verdict, BoolArray], ...] = (
+        ("better", collided == 1.0),
+        ("off road", there.off_road),
+        ("preventable", there.collided),
+        ("unpreventable", there.collided & (collided == 1.0)),
+        ("undecided", there.collided & np.isnan(collided)),
+        ("not evaluated", ~there.evaluated),
+    )
+    for verdict, holds in rules:  # of several that hold it is the last
+        found[holds] = _CODES[verdict]
+    return Verdicts(found)
 
 
 def _outcomes_at(cases: Sequence[CaseResult], reference: Sequence[CaseResult]) -> FloatArray:
@@ -123,8 +157,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     rows = []
     for score in evaluation.scores:
         here = verdicts(evaluation, score)
-        names, numbers = np.unique(here, return_counts=True)
-        count = Counter(dict(zip(names.tolist(), numbers.tolist(), strict=True)))
+        count = here.numbers()
         rows.append(
             Preventability(
                 ads=score.ads,

@@ -161,7 +161,12 @@ def _ledger(found: Ledger) -> dict[str, Any]:
         "sentences": sentences(found),
         "lines": [
             {
-                "line": line,
+                "term": line.term,
+                "equation": line.equation,
+                "words": line.words,
+                "index": line.index,
+                "points": line.points,
+                "number": line.cases if line.entries else "",
                 "cases": [
                     (quote(entry.case.case, safe=""), point(entry.case.values), entry.points)
                     for entry in line.entries[:MOST_LEDGER_CASES]

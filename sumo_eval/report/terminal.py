@@ -374,8 +374,8 @@ def ledger_lines(evaluation: Evaluation) -> list[str]:
     return [
         line
         for score in evaluation.scores
-        for found in (ledger_plus(evaluation, score), ledger(evaluation, score))
-        for line in _ledger_lines(found)
+        for made in (ledger_plus, ledger)  # one after the other: each holds what every case adds to every line
+        for line in _ledger_lines(made(evaluation, score))
     ]
 
 

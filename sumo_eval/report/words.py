@@ -38,7 +38,7 @@ from sumo_eval.results import (
     columns,
 )
 from sumo_eval.scoring.case_terms import avoided_share_losses, case_terms, ratios
-from sumo_eval.scoring.kept_rows import Chosen, Made, OfSomeRows, arrays, chosen, names_at, point_numbers
+from sumo_eval.scoring.kept_rows import Chosen, Made, OfSomeRows, arrays, chosen, name_ranks, point_numbers
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
@@ -241,8 +241,7 @@ def people_behind(evaluation: Evaluation) -> list[PeopleBehind]:
     found = []
     for name in dict.fromkeys(score.scenario for score in evaluation.scores):
         cases = evaluation.cases_in(name)
-        read = arrays(cases, "zone", "recorded_drivers")
-        safe = read["zone"] == "safe"
+        read, safe = arrays(cases, "recorded_drivers"), OutcomeColumns.of(cases).safe
         if not safe.any():
             continue
         people = np.nan_to_num(read["recorded_drivers"][safe])
@@ -489,7 +488,7 @@ def collision_shares(cases: Sequence[CaseResult], settings: EvaluationSettings) 
     found = ratios(severity, ideal, settings.method)
     known, lost = np.isfinite(found), np.full(len(places), np.nan)
     lost[known] = mean_shares(np.nan_to_num(weight[known])) * (1.0 - found[known])
-    order = np.lexsort((names_at(cases, places), -np.nan_to_num(lost), np.isnan(lost)))
+    order = np.lexsort((name_ranks(cases, places), -np.nan_to_num(lost), np.isnan(lost)))
     return CollisionShares(cases, places[order], found[order], lost[order])
 
 
@@ -594,8 +593,8 @@ def not_computed(reason: str) -> str:
 
 def factor_means(cases: Sequence[CaseResult]) -> dict[str, float]:
     """Mean of every factor of D_i over the safe cases that have one, by exposure; empty without any."""
-    read = arrays(cases, "zone", "index")
-    return _means(cases, (read["zone"] == "safe") & np.isfinite(read["index"]), FACTORS)
+    indexed = np.isfinite(arrays(cases, "index")["index"])
+    return _means(cases, OutcomeColumns.of(cases).safe & indexed, FACTORS)
 
 
 def _means(cases: Sequence[CaseResult], counted: BoolArray, factors: Mapping[str, tuple[str, str]]) -> dict[str, float]:

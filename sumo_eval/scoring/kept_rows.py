@@ -293,6 +293,31 @@ def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:
     return names
 
 
+def name_ranks(cases: Sequence[CaseResult], places: IntArray) -> IntArray:
+    """Numbers (n,) that order the cases at these places as their keys do; where keys ascend, no key is held."""
+    if _names_ascend(cases):
+        return places
+    keys = [
+        np.char.encode(part["case"].astype(np.str_), "utf-8", "surrogatepass")
+        for part in arrays_in_parts(cases, "case")
+    ]
+    order = np.argsort(np.concatenate(keys)[places], kind="stable")  # UTF-8 orders as the characters themselves do
+    ranks = np.empty(len(order), dtype=np.intp)
+    ranks[order] = np.arange(len(order))
+    return ranks
+
+
+def _names_ascend(cases: Sequence[CaseResult]) -> bool:
+    """Whether the key of each case stands behind that of the case before it."""
+    last: str | None = None
+    for part in arrays_in_parts(cases, "case"):
+        names = part["case"]
+        if len(names) and ((last is not None and not last < str(names[0])) or not (names[:-1] < names[1:]).all()):
+            return False
+        last = str(names[-1]) if len(names) else last
+    return True
+
+
 def point_numbers(tables: Sequence[Sequence[CaseResult]]) -> list[IntArray]:
     """A number for each point of the space that some cases lie at, the same in all tables: (n,) for each table.
 

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
-from sumo_eval.cosim.doors.controller import made_absolute
+from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.errors import InputError, said
 from sumo_eval.record.run_folder import read_manifest, read_settings
 from sumo_eval.report.people import STUDY, drawn_words

@@ -18,8 +18,8 @@ from sumo_eval.ads.perception import (
     neighbours,
     next_ahead,
 )
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.records import MOVER
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.step_rules import show
 from sumo_eval.scenario import catalogue
 

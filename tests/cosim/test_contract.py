@@ -5,9 +5,9 @@ import time as clock
 
 import pytest
 
-from sumo_eval.cosim import Command
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 

@@ -8,9 +8,8 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command
-from sumo_eval.cosim import simulate, simulate_many
-from sumo_eval.cosim.doors.controller import made_absolute
-from sumo_eval.cosim.doors.entry import loading, split_entry
+from sumo_eval.cosim.doors.entry import loading, made_absolute, split_entry
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
 from sumo_eval.settings import AdsSettings, ConditionSettings, EvaluationSettings, FmuSettings, ScenarioSettings

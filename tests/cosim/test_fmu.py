@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
-from sumo_eval.cosim import Command, simulate
+from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.settings import PlantSettings, SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
-from sumo_eval.cosim import Command, simulate
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Senses, signal_names
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
+from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start
 from sumo_eval.scenario.concrete import Brake

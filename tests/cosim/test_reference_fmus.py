@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
 if "REFERENCE_FMUS" not in os.environ:

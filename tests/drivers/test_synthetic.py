@@ -9,8 +9,8 @@ import pytest
 from road_scenes import Mover, actor, case, cut_outs_at_the_edge, fresh, low_speed, mover, safe_cut_outs
 
 from sumo_eval.ads.perception import carry_on
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.records import MOVER
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import (
     ATTENTION,
     LOOK,

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import sumo_eval.gym
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.gym import Action, Feature, Interface, usual_reward
 from sumo_eval.gym.episodes import Transition

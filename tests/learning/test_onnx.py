@@ -12,9 +12,8 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 import sumo_eval.gym  # noqa: F401 - registers the environments
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.gym import Action, Feature, Interface, usual
 from sumo_eval.record.identity import locator_identity

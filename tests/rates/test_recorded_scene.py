@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
-from sumo_eval.cosim import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
 from sumo_eval.rates.departures import Departure

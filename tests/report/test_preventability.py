@@ -58,7 +58,7 @@ def by_case(evaluation: Evaluation) -> dict[str, str]:
         case.case: verdict
         for score in evaluation.scores
         for case, verdict in zip(
-            evaluation.cases_of(score.ads, score.scenario), verdicts(evaluation, score).tolist(), strict=True
+            evaluation.cases_of(score.ads, score.scenario), verdicts(evaluation, score), strict=True
         )
     }
 

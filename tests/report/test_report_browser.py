@@ -223,7 +223,7 @@ def test_the_preventability_map_shows_the_verdicts_of_the_chosen_ads(opened: Pag
                 return traces.flatMap((trace) => (trace.type === 'heatmap' ? trace.z.flat() : trace.marker.color))
                     .filter((z) => z !== null).map((z) => Math.floor(z));
             }})()""")
-            judged = verdicts(evaluation, evaluation.score(ads, scenario)).tolist()
+            judged = list(verdicts(evaluation, evaluation.score(ads, scenario)))
             assert sorted(letters) == sorted(map(list(LOOKS).index, judged))
     assert opened.problems == []
 

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 from browser import CHROMIUM, Page
 from test_window import LOGICAL, SETTINGS
 
-from sumo_eval.cosim import simulate
 from sumo_eval.cosim.doors.observation import Observation
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.trajectory import Recording
 from sumo_eval.wheel.hands import Given, Hands

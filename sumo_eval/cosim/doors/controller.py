@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -363,25 +362,6 @@ def knows_the_scripts(driver: Any) -> bool:
 @lru_cache(maxsize=1)
 def _ideal_vehicle() -> Any:
     return find_controller("ideal_braking")
-
-
-def made_absolute(locator: str, folder: Path) -> str:
-    """The locator with a path relative to `folder` made absolute, so that it holds wherever the evaluation file lies.
-
-    A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
-    """
-    bare = split_entry(locator)[0]
-    if bare != locator and not bare.partition(":")[2].count("?"):  # the entry goes with it as it is
-        return made_absolute(bare, folder) + locator[len(bare) :]
-    scheme, _, rest = locator.partition(":")
-    if scheme in ("exec", "traci") and rest:
-        return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
-    if scheme == "fmu":
-        return f"fmu:{folder / rest}"
-    if scheme == "onnx":
-        return f"onnx:{folder / rest.replace('features=', f'features={folder}/')}"
-    place, _, name = locator.rpartition(":")
-    return f"{folder / place}:{name}" if place.endswith(".py") else locator
 
 
 def _native_model(locator: str, text: str) -> NativeModel:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import inspect
 import json
+import shlex
 import time as clock
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote_plus
 
@@ -54,6 +56,25 @@ def split_entry(locator: str) -> tuple[str, Entry]:
         else:
             options[unquote_plus(name.removeprefix(_OPTION))] = value
     return f"{head}?{rest}" if rest else head, Entry(period, options)
+
+
+def made_absolute(locator: str, folder: Path) -> str:
+    """The locator with a path relative to `folder` made absolute, so that it holds wherever the evaluation file lies.
+
+    A program of `exec:` and `traci:` is run in `folder` by way of `env -C`.
+    """
+    bare = split_entry(locator)[0]
+    if bare != locator and not bare.partition(":")[2].count("?"):  # the entry goes with it as it is
+        return made_absolute(bare, folder) + locator[len(bare) :]
+    scheme, _, rest = locator.partition(":")
+    if scheme in ("exec", "traci") and rest:
+        return f"{scheme}:env -C {shlex.quote(str(folder))} {rest}"
+    if scheme == "fmu":
+        return f"fmu:{folder / rest}"
+    if scheme == "onnx":
+        return f"onnx:{folder / rest.replace('features=', f'features={folder}/')}"
+    place, _, name = locator.rpartition(":")
+    return f"{folder / place}:{name}" if place.endswith(".py") else locator
 
 
 def _value(text: str) -> Any:

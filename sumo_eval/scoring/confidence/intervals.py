@@ -24,8 +24,10 @@ ADS's, whoever else is evaluated.
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,38 +101,80 @@ class ScoreIntervals:
     same_drives: int | None = None
 
 
-def strata(unit: FloatArray, method: str) -> list[IntArray]:
+class Strata(Sequence[IntArray]):
+    """Points that a replicate exchanges for each other, by their places: lists that lie one behind the other.
+
+    A list is made when it is asked for: half a million arrays of two places each are ten times what they hold. order:
+    all places, (n,). ends: where each list ends in it, (g,).
+    """
+
+    def __init__(self, order: IntArray, ends: IntArray) -> None:
+        self._order, self._ends = order, ends
+
+    def __len__(self) -> int:
+        return len(self._ends)
+
+    def __iter__(self) -> Iterator[IntArray]:
+        first = 0
+        for end in map(int, self._ends):
+            yield self._order[first:end]
+            first = end
+
+    @overload
+    def __getitem__(self, place: int) -> IntArray: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[IntArray]: ...
+
+    def __getitem__(self, place: int | slice) -> IntArray | Sequence[IntArray]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        one = range(len(self))[place]
+        return self._order[int(self._ends[one - 1]) if one else 0 : int(self._ends[one])]
+
+
+def strata(unit: FloatArray, method: str) -> Strata:
     """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in the unit box.
 
     Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
     down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
     """
-    everyone = np.arange(len(unit))
-    return list(_halves(everyone, unit)) if method in EVEN else [everyone]
+    order = np.arange(len(unit))
+    if method not in EVEN:
+        return Strata(order, np.array([len(unit)]))
+    ends = array("q")
+    _halve(order, unit, 0, ends)
+    return Strata(order, np.frombuffer(ends, dtype=np.int64).astype(np.intp))
 
 
-def of_one_number(stratum: IntArray) -> list[IntArray]:
+def of_one_number(stratum: IntArray) -> Strata:
     """The places of each number in `stratum`, (n,), in the order of the numbers."""
     order = np.argsort(stratum, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(stratum[order])) + 1)
+    return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
 
-def _halves(rows: IntArray, unit: FloatArray) -> Iterator[IntArray]:
+def _halve(rows: IntArray, unit: FloatArray, first: int, ends: array[int]) -> None:
+    """Put places in the order of their halves, in place. first: where they begin among all; ends: takes each end."""
     if len(rows) < SMALLEST:
-        yield rows
+        ends.append(first + len(rows))
         return
-    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
-    order = rows[np.argsort(unit[rows, axis], kind="stable")]
-    yield from _halves(order[: len(rows) // 2], unit)
-    yield from _halves(order[len(rows) // 2 :], unit)
+    axis = int(np.argmax([float(np.ptp(column[rows])) for column in unit.T]))
+    rows[:] = rows[np.argsort(unit[rows, axis], kind="stable")]
+    half = len(rows) // 2
+    _halve(rows[:half], unit, first, ends)
+    _halve(rows[half:], unit, first + half, ends)
 
 
 def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
     """Groups of more than one point by their size: (size, places (g, size))."""
-    by_size: dict[int, list[IntArray]] = {}
-    for group in groups:
-        by_size.setdefault(len(group), []).append(group)
-    return [(size, np.array(by_size[size])) for size in sorted(by_size.keys() - {0, 1})]
+    sizes = np.fromiter(map(len, groups), dtype=np.intp, count=len(groups))
+    found = []
+    for size in sorted(set(np.unique(sizes).tolist()) - {0, 1}):
+        same = np.empty((int(np.count_nonzero(sizes == size)), size), dtype=np.intp)
+        for row, group in enumerate(group for group in groups if len(group) == size):
+            same[row] = group
+        found.append((size, same))
+    return found
 
 
 def draw_counts(
@@ -169,11 +213,11 @@ class Balance:
             return None
         trend, sizes, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
         trend = trend[:, sizes > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
-        drawn = [rows for rows in groups if len(rows) > 1]
-        spread = float(sum(len(rows) for rows in drawn))  # of a group of s: G = s/(s - 1) (1 - 1/s)
+        spread = float(sum(len(rows) for rows in groups if len(rows) > 1))  # of a group of s: G = s/(s - 1) (1 - 1/s)
         lost = sum(
             len(rows) / (len(rows) - 1) * float(np.sum(np.square(trend[rows] - trend[rows].mean(axis=0))))
-            for rows in drawn
+            for rows in groups
+            if len(rows) > 1
         )
         return cls(trend, math.sqrt(spread / (spread - lost)))
 

@@ -22,7 +22,7 @@ from sumo_eval.scoring.confidence.intervals import (
     score_intervals,
     strata,
 )
-from sumo_eval.scoring.kept_rows import arrays
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -68,7 +68,7 @@ def with_intervals(
         terms = case_terms(cases, settings.method)
         if np.count_nonzero(terms.evaluated) >= LEAST:
             which.append(number)
-            hazardous = arrays(cases, "zone")["zone"] == "hazardous"
+            hazardous = ~OutcomeColumns.of(cases).safe
             judged.append(Judged(score.ads, terms, np.array(places[number], dtype=np.intp), hazardous, drivers[number]))
     if not judged:
         return list(scores), [None] * len(scores)
