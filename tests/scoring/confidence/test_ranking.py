@@ -176,7 +176,7 @@ def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart(
 
 
 def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
-    """Missing cases could all have been as good as can be, and so could the next ones drawn: together still C = D = 1."""
+    """Missing cases could all have been as good as can be, and so could the next ones: still C = D = 1 at most."""
     some = [replace(one, index=1.0 if x < 0.85 else 0.6) for one, x in zip(drives("some", 0.0), UNIFORM, strict=True)]
     some[:40] = [replace(LOST_SAFE, ads="some", exposure=1.0, weight=1.0, no_reaction_severity=0.0) for _ in range(40)]
     for points, most in ((SETTINGS.method.score, 100.0), (replace(SETTINGS.method.score, k5=0.8, k6=0.5), 65.0)):
