@@ -105,16 +105,16 @@ def plot(
     run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> None:
     """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions, boundary, intervals,
-    points; opinion; of a folder of nights, trend.
+    points; opinion; of a folder of nights, trend; of what `boundary` wrote, boundary.
     """
-    from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
+    from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
     from sumo_eval.figures.style import refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
     if figure in FIGURES:  # else `draw` says so
         width_of(width)
         refuse_without_matplotlib()
-    if figure not in OF_RUNS:
+    if figure not in OF_RUNS or is_edge(run, figure):
         tell(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
         return
     from sumo_eval.evaluation import score
