@@ -1,6 +1,8 @@
 """One error family, one sentence shape."""
 
+import difflib
 import importlib.metadata
+import random
 import shlex
 import sys
 from types import SimpleNamespace
@@ -15,6 +17,7 @@ from sumo_eval.errors import (
     SumoEvalError,
     did_you_mean,
     must_be,
+    nearest,
     needs_extra,
     said,
     unknown,
@@ -66,6 +69,14 @@ def test_a_list_of_known_names_ends_where_nobody_would_read_on():
     said = did_you_mean("nothere", [f"cut_in-{number:04d}-idm" for number in range(1000)])
     # A name takes 15 characters and 2 between: after 47 of them 47 * 17 - 2 = 797 of the 800 are full.
     assert said.endswith("cut_in-0046-idm and 953 more.")
+
+
+def test_law_the_nearest_name_is_that_of_difflib_among_however_many():
+    draw = random.Random(5)
+    for _ in range(300):
+        known = ["".join(draw.choices("abc-01", k=draw.randint(1, 9))) for _ in range(draw.randint(0, 30))]
+        name = "".join(draw.choices("abc-01", k=draw.randint(1, 9)))
+        assert nearest(name, known) == next(iter(difflib.get_close_matches(name, known, n=1, cutoff=0.55)), None)
 
 
 def test_did_you_mean_offers_one_name_only():

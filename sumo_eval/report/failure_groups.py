@@ -67,12 +67,12 @@ def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> lis
     kinds, words = failure_kinds(cases)
     for ads in dict.fromkeys(everybody.tolist()):
         own = np.flatnonzero(everybody == ads)
-        unit = logical.to_unit(rows[own])
+        its = rows if len(own) == len(rows) else rows[own]
         for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
             members = np.flatnonzero(kinds[own] == kind)
-            for group in _linked(unit, members):
+            for group in _linked(logical, its, members):
                 names = tuple(names_at(cases, own[group]).tolist())
-                found.append(_told(logical, rows[own], group, kinds[own] == kind, ads, words[kind], names))
+                found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], names))
     found.sort(key=lambda group: (_order(group.kind), -len(group.cases)))
     return found[:MOST_GROUPS]
 
@@ -83,12 +83,13 @@ def _order(kind: str) -> tuple[int, str]:
     return next(place for place, word in enumerate(first) if kind.startswith(word)), kind
 
 
-def _linked(unit: FloatArray, members: np.ndarray) -> list[np.ndarray]:
-    """The members of each group, as rows of `unit`."""
+def _linked(logical: LogicalScenario, rows: FloatArray, members: np.ndarray) -> list[np.ndarray]:
+    """The members of each group, as places among all points of the ADS, (n, k)."""
     if len(members) < 2 or len(members) > MOST_LINKED:
         return [members]
     from scipy.cluster.hierarchy import fcluster, linkage  # half a second that a replay does not need
 
+    unit = logical.to_unit(rows)
     steps = np.array([_step(column) for column in unit.T])
     tree = linkage(unit[members] / steps, method="single")
     labels = fcluster(tree, APART * np.sqrt(unit.shape[1]), criterion="distance")

@@ -233,7 +233,7 @@ def _factor_lines(
         return
     factors, equation = (FACTORS, "11–13") if what == "index" else (LIKENESS_FACTORS, "")
     read, share = arrays(cases, what, *(field for field, _ in factors.values())), weights[places]
-    values = np.column_stack([read[field][places] for field, _ in factors.values()])
+    values = np.column_stack([read.pop(field)[places] for field, _ in factors.values()])  # no column is held twice
     losses = product_losses(values)
     for column, name in enumerate(factors):
         label = name if name in ("similarity", "plausibility") else f"{name} factor"

@@ -314,10 +314,10 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
             note = f"Each case is drawn in the panel whose {first.name} is nearest to its own."
         return View(logical.names, 1, 2, 0, tuple(distinct), {}, True, note)
     points = parameters_of(cases, logical.names)
-    values, often = zip(*(np.unique(points[:, column], return_counts=True) for column in columns), strict=True)
-    by_variety = sorted(columns, key=lambda column: -len(values[column]))
+    number, common = zip(*(_variety(points[:, column]) for column in columns), strict=True)
+    by_variety = sorted(columns, key=lambda column: -number[column])
     x, y = sorted(by_variety[:2]) if axes is None else map(logical.column, axes)
-    fixed = {column: float(values[column][np.argmax(often[column])]) for column in columns if column not in (x, y)}
+    fixed = {column: common[column] for column in columns if column not in (x, y)}
     on_slice = int(np.count_nonzero(np.all(points[:, list(fixed)] == list(fixed.values()), axis=1)))
     projected = on_slice < SLICE_WORTH_SHOWING * len(cases)
     where = ", ".join(
@@ -330,6 +330,12 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
         else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of them."
     )
     return View(logical.names, x, y, None, (None,), fixed, projected, note)
+
+
+def _variety(column: FloatArray) -> tuple[int, float]:
+    """How many values a parameter takes, and the most common one, of equals the least."""
+    values, often = np.unique(column, return_counts=True)
+    return len(values), float(values[np.argmax(often)])
 
 
 def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:

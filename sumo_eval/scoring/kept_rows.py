@@ -277,8 +277,14 @@ def chosen(cases: Sequence[CaseResult], flags: BoolArray) -> Chosen:
 
 def parameters_of(cases: Sequence[CaseResult], names: Sequence[str]) -> FloatArray:
     """Where cases lie, (n, k): the parameters of these names."""
-    found = arrays(cases, *(f"values.{name}" for name in names))
-    return np.column_stack([found[f"values.{name}"] for name in names]).astype(np.float64, copy=False)
+    found, first = np.empty((len(cases), len(names))), 0
+    for part in arrays_in_parts(cases, *(f"values.{name}" for name in names)):
+        columns = [part[f"values.{name}"] for name in names]
+        last = first + len(columns[0])
+        for place, column in enumerate(columns):
+            found[first:last, place] = column
+        first = last
+    return found
 
 
 def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:

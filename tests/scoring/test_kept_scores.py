@@ -237,7 +237,8 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     looking = (
         "import sys\n"
         "from sumo_eval.cli import main\n"
-        "for words in (['report', run], ['explain', run, 'no_such_case'], ['replay', run, case, '--out', out]):\n"
+        "looks = ['report', run], ['explain', run, 'no_such_case'], ['replay', run, case, '--out', out]\n"
+        "for words in (*looks, ['export', run, case, '--out', folder]):\n"
         "    try:\n"
         "        main(words)\n"
         "    except SystemExit:\n"
@@ -246,10 +247,12 @@ def test_answers_from_what_is_kept_import_neither_a_simulator_nor_scipy(done: Ev
     )
     case = done.cases[0].case
     names = f"run, case, out = {str(done.folder)!r}, {case!r}, {str(done.folder / 'looked.html')!r}\n"
+    names += f"folder = {str(done.folder / 'exported')!r}\n"
     told = subprocess.run([sys.executable, "-c", names + looking], capture_output=True, text=True, check=True)
     assert told.stdout.splitlines()[-1] == "[]"
     assert "Unknown case `no_such_case`" in told.stderr
     assert (done.folder / "looked.html").is_file()
+    assert list((done.folder / "exported").glob("*.xosc"))
 
 
 def test_what_was_let_go_is_in_no_digest_and_equal_rules_give_equal_digests(

@@ -15,7 +15,7 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import CaseResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
-from sumo_eval.scoring.kept_rows import Made, arrays, chosen, names_at, point_numbers
+from sumo_eval.scoring.kept_rows import Made, arrays, chosen, name_ranks, names_at, point_numbers
 from sumo_eval.scoring.kept_scores import RowWriter
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import MethodSettings
@@ -70,6 +70,22 @@ def test_kept_rows_give_the_columns_of_held_ones_whatever_the_chunks(rows: list[
     assert list(made)[:2] == made[:2] == [(some[0].case, 0), (some[1].case, 1)]
     with pytest.raises(IndexError):
         made[len(made)]
+
+
+def test_law_ranks_order_cases_as_their_keys_do(rows: list[CaseResult], tmp_path: Path) -> None:
+    """Keys that ascend, that do not (`c-10` stands before `c-2`), and that have other letters than ASCII."""
+    ascending = [replace(row, case=f"c-{number:04d}") for number, row in enumerate(rows)]
+    foreign = [replace(row, case=f"{'äz😀ﬀ'[number % 4]}-{number:04d}") for number, row in enumerate(rows)]
+    places = np.array([250, 3, 17, 101, 0])
+    for name, some in (("ascending", ascending), ("plain", rows), ("foreign", foreign)):
+        writer = RowWriter(KeptResults(tmp_path), name.encode())
+        for first in range(0, len(some), 100):
+            writer.add(some[0].scenario, some[0].ads, some[first : first + 100])
+        for cases in (some, writer.rows(some[0].ads, some[0].scenario)):
+            keys = [some[place].case for place in places]
+            ranks = name_ranks(cases, places)
+            assert [keys[one] for one in np.argsort(ranks)] == sorted(keys), name
+    assert not len(name_ranks([], np.empty(0, dtype=np.intp)))
 
 
 def test_points_have_one_number_in_all_tables(rows: list[CaseResult]) -> None:

@@ -158,7 +158,7 @@ def _halve(rows: IntArray, unit: FloatArray, first: int, ends: array[int]) -> No
     if len(rows) < SMALLEST:
         ends.append(first + len(rows))
         return
-    axis = int(np.argmax([float(np.ptp(column[rows])) for column in unit.T]))
+    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
     rows[:] = rows[np.argsort(unit[rows, axis], kind="stable")]
     half = len(rows) // 2
     _halve(rows[:half], unit, first, ends)

@@ -1,6 +1,7 @@
 """Intervals hold what they promise, on a problem whose answer is known, and follow from worked numbers."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,15 @@ import pytest
 
 from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, stratified_deviations
-from sumo_eval.scoring.confidence.intervals import Judged, balanced, draw_counts, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import (
+    Judged,
+    balanced,
+    draw_counts,
+    of_one_number,
+    same_sizes,
+    score_intervals,
+    strata,
+)
 from sumo_eval.settings import MethodSettings
 
 METHOD = MethodSettings()
@@ -138,6 +147,43 @@ def test_an_interval_of_a_mean_is_students():
     assert half(found.limits["d"]) == pytest.approx(0.0455, rel=0.03)
     assert found.sources["s"]["cases"] == pytest.approx(50 * 0.0455, rel=0.03)
     assert found.sources["s"]["drivers"] == 0.0
+
+
+def halves(rows, unit):
+    """The rule of `strata`, said plainly."""
+    if len(rows) < 4:
+        return [rows.tolist()]
+    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
+    order = rows[np.argsort(unit[rows, axis], kind="stable")]
+    return [*halves(order[: len(rows) // 2], unit), *halves(order[len(rows) // 2 :], unit)]
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 5, 31, 200, 1001])
+def test_law_strata_are_the_halves_of_halves_in_their_order(n):
+    unit = np.round(np.random.default_rng(n).random((n, 3)), 1)  # with equal places
+    groups, plain = strata(unit, "sobol"), halves(np.arange(n), unit)
+    assert [group.tolist() for group in groups] == plain
+    assert [group.tolist() for group in groups[-2:]] == plain[-2:]
+    assert groups[-1].tolist() == plain[-1]
+    for size, same in same_sizes(groups):
+        assert same.tolist() == [group for group in plain if len(group) == size]
+    numbers = np.floor(unit[:, 0] * 3)
+    assert [group.tolist() for group in of_one_number(numbers)] == [
+        np.flatnonzero(numbers == one).tolist() for one in np.unique(numbers)
+    ]
+
+
+def test_law_strata_hold_two_numbers_a_point():
+    n = 20_000
+    unit = np.random.default_rng(1).random((n, 4))
+    tracemalloc.start()
+    try:
+        groups = strata(unit, "sobol")
+        held = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert len(groups) > n / 3
+    assert held < 16 * n + 10_000, "bytes"
 
 
 def test_points_of_an_even_sample_stand_only_for_their_neighbours():
