@@ -37,7 +37,7 @@ def gallery() -> str:
         "# Gallery of scenarios",
         "",
         "Moving pictures: the middle of the space, driven by `idm` in SUMO; blue is the ADS, ochre the others.",
-        "Roads that bend, ramps and crossings are drawn as they begin.",
+        "The camera goes with the ADS, and turns with it on a bend.",
         "",
     ]
     for path in sorted((ROOT / "sumo_eval" / "scenario" / "files").glob("*.toml")):

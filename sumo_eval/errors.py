@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import re
 from collections.abc import Iterable, Sequence
 
 from sumo_eval.text import SENTENCE, clean, kind_of, shown, words_of
@@ -119,8 +120,12 @@ def check_name(what: str, owner: str, name: str) -> None:
 
 
 def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
-    """Unknown ADS `idn`. Did you mean `idm`?"""
-    return InputError(f"Unknown {kind} `{name}`.{did_you_mean(name, known)}")
+    """Unknown parameter `gpa` of scenario `cut_in`. Did you mean `gap`?
+
+    kind: what is unknown, and of or in what: `parameter of scenario `cut_in``.
+    """
+    what, owner = re.fullmatch(r"(.*?)((?: of | in ).*?)?:?", kind, flags=re.DOTALL).groups(default="")  # type: ignore[union-attr]
+    return InputError(f"Unknown {what} `{name}`{owner}.{did_you_mean(name, known)}")
 
 
 def said(error: BaseException) -> str:

@@ -42,6 +42,17 @@ def test_a_text_is_quoted_so_that_it_cannot_be_taken_for_a_number():
 
 
 @pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("parameter of scenario `cut_in`", "Unknown parameter `gpa` of scenario `cut_in`. Did you mean `gap`?"),
+        ("name in `gpa + 1` of road of x:", "Unknown name `gpa` in `gpa + 1` of road of x. Did you mean `gap`?"),
+    ],
+)
+def test_of_what_a_name_is_unknown_stands_behind_the_name(kind, sentence):
+    assert str(unknown(kind, "gpa", ["gap"])) == sentence
+
+
+@pytest.mark.parametrize(
     ("name", "known", "sentence"),
     [
         ("idn", ["idm", "lane_changer"], "Unknown ADS `idn`. Did you mean `idm`?"),

@@ -13,7 +13,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval import kernels
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.world import World
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.scenario import catalogue

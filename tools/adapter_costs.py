@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.cosim.doors.traci_module import TRACI
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import libsumo, session
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue

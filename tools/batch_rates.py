@@ -32,7 +32,7 @@ from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from typing import Any
 
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import run_cases
 from sumo_eval.record.points import zones_of

@@ -28,7 +28,7 @@ import duckdb
 import numpy as np
 import pandas as pd
 
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_indexes
 from sumo_eval.method.plausibility import MOTORWAY_PEOPLE, extremes_of, plausibility

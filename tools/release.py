@@ -1,12 +1,13 @@
-"""A release: checks, the changelog's cut, the version, a commit and a tag, and the wheel.
+"""A release: checks, the changelog's cut, the version, a commit and a tag, the source archive and the wheel.
 
     python tools/release.py 0.2.0 --dry-run    every check and what would be done; nothing is changed
     python tools/release.py 0.2.0              does it
 
 Refused: a tree that is not clean, a version that is not above the one that stands, a tag that is there already, nothing
 under [Unreleased], golden files that differ (`--skip-golden` leaves that check to whoever has just made it), a house
-check that finds something. The wheel is built from the release's commit, in a tree of its own; where that fails, the
-commit is taken back. Nothing is pushed.
+check that finds something, a file that does not name the version that stands. The source archive is built from the
+release's commit, in a tree of its own, and the wheel from the source archive; where that fails, the commit is taken
+back. Nothing is pushed.
 """
 
 from __future__ import annotations
@@ -21,7 +22,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+")
-_STANDING = re.compile(r'^version = "([^"]+)"$', flags=re.M)
+_NAMES_THE_VERSION = {
+    "pyproject.toml": 'version = "{}"',
+    "CITATION.cff": "version: {}",
+    "packaging/conda/meta.yaml": '{{% set version = "{}" %}}',
+}
+"""The line of each file that says which version this is; `{}` stands for the version."""
 _UNRELEASED = "## [Unreleased]"
 
 
@@ -40,16 +46,33 @@ def cut(changelog: str, version: str, day: str) -> str:
     return f"{head}{mark}\n## [{version}] - {day}\n{rest}"
 
 
-def with_version(pyproject: str, version: str) -> str:
-    """pyproject.toml with another version, which must be above the one that stands."""
-    standing = _STANDING.findall(pyproject)
-    if len(standing) != 1:
-        raise RefusedError(f"pyproject.toml must have one line `version = ...`, has {len(standing)}.")
+def next_version(pyproject: str, version: str) -> str:
+    """The version that stands in pyproject.toml, below the new one."""
+    standing = _said("pyproject.toml", pyproject)
     if not _VERSION.fullmatch(version):
         raise RefusedError(f"The version must have the form MAJOR.MINOR.PATCH, got {version}.")
-    if _numbers(version) <= _numbers(standing[0]):
-        raise RefusedError(f"The version must be above {standing[0]}, got {version}.")
-    return _STANDING.sub(f'version = "{version}"', pyproject)
+    if _numbers(version) <= _numbers(standing):
+        raise RefusedError(f"The version must be above {standing}, got {version}.")
+    return standing
+
+
+def with_version(name: str, text: str, standing: str, version: str) -> str:
+    """A file's text with another version in the line that says the standing one."""
+    said = _said(name, text)
+    if said != standing:
+        raise RefusedError(f"{name} must name the version of pyproject.toml, {standing}, names {said}.")
+    line = _NAMES_THE_VERSION[name]
+    return re.sub(f"^{re.escape(line.format(standing))}$", line.format(version), text, flags=re.M)
+
+
+def _said(name: str, text: str) -> str:
+    """The version that a file names."""
+    before, after = (re.escape(part) for part in _NAMES_THE_VERSION[name].format("\0").split("\0"))
+    found = re.findall(f'^{before}([^"\\s]+){after}$', text, flags=re.M)
+    if len(found) != 1:
+        shown = _NAMES_THE_VERSION[name].format("...")
+        raise RefusedError(f"{name} must have one line `{shown}`, has {len(found)}.")
+    return str(found[0])
 
 
 def _numbers(version: str) -> tuple[int, ...]:
@@ -76,41 +99,52 @@ def check(root: Path, version: str, *, golden: bool = True) -> None:
 
 
 def build(root: Path, version: str) -> Path:
-    """The wheel of the last commit in `dist/`, built from a tree of its own: no file that lies about gets into it."""
+    """The source archive and the wheel of the last commit in `dist/`; the wheel. The archive is built from a tree of
+    its own, so that no file that lies about gets into it, and the wheel from the archive, as an index's users would.
+    """
+    dist = root / "dist"
     with tempfile.TemporaryDirectory(prefix="sumo_eval_release_") as folder:
         tree = Path(folder) / "tree"
         _run(root, "git", "worktree", "add", "--detach", str(tree), "HEAD")
         try:
-            _run(root, sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", str(root / "dist"), str(tree))
+            _run(tree, sys.executable, "-m", "hatchling", "build", "--target", "sdist", "--directory", str(dist))
+            source = str(dist / f"sumo_eval-{version}.tar.gz")
+            _run(root, sys.executable, "-m", "pip", "wheel", "--no-deps", "--wheel-dir", str(dist), source)
         finally:
             _run(root, "git", "worktree", "remove", "--force", str(tree))
-    (wheel,) = (root / "dist").glob(f"*-{version}-*.whl")
+    (wheel,) = dist.glob(f"*-{version}-*.whl")
     return wheel
 
 
 def release(root: Path, version: str, *, dry_run: bool = False, golden: bool = True) -> None:
     """Check, cut, set, commit, build and tag; print what was done. dry_run: only check, and say what would be done."""
     day = datetime.datetime.now(datetime.UTC).date().isoformat()
-    pages = {
-        root / "CHANGELOG.md": cut((root / "CHANGELOG.md").read_text(encoding="utf-8"), version, day),
-        root / "pyproject.toml": with_version((root / "pyproject.toml").read_text(encoding="utf-8"), version),
-    }
+    pages = {"CHANGELOG.md": cut((root / "CHANGELOG.md").read_text(encoding="utf-8"), version, day)}
+    standing = next_version((root / "pyproject.toml").read_text(encoding="utf-8"), version)
+    for name in _NAMES_THE_VERSION:
+        pages[name] = with_version(name, (root / name).read_text(encoding="utf-8"), standing, version)
     check(root, version, golden=golden)
     print(f"The tree is clean{' and the golden files hold' if golden else ', the golden files were not asked'}.")
-    names = [path.name for path in pages]
     if dry_run:
-        print(f"Would change {' and '.join(names)}, commit, build the wheel and tag v{version}. Nothing was done.")
+        changed = f"{', '.join(list(pages)[:-1])} and {list(pages)[-1]}"
+        print(
+            f"Would change {changed}, commit, build the source archive and the wheel, and tag v{version}. "
+            "Nothing was done."
+        )
         return
-    for path, text in pages.items():
-        path.write_text(text, encoding="utf-8")
-    _run(root, "git", "commit", "--quiet", "--message", f"Release {version}", *names)
+    for name, text in pages.items():
+        (root / name).write_text(text, encoding="utf-8")
+    _run(root, "git", "commit", "--quiet", "--message", f"Release {version}", *pages)
     try:
         wheel = build(root, version)
     except RefusedError:
         _run(root, "git", "reset", "--hard", "--quiet", "HEAD~1")  # the tree was clean
         raise
     _run(root, "git", "tag", "--annotate", f"v{version}", "--message", f"sumo_eval {version}")
-    print(f"Built {wheel}, committed and tagged v{version}. To publish: git push --follow-tags, and upload the wheel.")
+    print(
+        f"Built {wheel} and its source archive, committed and tagged v{version}. "
+        "To publish: git push --follow-tags, and upload both."
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -48,9 +48,9 @@ from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import judge
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
-from sumo_eval.report.page_data import Embedded
 from sumo_eval.report.people import people_rows, worst_cases
 from sumo_eval.report.preventability import preventability
+from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
 from sumo_eval.report.terminal import comparison_lines, ledger_lines
@@ -269,8 +269,8 @@ def page(folder: Path, cases: int) -> None:
             began = time.process_time()
             # the rows have no drives: trajectories, of which a page has at most 4.5 MB, are left out
             with (
-                patch("sumo_eval.report.page_data.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
-                patch("sumo_eval.report.page_data._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
+                patch("sumo_eval.report.sent_drives.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
+                patch("sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
             ):
                 found = part()
             took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024

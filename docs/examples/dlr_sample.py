@@ -51,4 +51,6 @@ def write_sample(folder: Path, seconds: int) -> Path:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3 or not sys.argv[2].isdecimal():
+        sys.exit("Name the folder to write to and how many seconds to take, at most 300: dlr_sample.py recordings 45")
     sys.stdout.write(f"{write_sample(Path(sys.argv[1]), int(sys.argv[2]))}\n")

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from sumo_eval.bench.whole import whole_costs
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.observation import Observation, Observations
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.bare_libsumo import bare_seconds
 from sumo_eval.cosim.sumo.session import command_line, running, simulator_version
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml

@@ -15,7 +15,7 @@ from typing import Any, Final, NoReturn
 import click
 
 from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
-from sumo_eval.cli.sentences import WHOLE
+from sumo_eval.cli.sentences import WHOLE, tell
 from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
 from sumo_eval.text import clean, clean_log
 
@@ -112,7 +112,7 @@ class _Group(click.Group):
         try:
             return super().invoke(ctx)
         except StoppedError as stop:
-            click.echo(f"sumo-eval: {stop}", err=True)
+            tell(f"sumo-eval: {stop}", err=True)
             sys.exit(INTERRUPTED)
         except SumoEvalError as error:
             if "sumo_eval.record.children" in sys.modules:
@@ -125,7 +125,7 @@ class _Group(click.Group):
             place = f" ({clean(str(error.filename), 200)})" if error.filename else ""
             _refuse(f"{error.strerror or error}{place}. What was finished before is kept.")
         except KeyboardInterrupt:
-            click.echo("Stopped by Ctrl-C.", err=True)
+            tell("Stopped by Ctrl-C.", err=True)
             sys.exit(INTERRUPTED)
 
 
@@ -148,7 +148,7 @@ def _one_thread() -> None:
 
 def _refuse(sentence: str) -> NoReturn:
     with suppress(OSError):  # a full device behind stderr: the exit status is all that can be said
-        click.echo(f"sumo-eval: {clean_log(sentence)}", err=True)
+        tell(f"sumo-eval: {clean_log(sentence)}", err=True)
     sys.exit(INPUT_WRONG)
 
 

@@ -10,7 +10,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import show_table
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
@@ -64,10 +64,10 @@ def compare(
     if page is not None:
         from sumo_eval.report.html import write_comparison
 
-        click.echo(f"The page is {write_comparison(after, Beside(comparison, gates), page)}")
+        tell(f"The page is {write_comparison(after, Beside(comparison, gates), page)}")
     if with_report:
         report = write_assessed_report(after, Beside(comparison, gates))
-        click.echo(f"The report is {report}")
+        tell(f"The report is {report}")
     sys.exit(GATE_FAILED if failed(gates) else NOT_EVALUATED if after.not_evaluated else DONE)
 
 
@@ -115,8 +115,8 @@ def nightly(
     if result.comparison:
         lines = comparison_lines(result.comparison, result.gates, result.evaluation)[1:]
     say((*lines, *closing_lines(result.evaluation)[:-1]))
-    click.echo(f"The report is {result.report}")
-    click.echo(f"The trend is {result.trend}")
+    tell(f"The report is {result.report}")
+    tell(f"The trend is {result.trend}")
     sys.exit(result.night.exit_status)
 
 
@@ -133,8 +133,8 @@ def _install(recipe: str, evaluation: Path, history: Path, gate: Path | None, wo
     program = shlex.quote(found) if found else f"{shlex.quote(sys.executable)} -m sumo_eval"
     written = install(recipe, Night(program, evaluation, history, tuple(options)))
     for path in written.files:
-        click.echo(str(path))
-    click.echo(written.left_to_do)
+        tell(str(path))
+    tell(written.left_to_do)
 
 
 @click.command(epilog="Example: sumo-eval trend nights")
@@ -151,6 +151,6 @@ def trend(history: Path, runs: tuple[Path, ...]) -> None:
     if runs:
         with Progress() as progress:
             for night in import_runs(history, runs, progress):
-                click.echo(f"Added {night.folder} as night {night.night}.")
+                tell(f"Added {night.folder} as night {night.night}.")
     with open_history(history) as lines:
-        click.echo(str(write_trend(history, lines)))
+        tell(str(write_trend(history, lines)))

@@ -10,7 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.named_values import named_values
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
@@ -43,7 +43,7 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
         return
 
     def told(address: str) -> None:
-        click.echo(f"Drive here, on this machine only: {address}")
+        tell(f"Drive here, on this machine only: {address}")
         if not no_browser:
             click.launch(address)
 
@@ -79,8 +79,8 @@ def _collect(path: Path) -> None:
     found = collect(read_study(path))
     say(found.sentences())
     for file in found.files:
-        click.echo(str(file))
-    click.echo(
+        tell(str(file))
+    tell(
         f"Score with these people: sumo-eval run {found.files[-1]} --out RUN; "
         f"sumo-eval humans opinion RUN {found.files[1]}"
     )
@@ -91,5 +91,5 @@ def _again(path: Path) -> int:
     from sumo_eval.wheel.again import again
 
     found = again(path)
-    click.echo(found.sentence)
+    tell(found.sentence)
     return DONE if found.same is not False else GATE_FAILED

@@ -9,7 +9,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,6 +50,6 @@ def finish(evaluation: Evaluation, notes: Sequence[str] = ()) -> NoReturn:
     if not evaluation.not_evaluated:
         sys.exit(DONE)
     if evaluation.settings.run.incomplete == "gate":
-        click.echo("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
+        tell("The gate failed: `run.incomplete` allows no case that could not be evaluated.")
         sys.exit(GATE_FAILED)
     sys.exit(NOT_EVALUATED)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.named_values import named_values
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command("import", epilog="Example: sumo-eval import CCRm.xosc")
@@ -78,10 +78,10 @@ def import_(
         for number, content in enumerate(contents, 1):
             written = out if number == 1 else out.with_stem(f"{out.stem}_{number}")
             write_scenario(content, written)
-            click.echo(f"wrote {written}")
+            tell(f"wrote {written}")
         if len(contents) > 1:
-            click.echo(f"{len(contents)} files: the others are not the same bodies or do not move alike at all points")
+            tell(f"{len(contents)} files: the others are not the same bodies or do not move alike at all points")
         return
     else:
         raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
-    click.echo(f"wrote {out}")
+    tell(f"wrote {out}")

@@ -8,7 +8,7 @@ import click
 
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command(epilog="Example: sumo-eval report results/first")
@@ -21,7 +21,7 @@ def report(run: Path) -> None:
     with Progress() as progress:
         evaluation = score_run(run, progress=progress)
         path = write_assessed_report(evaluation, progress=progress)
-    click.echo(str(path))
+    tell(str(path))
 
 
 @click.command(epilog="Example: sumo-eval explain results/first cut_in-0042-idm")
@@ -88,7 +88,7 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
         replay_in_gui(logical.road, vehicles, fact.collision, bodies=bodies)
         return
     path = write_replay(run, logical, fact, out or run / f"replay-{case}.html", beside=beside)
-    click.echo(f"The replay is {path}")
+    tell(f"The replay is {path}")
     if opens:
         click.launch(str(path))
 
@@ -105,23 +105,23 @@ def plot(
     run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> None:
     """Draw FIGURE of RUN for a paper: zone_map, field, trajectories, time_history, collisions, boundary, intervals,
-    points; opinion; of a folder of nights, trend.
+    points; opinion; of a folder of nights, trend; of what `boundary` wrote, boundary.
     """
-    from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw
+    from sumo_eval.figures.drawn import FIGURES, OF_RUNS, draw, is_edge
     from sumo_eval.figures.style import refuse_without_matplotlib, save, width_of
 
     file = out or run / f"{figure}.svg"
     if figure in FIGURES:  # else `draw` says so
         width_of(width)
         refuse_without_matplotlib()
-    if figure not in OF_RUNS:
-        click.echo(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+    if figure not in OF_RUNS or is_edge(run, figure):
+        tell(str(save(draw(run, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
         return
     from sumo_eval.evaluation import score
 
     with Progress() as progress:
         evaluation = score(run, progress=progress)
-    click.echo(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
+    tell(str(save(draw(evaluation, figure, scenario=scenario, ads=ads, case=case, width=width), file)))
 
 
 @click.command(epilog="Example: sumo-eval export results/first --format csv --out tables")
@@ -146,13 +146,13 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
         with Progress() as progress:
             evaluation = score(run, progress=progress)
         for path in write_evidence(evaluation, out):
-            click.echo(str(path))
+            tell(str(path))
         return
     if case is None:
         from sumo_eval.record.exchange import export as write
 
         for path in write(run, out, kind or "csv"):
-            click.echo(str(path))
+            tell(str(path))
         return
     if kind is not None:
         raise click.UsageError("`--format` is for the tables of a whole run; a case has its own kinds of files.")
@@ -160,5 +160,5 @@ def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: P
 
     exported = export_case(run, case, out)
     for path in exported.paths:
-        click.echo(str(path))
-    click.echo(f"Drive it again, in that folder: {exported.line}")
+        tell(str(path))
+    tell(f"Drive it again, in that folder: {exported.line}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import WHOLE, say
+from sumo_eval.cli.sentences import WHOLE, say, tell
 
 
 class _WholeLines(click.Group):
@@ -42,8 +42,8 @@ def import_(form: str, paths: tuple[Path, ...], out: Path) -> None:
     recordings = import_recordings(form, paths)
     write_csv(recordings, out)
     for note in recordings.notes:
-        click.echo(note)
-    click.echo(f"{recordings.vehicles} vehicles, {len(recordings.table)} samples: {out}")
+        tell(note)
+    tell(f"{recordings.vehicles} vehicles, {len(recordings.table)} samples: {out}")
 
 
 @humans.command(epilog="Example: sumo-eval humans events people.csv.gz --out events")
@@ -72,7 +72,7 @@ def exposure(scenario: str, tables: tuple[Path, ...], bandwidth: str) -> None:
 
     settings = ExposureSettings("recorded", tuple(map(str, tables)), bandwidth)  # type: ignore[arg-type]
     found = exposure_of(catalogue.find(scenario, Path.cwd()), settings, DriverSettings(), Path.cwd())
-    click.echo(f"{scenario}: {found.about}.")
+    tell(f"{scenario}: {found.about}.")
 
 
 @humans.command(epilog="Example: sumo-eval humans scene people.csv.gz --ego 17 --react IDM --out scene.toml")
@@ -101,18 +101,16 @@ def scene(
     found = write_scene(
         import_recordings(OWN, tables), out, ego, recording=recording, begin=begin, end=end, model=react, beyond=beyond
     )
-    click.echo(
+    tell(
         f"{found.others} vehicles around {ego} for {found.seconds:z.1f} s; in the file they are "
         f"{found.error[0]:z.3f} m (root mean square; at most {found.error[1]:z.2f} m) from where they were recorded."
     )
     if found.continued:
-        click.echo(
-            f"{found.continued} of them were not recorded throughout: before and after, they keep speed and lane."
-        )
+        tell(f"{found.continued} of them were not recorded throughout: before and after, they keep speed and lane.")
     for reason, number in found.left_out.items():
-        click.echo(f"Left out: {number} vehicles, {reason}.")
-    click.echo(ROAD_AS_WRITTEN)
-    click.echo(f"Scene: {found.path}")
+        tell(f"Left out: {number} vehicles, {reason}.")
+    tell(ROAD_AS_WRITTEN)
+    tell(f"Scene: {found.path}")
 
 
 @humans.command(epilog="Example: sumo-eval humans departure results/scene")
@@ -124,8 +122,8 @@ def departure(run: Path, out: Path | None) -> None:
 
     path = run / PAGE if out is None else out
     for one in write_departures(run, path):
-        click.echo(f"{one.sentence()}.")
-    click.echo(f"Page: {path}")
+        tell(f"{one.sentence()}.")
+    tell(f"Page: {path}")
 
 
 @humans.command(epilog="Example: sumo-eval humans coverage evaluation.toml")
@@ -140,17 +138,17 @@ def coverage(evaluation: Path, out: Path | None) -> None:
     with Progress() as progress:
         found = covered(evaluation, lambda what, done, total: progress(f"{what}: recorded people", done, total))
     for one in found:
-        click.echo(f"{one.sentence()}.")
+        tell(f"{one.sentence()}.")
         for point in one.points:
-            click.echo(
+            tell(
                 f"  {point.point}: {point.drivers} ({point.near} events near, {point.short} recorded "
                 f"over too little of the road, {point.again} of the same drivers)"
             )
     if nobody(found):
-        click.echo("WARN  nobody was recorded in anything like these concrete scenarios.")
+        tell("WARN  nobody was recorded in anything like these concrete scenarios.")
     if out is not None:
         write_rows([point for one in found for point in one.points], out)
-        click.echo(f"Table: {out}")
+        tell(f"Table: {out}")
 
 
 @humans.command(epilog="Example: sumo-eval humans population people.csv.gz --drivers 200")
@@ -210,9 +208,9 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     say(opinion_lines(result))
     place = run / "opinion.html" if out is None else out
     write_opinion_plot(result, place)
-    click.echo(f"Plot: {place}")
+    tell(f"Plot: {place}")
     (run / OPINION).write_text(json.dumps(opinion_json(result), indent=2) + "\n", encoding="utf-8")
-    click.echo(f"`sumo-eval report {run}` shows it in the report from now on.")
+    tell(f"`sumo-eval report {run}` shows it in the report from now on.")
 
 
 @humans.command(epilog="Example: sumo-eval humans similarity results/first")
@@ -230,7 +228,7 @@ def similarity(run: Path, out: Path | None) -> None:
     place = run / "similarity.csv" if out is None else out
     write_rows(rows, place)
     say(similarity_lines(rows))
-    click.echo(f"Table: {place}")
+    tell(f"Table: {place}")
 
 
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
@@ -268,4 +266,4 @@ def sensitivity(run: Path, constants: tuple[str, ...]) -> None:
     say(sensitivity_lines(rows, by_wheel=by_wheel))
     write_rows(rows, run / "sensitivity.csv")
     write_sensitivity_plot(rows, run / "sensitivity.html")
-    click.echo(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")
+    tell(f"Table and plot: {run / 'sensitivity.csv'}, {run / 'sensitivity.html'}")

@@ -10,7 +10,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 
 @click.command(epilog="Example: sumo-eval qualify --out qualification")
@@ -31,5 +31,5 @@ def qualify(out: Path) -> None:
     written = pages.write_qualification(found, out)
     say(pages.lines(found))
     for path in written:
-        click.echo(str(path))
+        tell(str(path))
     sys.exit(GATE_FAILED if found.failed else DONE)

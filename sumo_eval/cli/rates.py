@@ -12,7 +12,7 @@ import click
 from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
 
 
@@ -44,7 +44,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
         lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
     say(sentences(lesson))
     for path in write_lesson(lesson, out):
-        click.echo(str(path))
+        tell(str(path))
 
 
 @click.command(epilog="Example: sumo-eval campaign learned/campaign.toml --out results/rates")
@@ -74,7 +74,7 @@ def campaign(file: Path, out: Path | None, budget: int | None, workers: int | No
     say(sentences(found))
     lost = sum((rate.lost for rate in found.rates), Counter[str]())
     if lost:
-        click.echo(lost_words(lost))
+        tell(lost_words(lost))
     for path in write_campaign(found, out):
-        click.echo(str(path))
+        tell(str(path))
     sys.exit(NOT_EVALUATED if lost else DONE)

@@ -11,7 +11,7 @@ import click
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import finish
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import Heard, Stopping
 from sumo_eval.cli.tools import refuse_a_bare_file
 
@@ -83,7 +83,7 @@ def run(
 
         refuse_without(settings.run.scheduler)
     if dry_run:
-        click.echo(str(estimate(settings, source, out if resume else None, part)))
+        tell(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)
     with Progress() as progress, Stopping() as stopping:
         if part == WHOLE:
@@ -94,7 +94,7 @@ def run(
             )
     if part != WHOLE:
         failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
-        click.echo(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
+        tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")
         sys.exit(NOT_EVALUATED if recorded.not_evaluated else DONE)
     with Progress() as progress:
         result = score_run(folder, progress=progress)
@@ -157,9 +157,9 @@ def verify(run: Path, share: float, workers: int | None) -> None:
         drives, differences = simulate_again(run, share, workers=workers, progress=progress)
     say(differences[:_MOST_LISTED])
     if len(differences) > _MOST_LISTED:
-        click.echo(f"and {len(differences) - _MOST_LISTED} more.")
+        tell(f"and {len(differences) - _MOST_LISTED} more.")
     if differences:
-        click.echo(f"{len(differences)} of {drives} drives of {run} are not what they were.")
+        tell(f"{len(differences)} of {drives} drives of {run} are not what they were.")
         sys.exit(GATE_FAILED)
-    click.echo(f"{drives} drives of {run} simulated again, all the same to the bit.")
+    tell(f"{drives} drives of {run} simulated again, all the same to the bit.")
     sys.exit(DONE)

@@ -14,14 +14,20 @@ WHOLE: Final = 200
 """Characters that a help line may have: no first sentence of a command is longer."""
 
 
-def say(lines: Iterable[str]) -> None:
+def say(lines: Iterable[str], *, err: bool = False) -> None:
     """Print lines; on a terminal what is wider is broken between words, and goes on indented.
 
     A file or a pipe gets every line as it is: whoever searches in it finds a sentence in one line.
     """
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    width = shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
     for line in lines:
-        click.echo(line if width is None else broken(line, width))
+        parts = [line] if width is None else [broken(part, width) for part in line.split("\n")]
+        click.echo("\n".join(parts), err=err)
+
+
+def tell(line: str, *, err: bool = False) -> None:
+    """Print one line as `say` does."""
+    say((line,), err=err)
 
 
 def broken(line: str, width: int) -> str:

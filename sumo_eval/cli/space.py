@@ -11,6 +11,7 @@ from sumo_eval.cli import out_folder
 from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
+from sumo_eval.cli.sentences import tell
 
 
 @click.command(epilog="Example: sumo-eval scenarios")
@@ -19,11 +20,11 @@ def scenarios() -> None:
     from sumo_eval.scenario.catalogue import SCENARIOS
 
     for scenario in SCENARIOS.values():
-        click.echo(f"{scenario.name}\n  {scenario.about}")
+        tell(f"{scenario.name}\n  {scenario.about}")
         for item in scenario.parameters:
-            click.echo(f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: {item.about}")
+            tell(f"  {item.name:<16} {item.low:g}..{item.high:g}{item.behind}, step {item.step:g}: {item.about}")
         for option in scenario.options:
-            click.echo(f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: {option.about}")
+            tell(f"  ?{option.name}=...{'' if option.unit == '1' else f' {option.unit}'}: {option.about}")
 
 
 @click.command(epilog="Example: sumo-eval partition front_vehicle_cut_out")
@@ -39,12 +40,12 @@ def partition(scenario: str) -> None:
     zones = split(logical)
     result = describe_zones(logical, zones, draw(logical))
     share = f"{result.hazardous_share:z.1%} of {result.sampled} grid points"
-    click.echo(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
+    tell(f"{logical.name}: {result.zones} hazardous zone(s), {share}")
     for point in result.most_dangerous:
-        click.echo("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
-    click.echo(f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible points")
+        tell("  most dangerous point: " + ", ".join(f"{name}={value:g}" for name, value in point.items()))
+    tell(f"  on the wrong side of the exact boundary: {result.boundary_error:z.2%} of the possible points")
     for note in result.notes:
-        click.echo(f"  {note}")
+        tell(f"  {note}")
 
 
 @click.command(epilog="Example: sumo-eval sample cut_in --method sobol --count 64 --out points")
@@ -86,11 +87,11 @@ def sample(
     table, page = write_points(logical, chosen, out or out_folder.default(logical.name, "points"), title)
     total = len(chosen.points) + len(chosen.refused)
     share = len(chosen.refused) / total
-    click.echo(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
+    tell(f"{title}; constraints refuse {len(chosen.refused)} of {total} ({share:z.1%}).")
     for note in chosen.notes:
-        click.echo(f"  {note}")
-    click.echo(str(table))
-    click.echo(str(page))
+        tell(f"  {note}")
+    tell(str(table))
+    tell(str(page))
 
 
 @click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --out boundary")
@@ -136,26 +137,26 @@ def boundary(
             watch=lambda done, total: progress(f"{logical.name}: {ads}", done, total),
         )  # fmt: skip
     told = summary(found)
-    click.echo(
+    tell(
         f"{logical.name}: {ads} collides in {told['collision_share_of_space']:z.1%} of the space "
         f"({told['collision_share_of_exposure']:z.1%} of the exposure), from {told['simulations']} simulations."
     )
     change = found.rounds[-1].expected_change
     if found.stopped == "settled":
-        click.echo(f"  The next round is expected to move {change:z.2%} of the space: settled.")
+        tell(f"  The next round is expected to move {change:z.2%} of the space: settled.")
     elif change < 1.0:
         ended = f"The search ended with its {found.stopped}"
-        click.echo(f"  {ended}; a further round may move {change:z.2%} of the space.")
+        tell(f"  {ended}; a further round may move {change:z.2%} of the space.")
     else:
-        click.echo(
+        tell(
             f"  The search ended with its {found.stopped}. How far a further round would move the boundary cannot be "
             "told: too few rounds saw both outcomes, or the boundary still contradicts some trials."
         )
     if not found.collided.any() or found.collided.all():
-        click.echo("  Every trial ended alike: there is no boundary that these simulations could find.")
+        tell("  Every trial ended alike: there is no boundary that these simulations could find.")
     for status, number in found.not_evaluated.items():
         drives = "1 simulation" if number == 1 else f"{number} simulations"
-        click.echo(f"  {drives} could not be evaluated ({status}); the search went on without them.")
+        tell(f"  {drives} could not be evaluated ({status}); the search went on without them.")
     for path in write_boundary(found, out, held):
-        click.echo(str(path))
+        tell(str(path))
     sys.exit(NOT_EVALUATED if found.not_evaluated else DONE)

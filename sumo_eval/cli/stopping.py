@@ -11,7 +11,7 @@ import threading
 from types import FrameType, TracebackType
 from typing import Any
 
-import click
+from sumo_eval.cli.sentences import tell
 
 GRACE = 10.0  # s for running cases after SIGTERM
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -66,6 +66,6 @@ class Stopping:
         self._asked = True
         if number == signal.SIGTERM:
             self._at_last.start()
-            click.echo(f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.", err=True)
+            tell(f"Stopping when the running cases have ended, in {GRACE:g} s at the latest.", err=True)
         else:
-            click.echo("Stopping when the running cases have ended; Ctrl-C once more stops at once.", err=True)
+            tell("Stopping when the running cases have ended; Ctrl-C once more stops at once.", err=True)

@@ -15,12 +15,13 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, INPUT_WRONG
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say
+from sumo_eval.cli.sentences import say, tell
 
 if TYPE_CHECKING:
     from sumo_eval.record.recording import Space
     from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
+_LISTED = 5  # files of a folder
 _LINES = 20  # of what an ADS printed
 
 
@@ -59,12 +60,29 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     be loaded or the file is wrong.
     """
     file = what.partition("?")[0]
+    _refuse_a_folder(file)
     refuse_a_bare_file(file)
     if file.endswith(".toml"):
         if _is_scenario(Path(file)):
             _check_scenario(what)
         _check_evaluation(Path(what))
     _check_controller(what, step_timeout, case_timeout, seed)
+
+
+def _refuse_a_folder(named: str) -> None:
+    """Say which files of a folder can be checked where somebody named the folder."""
+    from sumo_eval.errors import InputError
+    from sumo_eval.text import shown
+
+    folder = Path(named)
+    if not folder.is_dir():
+        return
+    files = sorted(path for ending in ("toml", "py") for path in folder.glob(f"*.{ending}") if path.is_file())
+    if not files:
+        raise InputError(f"{shown(named)} is a folder without an evaluation, a scenario (.toml) or an ADS (.py).")
+    more = f" and {len(files) - _LISTED} more" if len(files) > _LISTED else ""
+    listed = ", ".join(shown(str(path)) for path in files[:_LISTED])
+    raise InputError(f"{shown(named)} is a folder; name a file that it holds: {listed}{more}.")
 
 
 def refuse_a_bare_file(locator: str) -> None:
@@ -139,13 +157,13 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
             ready({WORLD}, progress)  # else the first drive would wait for it, and be told as slow
     findings, printed = check_apart(locator, cases, Path.cwd(), step_timeout, case_timeout)
     if printed:
-        click.echo(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
+        tell(f"It printed:\n{last_lines(printed, _LINES)}", err=True)
     for finding, after in zip(findings, [*findings[1:], None], strict=True):
-        click.echo(f"{finding.kind:4}  {finding.text}")
+        tell(f"{finding.kind:4}  {finding.text}")
         if finding.mend and (after is None or after.mend != finding.mend):
-            click.echo(f"      -> {finding.mend}")
+            tell(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
-    click.echo(f"{locator}: {'keeps the contract' if not failed else f'breaks the contract in {failed} point(s)'}")
+    tell(f"{locator}: {'keeps the contract' if not failed else f'breaks the contract in {failed} point(s)'}")
     sys.exit(GATE_FAILED if failed else DONE)
 
 
@@ -161,7 +179,7 @@ def _check_evaluation(path: Path) -> None:
     from sumo_eval.settings import DriverSettings
 
     settings, source = resolve(path, Path(), resume=False)
-    click.echo(f"ok    {path}: the settings are valid")
+    tell(f"ok    {path}: the settings are valid")
     wrong = 0
 
     def found(described: str, find: Callable[[], str]) -> None:
@@ -170,9 +188,9 @@ def _check_evaluation(path: Path) -> None:
             said = find()
         except InputError as error:
             wrong += 1
-            click.echo(f"FAIL  {described}: {error}")
+            tell(f"FAIL  {described}: {error}")
         else:
-            click.echo(f"ok    {described}: {said}")
+            tell(f"ok    {described}: {said}")
 
     if settings.run.qualification:
         found("qualification", lambda: f"{read_qualification(settings.run.qualification, source)['checks']} checks")
@@ -221,7 +239,7 @@ def _check_people(spaces: Sequence[Space], settings: EvaluationSettings, source:
 
     for one in coverage_of(spaces, settings, source):
         people = sum(point.drivers for point in one.points)
-        click.echo(f"{'ok   ' if people else 'WARN '} recorded people of {one.sentence()}")
+        tell(f"{'ok   ' if people else 'WARN '} recorded people of {one.sentence()}")
 
 
 @click.command(epilog="Example: sumo-eval schema evaluation > evaluation.schema.json")
@@ -230,7 +248,7 @@ def schema(what: str) -> None:
     """Print the JSON schema of a scenario file or of an evaluation file, for editors that check TOML."""
     from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
-    click.echo(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))
+    tell(json.dumps(scenario_schema() if what == "scenario" else evaluation_schema(), indent=2))
 
 
 PARTS = ("co-simulation", "field and D", "zones", "whole")  # as in sumo_eval.bench.costs, which is slow to import
@@ -255,12 +273,12 @@ def bench(small: bool, whole: bool, only: tuple[str, ...], cases: int, file: Pat
         cases=8 if small else cases,
         rounds=1 if small else 3,
         parts=(*(only or PARTS[:-1]), *(["whole"] if whole else [])),
-        progress=lambda part: click.echo(f"measuring: {part}", err=True),
+        progress=lambda part: tell(f"measuring: {part}", err=True),
     )
     if file is not None:
         file.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     machine = ", ".join(f"{name} {value}" for name, value in found["machine"].items())
-    click.echo(machine)
+    tell(machine)
     for row in found["rows"]:
         ratio = "" if row["ratio"] is None else f"  {row['ratio']:z.2f} x {row['ratio_of']}"
-        click.echo(f"{row['group']:<14} {row['what']:<62} {row['value']:z10.3g} {row['unit']:<8}{ratio}")
+        tell(f"{row['group']:<14} {row['what']:<62} {row['value']:z10.3g} {row['unit']:<8}{ratio}")

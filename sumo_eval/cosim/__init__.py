@@ -1,1 +1,33 @@
-"""Co-simulation: libsumo steps every vehicle, the ADS moves the ego, contact and limits are the harness's own."""
+"""Co-simulation: libsumo steps every vehicle, the ADS moves the ego, contact and limits are the harness's own.
+
+The names that users' code imports from here are looked up at first use: what only reads a recording, or writes one for
+another simulator, does not wait for SUMO to load.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sumo_eval.cosim.doors.controller import Briefing, Controller
+    from sumo_eval.cosim.simulation import simulate, simulate_many
+    from sumo_eval.cosim.vehicle_model import Command
+
+__all__ = ["Briefing", "Command", "Controller", "simulate", "simulate_many"]
+
+_HOMES = {
+    "Briefing": "sumo_eval.cosim.doors.controller",
+    "Command": "sumo_eval.cosim.vehicle_model",
+    "Controller": "sumo_eval.cosim.doors.controller",
+    "simulate": "sumo_eval.cosim.simulation",
+    "simulate_many": "sumo_eval.cosim.simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use."""
+    if name in _HOMES:
+        import importlib
+
+        return getattr(importlib.import_module(_HOMES[name]), name)
+    raise AttributeError(f"module `sumo_eval.cosim` has no attribute `{name}`")

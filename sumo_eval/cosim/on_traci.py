@@ -73,7 +73,10 @@ class OnTraci:
         self._lane_speed = concrete.ego.speed  # m/s, the ego's as SUMO counts it, without the sideways part
         # One number at a time: of a memory view that takes a tenth as long as of an array.
         self._state: Any = world.egos.view(np.float64).reshape(-1).data  # first a body's numbers, and the acceleration
+        places = {name: place[1] // 8 for name, place in (world.egos.dtype.fields or {}).items()}
+        self._front_x, self._front_y, self._commanded = (places[name] for name in ("front_x", "front_y", "command"))
         self._placed = world.egos["placed"].data
+        self._stale = world.egos["stale"].data
         self._settles = world.egos["settled"].data
         self._road, self._bent = concrete.road, concrete.road.bent
         self._others = world.others.view(np.float64).reshape(len(concrete.actors), world.others.itemsize // 8)
@@ -188,8 +191,10 @@ class OnTraci:
     def _obeyed(self, answer: object, time: float) -> Command:
         """What the vehicle is commanded."""
         try:
+            if type(answer) is Command:  # nearly every answer of nearly every ADS
+                return self._wheel.command(answer, self._state, time)
             asked = None if answer is HOLD and self._wheel.holds else wanted(answer)
-            return self._wheel.command(asked, self._state[:4].tolist(), time)
+            return self._wheel.command(asked, self._state, time)
         except ControllerError as error:
             raise with_time(error, f"at {time:.2f} s") from error
 
@@ -216,16 +221,16 @@ class OnTraci:
                 self._calls.setSpeedMode(EGO, EGO_SPEED_MODE)
 
     def _take_over(self, world: World, command: Command) -> None:
-        ego = world.egos
+        ego, state = world.egos, self._state
         if self._placed[0] == SUMO:
             self._calls.setSpeedMode(EGO, EXACT_SPEED_MODE)
             if world.steps == 0:  # it has had its hands on the wheel, and the wheel straight, from the start
                 world.samples[0, 0, 0, 6] = 0.0
             ego["steering"][0] = 0.0
             self._placed[0] = MODEL
-        ego["stale"][0] = 1  # SUMO hears of the ego at every step
+        self._stale[0] = 1  # SUMO hears of the ego at every step
         if self.plant is None:
-            ego["command"][0] = (command.acceleration, command.steering)
+            state[self._commanded], state[self._commanded + 1] = command.acceleration, command.steering
         else:
             advance_plant(self.plant, world, command)
 
@@ -237,9 +242,8 @@ class OnTraci:
             self._check_placed_ego(now)
 
     def _check_placed_ego(self, now: float) -> None:
-        ego = self._world.egos
-        self._lane_speed = float(ego["speed"][0])
-        front_x, front_y = float(ego["front_x"][0]), float(ego["front_y"][0])
+        state = self._state
+        self._lane_speed, front_x, front_y = state[3], state[self._front_x], state[self._front_y]
         x, y = self._calls.getPosition(EGO)
         if not (abs(x - front_x) <= _PLACE_TOLERANCE and abs(y - front_y) <= _PLACE_TOLERANCE):  # which no nan is
             raise SimulationError(

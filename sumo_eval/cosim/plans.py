@@ -87,7 +87,8 @@ class Wheel:
     def command(self, asked: Wanted | None, ego: Sequence[float], time: float) -> Command:
         """The acceleration and wheel angle for the step that begins at `time` s; None: what was asked for still holds.
 
-        ego: centre x, y m, heading rad and speed m/s. Raises ControllerError for what no vehicle can be asked for.
+        ego: centre x, y m, heading rad, speed m/s, and whatever else is known of it. Raises ControllerError for what no
+        vehicle can be asked for.
         """
         if isinstance(asked, Plan):
             self._track, self._last = _Track(asked, ego, self._vehicle.wheelbase), None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.figures import of_runs, of_studies
@@ -24,6 +24,11 @@ OF_RUNS: Final[Mapping[str, Any]] = {
 FIGURES: Final = (*OF_RUNS, "trend", "opinion")
 
 
+def is_edge(evaluation: Evaluation | Path, figure: str) -> TypeGuard[Path]:
+    """Whether it is a folder that `sumo-eval boundary` wrote, and its figure is asked for."""
+    return figure == "boundary" and isinstance(evaluation, Path) and (evaluation / "boundary.json").is_file()
+
+
 def draw(
     evaluation: Evaluation | Path, figure: str, *, scenario: str | None = None, ads: str | None = None,
     case: str | None = None, width: str = "page",
@@ -31,10 +36,15 @@ def draw(
     """A figure by its name, of an evaluation or of a folder.
 
     evaluation: for `trend` the folder of a history of nights, for `opinion` a run's folder, for all others a scored
-    run. Raises InputError for a name that is none, and for a scenario, an ADS or a case that is not there.
+    run; for `boundary` also a folder that `sumo-eval boundary` wrote. Raises InputError for a name that is none, and
+    for a scenario, an ADS or a case that is not there.
     """
     if figure not in FIGURES:
         raise unknown("figure", figure, list(FIGURES))
+    if is_edge(evaluation, figure):
+        if case is not None or scenario is not None or ads is not None:
+            raise InputError("Figure `boundary` of a search shows one ADS in one scenario; it takes none of them.")
+        return of_studies.edge(evaluation, width=width)
     if figure in OF_RUNS:
         if isinstance(evaluation, Path):
             from sumo_eval.evaluation import score

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sumo_eval.errors import InputError, unknown
-from sumo_eval.figures.style import FAINT, INK, MUTED, line_of, look_of, new_figure, styled
+from sumo_eval.figures.style import COLOURS, FAINT, HAZARDOUS, INK, MUTED, SAFE, line_of, look_of, new_figure, styled
 from sumo_eval.nightly.history import open_history
 from sumo_eval.report.opinion_section import opinion_content
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_OF_AN_EDGE = ("chances.csv", "trials.csv")
 
 QUANTITIES = ("S+", "A", "H", "S", "C", "D")
 """What the trend shows of the quantities that nights keep."""
@@ -58,6 +61,52 @@ def trend(history: Path, *, scenario: str | None, ads: str | None, width: str) -
             axes[0].plot([], [], color=FAINT, linewidth=3.0, label="a night that failed")
         figure.legend(loc="outside lower center", ncols=4)
         figure.suptitle(place.replace("_", " "))
+    return figure
+
+
+def edge(folder: Path, *, width: str) -> Figure:
+    """What `sumo-eval boundary` wrote into a folder: where the ADS is likelier to collide than not, and every trial.
+
+    One map for two parameters, one below the other for each value of a third. Raises InputError where a file is
+    missing, as in a folder of an older version.
+    """
+    try:
+        told = json.loads((folder / "boundary.json").read_text(encoding="utf-8"))
+        tables = [np.genfromtxt(folder / name, delimiter=",", skip_header=1, ndmin=2) for name in _OF_AN_EDGE]
+    except OSError as error:
+        raise InputError(f"The boundary in {folder} cannot be drawn: {error}. Search it again.") from error
+    chances, trials = tables
+    axes_of = told["parameters"]
+    k = len(axes_of)
+    maps = np.split(chances, np.flatnonzero(np.diff(chances[:, 2])) + 1) if k > 2 else [chances]
+    third = np.array([one[0, 2] for one in maps]) if k > 2 else np.zeros(1)
+    nearest = np.argmin(np.abs(trials[:, 2:3] - third), axis=1) if k > 2 else np.zeros(len(trials), dtype=int)
+    names = [", ".join((one["name"], *([one["unit"]] if one["unit"] not in ("", "1") else []))) for one in axes_of]
+    with styled():
+        figure, axes = new_figure(width, 0.62 * len(maps), len(maps))
+        for number, (ax, one) in enumerate(zip(axes, maps, strict=True)):
+            if k > 1:
+                side = int(np.flatnonzero(np.diff(one[:, 1]))[0]) + 1  # values of the first parameter
+                x, y, chance = (one[:, column].reshape(-1, side) for column in (0, 1, -1))
+            else:
+                x, chance = (np.tile(one[:, column], (2, 1)) for column in (0, -1))
+                y = np.array([[-1.0], [1.0]]) * np.ones(x.shape)
+            ax.contourf(x, y, chance, levels=[-1.0, 0.5, 2.0], colors=[SAFE, HAZARDOUS])
+            if np.nanmin(chance) < 0.5 < np.nanmax(chance):
+                ax.contour(x, y, chance, levels=[0.5], colors=[INK], linewidths=1.0)
+            for hit, marker, label in ((0.0, "o", "no collision"), (1.0, "x", "collision")):
+                here = trials[(trials[:, -1] == hit) & (nearest == number)]
+                ax.plot(here[:, 0], here[:, 1] if k > 1 else np.zeros(len(here)), marker, markersize=3.0,
+                        color=COLOURS[int(hit)], label=label if ax is axes[0] else None)  # fmt: skip
+            if k > 2:
+                ax.set_title(f"{axes_of[2]['name']} = {third[number]:z.3g}")
+            if k > 1:
+                ax.set_ylabel(names[1])
+            else:
+                ax.set_yticks([])
+        axes[-1].set_xlabel(names[0])
+        figure.legend(loc="outside lower center", ncols=2)
+        figure.suptitle(f"{told['scenario'].replace('_', ' ')}: where {told['ads']} collides")
     return figure
 
 

@@ -7,6 +7,7 @@ unless told otherwise.
 from __future__ import annotations
 
 import shlex
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -155,4 +156,5 @@ def _version() -> str:
     try:
         return version("sumo_eval")
     except PackageNotFoundError:  # run from its sources without being installed
-        return "0.1.0"
+        sources = Path(__file__).parents[2] / "pyproject.toml"
+        return str(tomllib.loads(sources.read_text(encoding="utf-8"))["project"]["version"])

@@ -153,7 +153,7 @@ def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> 
         name: float(np.median(rows[:, j])) for j, name in enumerate(names) if n > 1 and rows[:, j].std() < SAME
     }
     free = [name for name in names if name not in constants]
-    needed = LEAST_EVENTS * len(free)
+    needed = LEAST_EVENTS * len(free or names)  # nothing can be fitted to events that are all alike
     if n < needed or not free:
         return Measured(rate, needed, constants)
     known = {item.name: item for item in scene.quantities}

@@ -82,13 +82,11 @@ def write_scene(
 ) -> Scene:
     """Write the scenario file of a scene and say what became of it.
 
-    ego: the vehicle in whose place an ADS is to drive. begin, end: of the scene, s of the recording; default: the first
-    30 s of the ego. model: SUMO's, by which the others react; None: nobody does. beyond: m.
+    ego: the vehicle in whose place an ADS is to drive. recording: which one; None: the only one that the ego is in.
+    begin, end: of the scene, s of the recording; default: the first 30 s of the ego. model: SUMO's, by which the others
+    react; None: nobody does. beyond: m.
     """
-    table = _of_recording(recordings.table, recording)
-    names = [str(name) for name in table["vehicle"].unique()]
-    if ego not in names:
-        raise unknown("vehicle of the recording", ego, names)
+    table = _of_recording(recordings.table, recording, ego)
     if not 0.0 < beyond < NEVER:
         raise must_be("The distance from which on others react", "a scene", f"above 0 m and below {NEVER:g} m", beyond)
     own = table[table["vehicle"] == ego]
@@ -107,8 +105,8 @@ def write_scene(
     left_out: Counter[str] = Counter()
     others: list[_Track] = []
     continued = 0
-    begins = {name: float(rows["t"].iloc[0]) for name, rows in table.groupby("vehicle", sort=False)}
-    for name in sorted(names, key=lambda name: (begins[name], name)):
+    begins = {str(name): float(rows["t"].iloc[0]) for name, rows in table.groupby("vehicle", sort=False)}
+    for name in sorted(begins, key=lambda name: (begins[name], name)):
         rows = table[(table["vehicle"] == name) & (table["t"] >= first) & (table["t"] <= last)]
         if name == ego or rows.empty:
             continue
@@ -155,14 +153,25 @@ def write_scene(
     return Scene(path, len(others), dict(sorted(left_out.items())), continued, error, seconds)
 
 
-def _of_recording(table: pd.DataFrame, recording: str | None) -> pd.DataFrame:
-    names = [str(name) for name in table["recording"].unique()]
-    if recording is None and len(names) > 1:
-        raise InputError(f"One recording must be named, got {len(names)}: {', '.join(names[:8])}.")
-    chosen = names[0] if recording is None else recording
-    if chosen not in names:
-        raise unknown("recording", chosen, names)
-    return table[table["recording"].astype(str) == chosen].assign(vehicle=lambda rows: rows["vehicle"].astype(str))
+def _of_recording(table: pd.DataFrame, recording: str | None, ego: str) -> pd.DataFrame:
+    """The rows of the recording that is named, or else of the only one that the ego is in."""
+    table = table.assign(recording=table["recording"].astype(str), vehicle=table["vehicle"].astype(str))
+    if recording is None:
+        names = [str(name) for name in table.loc[table["vehicle"] == ego, "recording"].unique()]
+        if not names:
+            raise unknown("vehicle of the recording", ego, [str(name) for name in table["vehicle"].unique()])
+        if len(names) > 1:
+            raise InputError(
+                f"`recording` must say which one is meant: vehicle `{ego}` is in {len(names)}, {', '.join(names[:8])}."
+            )
+        return table[table["recording"] == names[0]]
+    rows = table[table["recording"] == recording]
+    if rows.empty:
+        raise unknown("recording", recording, [str(name) for name in table["recording"].unique()])
+    names = [str(name) for name in rows["vehicle"].unique()]
+    if ego not in names:
+        raise unknown("vehicle of the recording", ego, names)
+    return rows
 
 
 def _lanes(rows: pd.DataFrame) -> tuple[float, float, int]:

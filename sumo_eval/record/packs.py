@@ -15,7 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 
-from sumo_eval.cosim.simulate import probable_end
+from sumo_eval.cosim.simulation import probable_end
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.trajectory import Alone
 

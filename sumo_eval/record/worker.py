@@ -13,7 +13,7 @@ from sumo_eval.ads.known_answers import IdealBraking, no_reaction
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.simulate import simulate, simulate_together
+from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -13,12 +14,14 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from sumo_eval.method.zone_partition import ZonePartition
+from sumo_eval.record.run_folder import FACTS
 from sumo_eval.report.packing import packed, packed_json
 from sumo_eval.report.page import REPORT, asset, template, write_page
-from sumo_eval.report.page_data import View, choose_view, page_data
+from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
 from sumo_eval.report.readings import readings, setting_rows
 from sumo_eval.report.sections import SECTIONS, Beside, change_content
+from sumo_eval.report.sent_drives import sent_drives
 from sumo_eval.report.shown_cases import Shown, density_maps, shown_cases
 from sumo_eval.report.words import (
     FACTORS,
@@ -56,7 +59,7 @@ from sumo_eval.report.words import (
     share_lost,
     unevaluated,
 )
-from sumo_eval.results import Evaluation, ScenarioResult, ZoneResult
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult, ZoneResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scoring.kept_rows import arrays
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
@@ -84,11 +87,40 @@ def term(name: str, shown: str = "") -> Markup:
 
 
 def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], beside: Beside) -> dict[str, Any]:
-    settings = evaluation.settings
+    """What the page's template is filled with. A thread reads and deflates the recorded drives meanwhile."""
     missing = unevaluated(evaluation)
     in_page = shown_cases(evaluation)
-    data = page_data(evaluation, partitions, in_page)
-    shared = {
+    told = told_cases(evaluation, in_page)
+    cases_of_page = {name: [one.case for one in cases] for name, cases in told.items()}
+    with ThreadPoolExecutor(1) as thread:
+        sent = thread.submit(sent_drives, evaluation.folder / FACTS, cases_of_page)
+        found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
+        shared = _shared(evaluation, partitions, beside, in_page, missing)
+        data = page_data(evaluation, partitions, told, sent.result)
+    shown = [(section, content) for section, content in found if content is not None]
+    return {
+        **shared,
+        "embedded": {
+            "points": data["embedded"],
+            "drivers": data["embeddedDrivers"],
+            "of": sum(zone.sampled for zone in evaluation.zones),
+        },
+        "data": packed_json(data),
+        "sections": [section for section, _ in shown],
+        "content": {section.name: content for section, content in shown},
+    }
+
+
+def _shared(
+    evaluation: Evaluation,
+    partitions: Mapping[str, ZonePartition],
+    beside: Beside,
+    in_page: Mapping[str, Shown],
+    missing: Sequence[tuple[CaseResult, str]],
+) -> dict[str, Any]:
+    """What the page says beside its sections and its data."""
+    settings = evaluation.settings
+    return {
         "case_page": "",
         "name": evaluation.name,
         "ads_count": len({score.ads for score in evaluation.scores}),
@@ -109,11 +141,6 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "factors": {name: meaning for name, (_, meaning) in FACTORS.items()},
         "likeness_factors": {name: meaning for name, (_, meaning) in LIKENESS_FACTORS.items()},
         "ratio": "Ug/U" if settings.method.collision.loss == "severity" else "Lg/L",
-        "embedded": {
-            "points": data["embedded"],
-            "drivers": data["embeddedDrivers"],
-            "of": sum(zone.sampled for zone in evaluation.zones),
-        },
         "missing": [
             {"case": case, "key": quote(case.case, safe=""), "point": point(case.values), "sentence": sentence}
             for case, sentence in missing[:MOST_LISTED]
@@ -141,11 +168,7 @@ def _context(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], be
         "replay_css": asset("replay.css"),
         "maps_js": asset("maps.js"),
         "report_js": asset("report.js"),
-        "data": packed_json(data),
     }
-    found = [(section, section.content(evaluation, beside)) for section in SECTIONS]
-    shown = [(section, content) for section, content in found if content is not None]
-    return {**shared, "sections": [section for section, _ in shown], "content": {s.name: c for s, c in shown}}
 
 
 def write_comparison(evaluation: Evaluation, beside: Beside, path: Path) -> Path:

@@ -1,30 +1,20 @@
-"""What the page's JavaScript draws from: cases, zone maps and trajectories, small enough to travel in one file.
-
-Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`, written as
-differences of whole numbers, and deflated; what these differences cannot hold travels beside them as it is.
-`decodeTrajectories` in templates/field.js is the other half.
-"""
+"""What the page's JavaScript draws from: cases and zone maps, small enough to travel in one file."""
 
 from __future__ import annotations
 
 import math
-import zlib
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
-from sumo_eval.record.run_folder import FACTS
-from sumo_eval.record.store import EGO, RECORDED, Store, open_store
 from sumo_eval.report.failure_groups import failure_groups
-from sumo_eval.report.packing import LEVEL, packed_bytes
+from sumo_eval.report.packing import packed_bytes
 from sumo_eval.report.preventability import LOOKS, verdicts
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, SentDrives
 from sumo_eval.report.shown_cases import Shown
 from sumo_eval.report.words import (
     MEASURES,
@@ -45,33 +35,8 @@ from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.kept_rows import arrays, parameters_of
-from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
+from sumo_eval.trajectory import BoolArray, FloatArray
 
-CHANNEL_STEPS = {
-    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
-    "steering_wheel_angle": 5e-3,
-}  # fmt: skip
-"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
-
-MOST_WHOLE = 2**30 - 1
-"""The largest whole number of steps that a channel's differences hold: any difference of two fits in 32 bits."""
-
-Point = tuple[str, int]
-"""A concrete scenario: the logical scenario's name and the point's number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Embedded:
-    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the drivers too."""
-
-    points: frozenset[Point]
-    with_drivers: frozenset[Point]
-
-
-MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
-FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
-BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
-BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
 SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500  # where the criticality of each point is searched: 3 ms a point
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
@@ -83,30 +48,22 @@ SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all ca
 
 
 def page_data(
-    evaluation: Evaluation, partitions: Mapping[str, ZonePartition], shown: Mapping[str, Shown]
+    evaluation: Evaluation,
+    partitions: Mapping[str, ZonePartition],
+    told: Mapping[str, Sequence[Told]],
+    drives: Callable[[], SentDrives],
 ) -> dict[str, Any]:
-    """Everything the page draws, as plain JSON values. shown: which cases it has, by scenario."""
+    """Everything the page draws, as plain JSON values. told: the cases that it has, by scenario. drives: gives those
+    that travel in it, asked last.
+    """
     anthropomorphic = evaluation.settings.method.anthropomorphic
-    told = {zone.scenario: _told(evaluation, zone.scenario, shown[zone.scenario]) for zone in evaluation.zones}
-    with open_store(evaluation.folder / FACTS) as store:
-        runs = MOST_BYTES // BYTES_OF_A_RUN
-        while True:
-            embedded = worth_embedding(evaluation, store, runs, shown)
-            with ThreadPoolExecutor(1) as beside:  # deflating holds no lock of the interpreter
-                encoded: dict[str, Future[dict[str, Any]]] = {}
-                scenarios = []
-                for zone in evaluation.zones:
-                    name, cases = zone.scenario, told[zone.scenario]
-                    drives = _drives(name, store, embedded, cases)
-                    encoded[name] = beside.submit(encode_trajectories, drives.trajectories)
-                    scenarios.append(_scenario(evaluation, partitions[name], drives, cases))
-                for scenario in scenarios:
-                    scenario["trajectories"] = encoded[scenario["name"]].result()
-            sent = [scenario["trajectories"] for scenario in scenarios]
-            size = sum(len(them["data"]) + BYTES_OF_A_RUN_BEYOND * len(them["beyond"]) for them in sent)
-            if size <= MOST_BYTES or not embedded.points:
-                break
-            runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
+    scenarios = [_scenario(evaluation, partitions[name], cases) for name, cases in told.items()]
+    sent = drives()
+    for scenario in scenarios:
+        name = scenario["name"]
+        scenario |= {"trajectories": sent.trajectories[name], "drivers": sent.drivers[name]}
+        for row, recorded in zip(scenario["cases"], sent.rows[name], strict=True):
+            row |= recorded
     return {
         "field": {
             "k1": anthropomorphic.field.k1,
@@ -118,14 +75,14 @@ def page_data(
         "folder": str(evaluation.folder),
         "severityUnit": severity_unit(evaluation.settings),
         "verdicts": {verdict: asdict(look) for verdict, look in LOOKS.items()},
-        "embedded": len(embedded.points),
-        "embeddedDrivers": len(embedded.with_drivers),
+        "embedded": len(sent.embedded.points),
+        "embeddedDrivers": len(sent.embedded.with_drivers),
         "scenarios": scenarios,
     }
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class Told:
     """A case that the page has, and what is said of it beside its row. missing: why it left the means. a_lost: what it
     takes from A.
     """
@@ -137,8 +94,12 @@ class _Told:
     verdict: str
 
 
-def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[_Told]:
-    """The cases of a scenario that the page has, ADS by ADS."""
+def told_cases(evaluation: Evaluation, shown: Mapping[str, Shown]) -> dict[str, list[Told]]:
+    """The cases that the page has, by scenario, there ADS by ADS. shown: which these are, by scenario."""
+    return {zone.scenario: _told(evaluation, zone.scenario, shown[zone.scenario]) for zone in evaluation.zones}
+
+
+def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[Told]:
     found = []
     for score in evaluation.scores:
         if score.scenario != scenario:
@@ -152,7 +113,7 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[_Told]:
         lost = share_lost(cases, evaluation.settings)
         for place, case in shown.among(cases):
             found.append(
-                _Told(
+                Told(
                     case,
                     why_missing(case) if missing[place] else None,
                     shares[int(share_at[place])] if share_at[place] >= 0 else None,
@@ -163,55 +124,17 @@ def _told(evaluation: Evaluation, scenario: str, shown: Shown) -> list[_Told]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Drives:
-    """The recorded drives that the page has of a scenario. rows: what is said of them beside each case, in order.
-
-    drivers: of each point, the places of its drivers' among the trajectories.
-    """
-
-    trajectories: Sequence[Trajectory]
-    rows: Sequence[Mapping[str, Any]]
-    drivers: Mapping[int, Sequence[int]]
-
-
-def _drives(scenario: str, store: Store, embedded: Embedded, told: Sequence[_Told]) -> _Drives:
-    trajectories: list[Trajectory] = []
-    rows: list[dict[str, Any]] = []
-    points = _points_of(store, {one.case.case for one in told}, scenario)
-    there = set(points.values())
-    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there}
-    for one in told:
-        case, number = one.case.case, points[one.case.case]
-        here = (scenario, number) in embedded.points
-        recorded = store.trajectories(case) if here else {}
-        here = here and (bool(recorded) or not store.is_let_go(case))
-        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
-        trajectories += recorded.values()
-        fact = store.fact(case) if EGO in recorded else None
-        hit = contact(None if fact is None else fact.collision, recorded.get(EGO))
-        row = {"point": number, "embedded": here, "vehicles": vehicles, "contact": hit}
-        rows.append({**row, "drivers": numbers.get(number, 0)})
-    drivers: dict[int, list[int]] = {}
-    for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
-        for fact in store.facts_at(range(number, number + 1), "human", scenario):
-            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
-                drivers.setdefault(number, []).append(len(trajectories))
-                trajectories.append(store.trajectory(fact.case, EGO))
-    return _Drives(trajectories, rows, drivers)
-
-
-def _scenario(evaluation: Evaluation, zones: ZonePartition, drives: _Drives, told: Sequence[_Told]) -> dict[str, Any]:
-    """All of a scenario but its trajectories."""
+def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]) -> dict[str, Any]:
+    """All that the page has of a scenario but its drives."""
     logical = zones.logical
     cases = evaluation.cases_in(logical.name)
     view = choose_view(logical, cases, evaluation.settings.report.axes.get(logical.name))
     telling = telling_slice(view, cases)
     drawn = replace(view, fixed=telling or view.fixed)  # computed where the page opens
     rows = []
-    for one, recorded in zip(told, drives.rows, strict=True):
+    for one in told:
         row = _case(one.case, logical.row(one.case.values), view, one.missing, one.share, one.a_lost)
-        rows.append({**row, "verdict": one.verdict, **recorded})
+        rows.append({**row, "verdict": one.verdict})
     here_too = {row["key"] for row in rows}
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
@@ -264,13 +187,7 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, drives: _Drives, tol
             for values in zones.most_dangerous
         ],
         "cases": rows,
-        "drivers": drives.drivers,
     }
-
-
-def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
-    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be millions."""
-    return {case: number for case, number, _ in store.names("ads", scenario) if case in cases}
 
 
 def _mean_index(cases: Sequence[CaseResult]) -> float | None:
@@ -528,53 +445,6 @@ def _levels(y: FloatArray) -> str:
 # --- trajectories -----------------------------------------------------------------------------------------------------
 
 
-def worth_embedding(evaluation: Evaluation, store: Store, most_runs: int, shown: Mapping[str, Shown]) -> Embedded:
-    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
-
-    Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
-    human-like.
-    """
-    own: Counter[Point] = Counter()
-    humans: Counter[Point] = Counter()
-    tells: dict[Point, float] = {}
-    for zone in evaluation.zones:
-        name, everybody = zone.scenario, [one.ads for one in evaluation.scores if one.scenario == zone.scenario]
-        cases = [case for ads in everybody for _, case in shown[name].among(evaluation.cases_of(ads, name))]
-        points = _points_of(store, {case.case for case in cases}, name)
-        there = set(points.values())
-        own.update((name, number) for _, number, _ in store.names("ads", name) if number in there)
-        humans.update((name, number) for _, number, _ in store.names("human", name) if number in there)
-        for case in cases:
-            at = name, points[case.case]
-            matters = case.collided or not case.evaluated
-            tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
-            tells[at] = max(tells.get(at, 0.0), tell)
-    order = sorted(tells, key=lambda known: (-tells[known], known))
-    chosen: set[Point] = set()
-    with_drivers: set[Point] = set()
-    left = most_runs
-    for here in order:
-        if tells[here] < FAILED or own[here] > left:
-            break
-        chosen.add(here)
-        left -= own[here]
-    for here in order:
-        cost = humans[here] + (0 if here in chosen else own[here])
-        if cost > left:
-            break
-        chosen.add(here)
-        with_drivers.add(here)
-        left -= cost
-    return Embedded(frozenset(chosen), frozenset(with_drivers))
-
-
-def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | None:
-    """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
-    if hit is None or ego is None:
-        return None
-    return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
-
-
 def drawn_shape(road: Road) -> dict[str, Any]:
     """What of a road is not the same lanes throughout, as pages draw it. gone: where an outermost lane is not there,
     four points [x, y], m, of which the last three are the edge that is left. solid: lines nobody may cross, [x, x, y].
@@ -604,44 +474,3 @@ def drawn_line(road: Road) -> list[list[float]]:
 def drawn_bodies(concrete: ConcreteScenario) -> dict[str, str]:
     """What the others are, by name, where they are no cars."""
     return {actor.name: actor.body for actor in concrete.actors if actor.body != CAR}
-
-
-def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
-    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did.
-
-    beyond: samples that differences of 32 bits cannot hold, as they are: [channel, the first's place among all samples,
-    how many, their value].
-    """
-    counts = [len(trajectory) for trajectory in trajectories]
-    planes = []
-    beyond: list[list[Any]] = []
-    unsteered = [not np.isfinite(one.steering_wheel_angle).all() for one in trajectories]
-    unknown = np.repeat(np.array(unsteered, dtype=bool), counts)
-    for name, step in CHANNEL_STEPS.items():
-        channel = np.concatenate([np.zeros(0), *(getattr(one, name) for one in trajectories)])
-        if name == "steering_wheel_angle":
-            channel = np.where(unknown, 0.0, channel)
-        with np.errstate(over="ignore"):
-            whole = np.round(channel / step)
-        held = np.abs(whole) <= MOST_WHOLE
-        beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
-        change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
-        folded = change << 1 ^ change >> 31  # 2 c, and -2 c - 1 below 0: small numbers of either sign
-        planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
-    return {
-        "counts": counts,
-        "lengths": [trajectory.length for trajectory in trajectories],
-        "widths": [trajectory.width for trajectory in trajectories],
-        "noSteering": np.flatnonzero(unsteered).tolist(),
-        "beyond": beyond,
-        "data": packed_bytes(zlib.compress(b"".join(planes), LEVEL)),
-    }
-
-
-def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
-    """(place of the first, how many, value) of chosen samples, equal neighbours together."""
-    for (value, _), run in groupby(
-        enumerate(np.flatnonzero(chosen).tolist()), key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0])
-    ):
-        places = [place for _, place in run]
-        yield places[0], len(places), value

@@ -15,14 +15,8 @@ from sumo_eval.record.store import EGO, Fact, Store, open_store
 from sumo_eval.report.explain import known_case
 from sumo_eval.report.packing import packed_json
 from sumo_eval.report.page import asset, template, write_page
-from sumo_eval.report.page_data import (
-    CHANNEL_STEPS,
-    contact,
-    drawn_bodies,
-    drawn_line,
-    drawn_shape,
-    encode_trajectories,
-)
+from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.report.words import point
 from sumo_eval.scenario.concrete import RECORDED_EVERY
 from sumo_eval.scenario.logical import LogicalScenario

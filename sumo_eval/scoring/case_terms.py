@@ -137,35 +137,63 @@ def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | 
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
 
 
-def missing_bounds(terms: CaseTerms, safe: BoolArray, method: MethodSettings) -> dict[str, tuple[float, float]]:
+def missing_bounds(
+    terms: CaseTerms, safe: BoolArray, method: MethodSettings, *, people: bool = True
+) -> dict[str, tuple[float, float]]:
     """Worst and best of A, regret, H and S+ with every missing case counted in; empty where none of them moves.
 
     A case that could not be evaluated counts as doing nothing, or as the ideal vehicle where that is harder; at best as
-    the ideal vehicle. A safe case without a human-likeness that could have one counts 0, and 1. Points at which a
-    reference is missing have no part in A. safe: flags, (n,).
+    the ideal vehicle. Where the ideal vehicle's own drive is missing, at worst it avoids, or the point has no part in A
+    as in the score itself, whichever is lower; at best it hits as hard as the ADS. Where that of doing nothing is
+    missing, it hits at worst as hard as the ADS, at best as hard as anywhere else. A safe case without a
+    human-likeness that could have one counts 0, and 1; one with a collision of which nobody knows whether the ideal
+    vehicle avoids it counts 0, and not at all. safe: flags, (n,). people: whether there is anybody to be like.
     """
-    lost = ~terms.evaluated & np.isfinite(terms.ideal) & np.isfinite(terms.unreacting)
-    unlike = safe & ~terms.collided & np.isnan(terms.likeness)
-    bounds: dict[str, tuple[float, float]] = {}
-    if not (lost.any() or unlike.any()):
-        return bounds
-    hardest = np.maximum(terms.unreacting, terms.ideal)
-    worst, best = (
-        point_values(
-            replace(
-                terms,
-                severity=np.where(lost, hit, terms.severity),
-                likeness=np.where(unlike, like, terms.likeness),
-            ),
-            method,
-        )
-        for hit, like in ((hardest, 0.0), (terms.ideal, 1.0))
+    no_ideal, no_unreacting = np.isnan(terms.ideal), np.isnan(terms.unreacting)
+    lost, unsure = ~terms.evaluated, no_ideal | no_unreacting
+    unlike = safe & np.isnan(terms.likeness) & (~terms.collided | no_ideal) & people
+    if not (lost.any() or unsure.any() or unlike.any()):
+        return {}
+    hardest = float(np.max(terms.unreacting, initial=0.0, where=~no_unreacting))
+    gentlest = np.where(no_ideal, 0.0, terms.ideal)
+    hit = np.where(lost, np.maximum(np.where(no_unreacting, hardest, terms.unreacting), gentlest), terms.severity)
+    worst = replace(
+        terms,
+        severity=hit,
+        ideal=gentlest,
+        unreacting=np.where(no_unreacting, hit, terms.unreacting),
+        likeness=np.where(unlike, 0.0, terms.likeness),
     )
+    severity = np.where(lost, gentlest, terms.severity)
+    best = replace(
+        terms,
+        severity=severity,
+        ideal=np.where(no_ideal, severity, terms.ideal),
+        unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
+        likeness=np.where(unlike & ~terms.collided, 1.0, terms.likeness),
+    )
+    found = [point_values(one, method) for one in (worst, _without_what_lifts(worst, unsure, method), best)]
+    bounds: dict[str, tuple[float, float]] = {}
     for name in ("avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus"):
-        ends = [value for value in (worst[name], best[name]) if value is not None]
+        ends = [value for value in (one[name] for one in found) if value is not None]
         if ends:
             bounds[name] = min(ends), max(ends)
     return bounds
+
+
+def _without_what_lifts(terms: CaseTerms, unsure: BoolArray, method: MethodSettings) -> CaseTerms:
+    """These terms without those points among the unsure ones that lift A. A falls with every round, so that it ends."""
+    kept = terms
+    for _ in range(len(unsure)):
+        avoided = point_values(kept, method)["avoided_share"]
+        if avoided is None:
+            return terms
+        taken = score_terms.excess(terms.severity, terms.ideal)
+        lifts = unsure & (taken < (1.0 - avoided) * score_terms.excess(terms.unreacting, terms.ideal))
+        if np.array_equal(lifts, unsure & np.isnan(kept.ideal)):
+            break
+        kept = replace(terms, ideal=np.where(lifts, np.nan, terms.ideal))
+    return kept
 
 
 def _loss(severity: FloatArray) -> FloatArray:

@@ -295,9 +295,7 @@ def combine(
     c_interval = _c_interval(cases, there, method)
     d_interval = _d_interval(cases, there) if tally.safe and not voiding and people else None
     s_interval = _s_interval(c, d, c_interval, d_interval, tally.safe_not_evaluated, method)
-    others = missing_bounds(terms, there.safe, method) if missing else {}
-    if not people:
-        others = {name: ends for name, ends in others.items() if name not in ("human_likeness", "s_plus")}
+    others = missing_bounds(terms, there.safe, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
     if s_interval:

@@ -18,6 +18,7 @@ from sumo_eval.scenario.sampling.drawn_points import evenly
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.studies.boundary import FailureBoundary
 from sumo_eval.text import cell
+from sumo_eval.trajectory import FloatArray
 
 CELLS = 80  # on each axis of a map
 PANELS = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the third parameter's range, one map each
@@ -62,6 +63,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     """
     held = dict(held or {})
     table, plain, page = folder / "trials.csv", folder / "boundary.json", folder / "boundary.html"
+    chances = folder / "chances.csv"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with table.open("w", newline="", encoding="utf-8") as file:
@@ -69,6 +71,12 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
             writer.writerow(map(cell, [*found.logical.names, "collided"]))
             for row, hit in zip(found.points.tolist(), found.collided.tolist(), strict=True):
                 writer.writerow([*(repr(value) for value in row), int(hit)])
+        with chances.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(map(cell, [*found.logical.names, "chance"]))
+            for share in shares(found):
+                for row, chance in zip(*chances_on(found, share), strict=True):
+                    writer.writerow([*(f"{value:.9g}" for value in row), "" if np.isnan(chance) else f"{chance:.4g}"])
         told = {**summary(found), "held": held}
         plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
@@ -89,7 +97,32 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
         ],
         least_width=340 * len(PANELS) if len(names) > 2 else 300,
     )
-    return table, plain, page
+    return table, plain, page, chances
+
+
+def shares(found: FailureBoundary) -> tuple[float, ...]:
+    """Where in the third parameter's range a map lies, one share a map; one map where there is no third."""
+    return PANELS if len(found.logical.parameters) > 2 else (0.5,)
+
+
+def chances_on(found: FailureBoundary, share: float) -> tuple[FloatArray, FloatArray]:
+    """The points of a map, row by row, (n, k), and the chance of a collision there, (n,), nan where nothing can be.
+
+    A map has CELLS values of the first parameter by as many of the second, where there is one; parameters behind the
+    third are in the middle of their ranges.
+    """
+    logical = found.logical
+    k = len(logical.parameters)
+    ticks = np.linspace(0.0, 1.0, CELLS)
+    across = ticks if k > 1 else np.array([0.5])
+    unit = np.full((len(across), CELLS, k), 0.5)
+    unit[..., 0] = ticks
+    if k > 1:
+        unit[..., 1] = across[:, None]
+    if k > 2:
+        unit[..., 2] = share
+    rows = logical.from_unit(unit.reshape(-1, k))
+    return rows, np.where(logical.feasible(rows), found.search.probability(rows), np.nan)
 
 
 def _sentences(found: FailureBoundary, held: Mapping[str, float]) -> list[str]:
@@ -112,26 +145,18 @@ def picture(found: FailureBoundary) -> go.Figure:
     """
     logical = found.logical
     k = len(logical.parameters)
-    shares = PANELS if k > 2 else (0.5,)
+    maps = shares(found)
     unit_trials = logical.to_unit(found.points)
-    nearest = np.argmin(np.abs(unit_trials[:, 2:3] - np.array(shares)), axis=1) if k > 2 else np.zeros(len(unit_trials))
+    nearest = np.argmin(np.abs(unit_trials[:, 2:3] - np.array(maps)), axis=1) if k > 2 else np.zeros(len(unit_trials))
     titles = []
-    for share in shares:
+    for share in maps:
         at = logical.low + (logical.high - logical.low) * np.array([0.5, 0.5, share, *[0.5] * k])[:k]
         held = [f"{p.name} = {value:z.3g}{p.behind}" for p, value in zip(logical.parameters[2:], at[2:], strict=True)]
         titles.append(", ".join(held))
-    figure = make_subplots(rows=1, cols=len(shares), subplot_titles=titles, shared_yaxes=True)
+    figure = make_subplots(rows=1, cols=len(maps), subplot_titles=titles, shared_yaxes=True)
     ticks = np.linspace(0.0, 1.0, CELLS)
-    for number, share in enumerate(shares, start=1):
-        across = ticks if k > 1 else np.array([0.5])
-        unit = np.full((len(across), CELLS, k), 0.5)
-        unit[..., 0] = ticks
-        if k > 1:
-            unit[..., 1] = across[:, None]
-        if k > 2:
-            unit[..., 2] = share
-        rows = logical.from_unit(unit.reshape(-1, k))
-        chance = np.where(logical.feasible(rows), found.search.probability(rows), np.nan).reshape(len(across), CELLS)
+    for number, share in enumerate(maps, start=1):
+        chance = chances_on(found, share)[1].reshape(-1, CELLS)
         x = logical.from_unit(np.full((CELLS, k), 0.5) * 0 + ticks[:, None])
         y = x[:, 1] if k > 1 else np.array([0.0])
         if k > 1:

@@ -10,14 +10,8 @@ import jinja2
 
 from sumo_eval.record.store import EGO
 from sumo_eval.report.page import asset
-from sumo_eval.report.page_data import (
-    CHANNEL_STEPS,
-    contact,
-    drawn_bodies,
-    drawn_line,
-    drawn_shape,
-    encode_trajectories,
-)
+from sumo_eval.report.page_data import drawn_bodies, drawn_line, drawn_shape
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, contact, encode_trajectories
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Collision, Trajectory

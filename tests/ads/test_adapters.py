@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings

@@ -10,7 +10,7 @@ import pytest
 
 import sumo_eval
 from sumo_eval.cosim.doors.traci_program import sumo_binary
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import (

@@ -18,7 +18,7 @@ from sumo_eval.ads.car_following import (
     idm_acceleration,
     improved_idm_acceleration,
 )
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
 IDM = IdmParameters(headway=1.2, standstill_gap=2.0, acceleration=1.5, deceleration=2.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings, VehicleSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sumo_eval.ads.eu_2022_1426 import SEATED, STANDING
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, ConstantLateral, Road, Start
 
 ROAD = Road("eu_2022_1426_2x3.5m", 2000.0, 2, 3.5, 200.0)

@@ -17,7 +17,7 @@ import pytest
 
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.observation import Observation, Senses
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import Road
 from sumo_eval.settings import ConditionSettings, SimulationSettings

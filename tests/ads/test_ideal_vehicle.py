@@ -11,7 +11,7 @@ from road_scenes import actor, case
 from sumo_eval.ads.foresight import evasion, first_meeting, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
 from sumo_eval.cosim.doors.controller import SHIPPED
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.criticality import ideal_impact_speed

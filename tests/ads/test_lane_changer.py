@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from road_scenes import ROAD, actor, case, cut_outs_at_the_edge, low_speed, safe_cut_outs
 
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import Actor, Start, catalogue
 
 

@@ -19,7 +19,7 @@ from sumo_eval.ads.perception import (
     next_ahead,
 )
 from sumo_eval.cosim.records import MOVER
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.step_rules import show
 from sumo_eval.scenario import catalogue
 

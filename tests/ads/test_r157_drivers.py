@@ -30,7 +30,7 @@ from sumo_eval.ads.r157_careful_driver import CarefulDriver, needed_deceleration
 from sumo_eval.ads.reg157 import Reg157, critical_ttc
 from sumo_eval.ads.rss import lateral_safe_distance, longitudinal_safe_distance
 from sumo_eval.cosim.records import MOVER
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import drive
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.trajectory import Recording

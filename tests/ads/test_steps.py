@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from road_scenes import ROAD
 
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import Road, catalogue
 from sumo_eval.scenario.road.reference_line import map_places
 from sumo_eval.settings import SimulationSettings

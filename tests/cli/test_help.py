@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
+import os
 import shlex
+import sys
 
 import click
 import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import COMMANDS, MEANT, TASKS, main
-from sumo_eval.cli.sentences import broken
+from sumo_eval.cli.sentences import broken, say
 
 CONTEXT = click.Context(main, info_name="sumo-eval")
 
@@ -84,3 +87,26 @@ def test_a_line_wider_than_the_terminal_breaks_between_words_and_goes_on_indente
     assert " ".join(line.split()) == " ".join(" ".join(parts).split())
     assert broken("  columns   stay", 60) == "  columns   stay"
     assert broken("x" * 70, 60).strip() == "x" * 70, "a path is not cut: it could not be copied"
+
+
+@pytest.mark.parametrize("err", [False, True], ids=["stdout", "stderr"])
+def test_sentences_break_on_a_terminal_and_nowhere_else(
+    err: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = "The next round is expected to move a part of the space: settled.\n  second"
+    monkeypatch.setattr("shutil.get_terminal_size", lambda: os.terminal_size((40, 20)))
+    monkeypatch.setattr("sys.stderr" if err else "sys.stdout", OnTerminal())
+    say([line], err=err)
+    shown = (sys.stderr if err else sys.stdout).getvalue()  # type: ignore[attr-defined]
+    assert [len(part) <= 40 for part in shown.splitlines()] == [True] * 3
+    monkeypatch.undo()
+    capsys.readouterr()
+    say([line], err=err)
+    assert capsys.readouterr()[int(err)] == f"{line}\n"
+
+
+class OnTerminal(io.StringIO):
+    """A text that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True

@@ -129,3 +129,16 @@ def test_learning_from_a_folder_says_what_to_name(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert f"{tmp_path} is a folder" in result.output
     assert "humans import" in result.output
+
+
+def test_a_folder_to_check_is_answered_with_what_it_holds(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["check", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "is a folder without an evaluation, a scenario (.toml) or an ADS (.py)." in result.output
+    for name in ("night.toml", "mine.py", "notes.txt"):
+        (tmp_path / name).write_text("")
+    result = CliRunner().invoke(main, ["check", str(tmp_path)])
+    assert result.exit_code == 2
+    assert f"is a folder; name a file that it holds: {str(tmp_path / 'mine.py')!r}, " in result.output
+    assert "night.toml" in result.output
+    assert "notes" not in result.output

@@ -98,4 +98,23 @@ def test_boundary_finds_an_edge_and_writes_it(tmp_path):
     found = json.loads((tmp_path / "out" / "boundary.json").read_text())
     assert found["simulations"] == 16
     assert found["held"] == {"ego_speed": 30.0, "obstacle_speed": 5.0}
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trials.csv", "boundary.json", "boundary.html"}
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"trials.csv", "chances.csv", "boundary.json", "boundary.html"}
+
+
+@pytest.mark.parametrize("held", [(), ("obstacle_speed=5",), ("ego_speed=30", "obstacle_speed=5")])
+def test_an_edge_is_drawn_for_a_paper_from_what_the_search_wrote(tmp_path, held):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "edge"
+    fixed = [word for value in held for word in ("--fix", value)]
+    args = ("boundary", "front_vehicle_cut_out", "careful_driver", *fixed, "--budget", 16, "--workers", 1, "--out", out)
+    assert run(*args).exit_code == 0
+    rows = (out / "chances.csv").read_text().splitlines()
+    assert len(rows) == 1 + {0: 5 * 80 * 80, 1: 80 * 80, 2: 80}[len(held)]
+    assert rows[0].endswith("gap,chance")
+    done = run("plot", out, "boundary", "--out", tmp_path / "edge.svg")
+    assert done.exit_code == 0, done.output
+    assert "collision" in (tmp_path / "edge.svg").read_text()
+    assert "takes none of them" in run("plot", out, "boundary", "--ads", "idm").output
+    (out / "chances.csv").unlink()
+    assert "Search it again." in run("plot", out, "boundary").output

@@ -10,7 +10,7 @@ import pytest
 from cosim_cases import ROAD, case, lead
 
 from sumo_eval import Command
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario import Actor, ConcreteScenario, ConstantLateral, LaneChange, Road, Start
 from sumo_eval.scenario.concrete import Brake
 from sumo_eval.scenario.road.reference_line import Piece, arc, map_places

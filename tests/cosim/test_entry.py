@@ -9,7 +9,7 @@ from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command
 from sumo_eval.cosim.doors.entry import loading, made_absolute, split_entry
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
 from sumo_eval.settings import AdsSettings, ConditionSettings, EvaluationSettings, FmuSettings, ScenarioSettings
@@ -124,7 +124,7 @@ def test_a_late_answer_is_late_once_and_not_at_every_step_that_it_holds():
         ("mine.py:Counting?period=0.07", "`period` of ADS `mine.py:Counting?period=0.07` must be a multiple of"),
         ("mine.py:Counting?period=-1", "must be a number greater than 0 s, got -1"),
         ("mine.py:Counting?period=soon", "must be a number greater than 0 s, got 'soon'"),
-        ("mine.py:Counting?options.gian=2", "Unknown option of ADS `mine.py:Counting` `gian`. Did you mean `gain`?"),
+        ("mine.py:Counting?options.gian=2", "Unknown option `gian` of ADS `mine.py:Counting`. Did you mean `gain`?"),
         ("mine.py:function?options.gain=2", "takes no `options`"),
         ("idm?period=0.2", "ADS `idm` drives at every step; it takes no `period`"),
         ("sumo:IDM?tau=2&period=0.2", "drives at every step; it takes no `period`"),

@@ -8,7 +8,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case
 
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 
 ADS = """import numpy as np
 import fault_place_helper

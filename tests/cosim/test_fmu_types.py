@@ -11,7 +11,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import settings_from, to_plain

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.cosim.world import leaves_the_lanes_at
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, LaneChange, Start

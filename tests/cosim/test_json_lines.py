@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from cosim_cases import HALF_SECOND, ROAD, case, lead
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import ConditionSettings
 

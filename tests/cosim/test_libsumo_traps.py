@@ -13,7 +13,7 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.contact import Body, separation
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import SIMULATION_OPTIONS, network_xml, routes_xml
 from sumo_eval.cosim.vehicle_model import Command
@@ -253,7 +253,7 @@ def test_trap_6_importing_prints_nothing_to_stdout():
         "    if name == 'libsumo': seen.append(os.environ.get('LIBSUMO_AS_TRACI'))\n"
         "    return plain(name, *rest, **named)\n"
         "builtins.__import__ = spy\n"
-        "import sumo_eval.cosim.simulate\n"
+        "import sumo_eval.cosim.simulation\n"
         "assert 'libsumo' in sys.modules\n"
         "assert seen and seen[0] == 'quiet', seen\n"
     )

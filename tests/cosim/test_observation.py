@@ -10,7 +10,7 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead
 from sumo_eval.cosim.contact import Body
 from sumo_eval.cosim.doors.features import Action, Feature, Interface
 from sumo_eval.cosim.doors.observation import Observation, Senses, signal_names
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Start

@@ -9,7 +9,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command, Plan
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.settings import SimulationSettings, TrackerSettings
 
 LONG = SimulationSettings(time_limit=12.0)

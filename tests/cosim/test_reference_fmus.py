@@ -12,7 +12,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 
 if "REFERENCE_FMUS" not in os.environ:

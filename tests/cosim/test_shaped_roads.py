@@ -11,7 +11,7 @@ import pytest
 from lxml import etree
 
 from sumo_eval import Command
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.sumo_files import network_xml
 from sumo_eval.scenario import ConcreteScenario, catalogue
 from sumo_eval.scenario.road.reference_line import arc, map_places

@@ -13,7 +13,7 @@ from cosim_cases import HALF_SECOND, ROAD, case, lead, shifted
 import sumo_eval.cosim.sumo.session as session_module
 from sumo_eval.cosim.contact import Body, separation
 from sumo_eval.cosim.doors.controller import NativeModel, load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import Actor, Brake, ConstantLateral, EgoBody, LaneChange, Start, catalogue

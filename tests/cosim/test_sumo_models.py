@@ -8,7 +8,7 @@ import pytest
 from cosim_cases import case, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 

@@ -12,7 +12,7 @@ from cosim_cases import case, lead
 
 from sumo_eval import Command
 from sumo_eval.ads.r157_careful_driver import CarefulDriver
-from sumo_eval.cosim.simulate import NOT_TOGETHER, ON_TRACI, ONE_OBJECT, simulate, simulate_many
+from sumo_eval.cosim.simulation import NOT_TOGETHER, ON_TRACI, ONE_OBJECT, simulate, simulate_many
 from sumo_eval.cosim.sumo.session import running
 from sumo_eval.cosim.sumo.shared_files import shared_network_xml, shared_routes_xml
 from sumo_eval.errors import InputError
@@ -23,7 +23,7 @@ from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.trajectory import CHANNELS, Alone, Recording
 
-simulating = importlib.import_module("sumo_eval.cosim.simulate")
+simulating = importlib.import_module("sumo_eval.cosim.simulation")
 DECIDED = SimulationSettings(end_when_decided=True)
 
 

@@ -8,7 +8,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings
 

@@ -14,7 +14,7 @@ from traci._vehicletype import VehicleTypeDomain
 
 from sumo_eval.cosim.doors.traci_module import GUARD, TRACI, RefusedCallError
 from sumo_eval.cosim.doors.traci_numbers import ARGUMENTS, LONGEST, breach
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.settings import ConditionSettings

@@ -7,7 +7,7 @@ from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval.cosim.doors.controller import load_controller
 from sumo_eval.cosim.doors.traci_program import sumo_binary
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.settings import SimulationSettings
 
@@ -82,7 +82,7 @@ def test_an_entry_names_the_type_of_the_vehicle_that_a_client_drives(tmp_path):
         ('{"length": 2}', "Unknown vType parameter `length`"),
         ('{"carFollowModel": "IDMX"}', r"Did you mean `IDMM?`\?"),
         ('{"carFollowModel.ccac": 1}', r"set it with traci\.vehicle\.setParameter"),
-        ("3&options.speed=2", "Unknown option of an ADS of `traci:` `speed`"),
+        ("3&options.speed=2", "Unknown option `speed` of an ADS of `traci:`"),
     ):
         with pytest.raises(InputError, match=sentence):
             load_controller(locator + wrong, tmp_path)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Model, Road, Start
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings
@@ -124,7 +124,7 @@ def test_law_cases_with_other_numbers_of_vehicles_between_them_have_the_bits_tha
     """A stream's number of vehicles follows from its density: of five cases those with two others share a simulation,
     and those with three, although they take turns."""
     short, sizes = SimulationSettings(time_limit=4.0), []
-    module = import_module("sumo_eval.cosim.simulate")
+    module = import_module("sumo_eval.cosim.simulation")
     drive = module.drive
 
     def counted(world: Any, *rest: Any) -> None:

@@ -31,7 +31,7 @@ from doc_blocks import (
 
 from sumo_eval.cli import COMMANDS, main
 from sumo_eval.cosim.doors.features import read_interface
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.rates.campaign import read_campaign
 from sumo_eval.report.gate_settings import read_gate
 from sumo_eval.scenario import catalogue

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -38,3 +40,15 @@ def test_the_tutorials_example_runs_from_the_public_recording_to_the_count_of_pe
     (told,) = json.loads((tmp_path / "results" / "people" / "scores.json").read_text())["recorded_people"]
     assert (told["points"], told["with_people"]) == (14, 3)
     assert told["drives"] >= 3 * 3
+
+
+@pytest.mark.parametrize("given", [[], ["recordings"], ["recordings", "all"]])
+def test_the_sample_says_what_to_name(given: list[str]) -> None:
+    told = subprocess.run(
+        [sys.executable, ROOT / "docs" / "examples" / "dlr_sample.py", *given],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 1
+    assert told.stderr.startswith("Name the folder to write to and how many seconds")

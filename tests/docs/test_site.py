@@ -95,7 +95,7 @@ def test_scores_of_another_suite_are_refused(tmp_path: Path, key: str, value: An
         module.leaderboard()
 
 
-@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in"])
+@pytest.mark.parametrize("name", ["bicycle_crossing", "cut_in", "curve_cut_in", "lane_drop", "turn_across_path"])
 def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     """Where this fails: python tools/animate_scenarios.py docs/pictures/moving"""
     spec = importlib.util.spec_from_file_location("animate_scenarios", ROOT / "tools" / "animate_scenarios.py")
@@ -105,6 +105,16 @@ def test_a_moving_picture_shows_what_the_code_drives(name: str) -> None:
     spec.loader.exec_module(module)
     kept = DOCS / "pictures" / "moving" / f"{name}.svg"
     assert module.drawn(find(name, ROOT)) == kept.read_text(encoding="utf-8")
+
+
+def test_figures_of_the_formulas_are_what_their_functions_give() -> None:
+    """Where this fails: python tools/draw_method.py"""
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "draw_method.py"), "--check"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    shown = re.findall(r"\]\(pictures/(method_\w+\.svg)\)", (DOCS / "formulas.md").read_text(encoding="utf-8"))
+    assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").glob("method_*.svg"))
 
 
 def test_formulas_and_the_glossary_of_the_site_are_the_repositorys() -> None:

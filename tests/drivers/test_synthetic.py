@@ -10,7 +10,7 @@ from road_scenes import Mover, actor, case, cut_outs_at_the_edge, fresh, low_spe
 
 from sumo_eval.ads.perception import carry_on
 from sumo_eval.cosim.records import MOVER
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import (
     ATTENTION,
     LOOK,

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import sumo_eval.gym
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.gym import Action, Feature, Interface, usual_reward
 from sumo_eval.gym.episodes import Transition
@@ -213,7 +213,7 @@ def test_reset_takes_a_point_part_of_one_or_a_sampler() -> None:
     assert env.reset(seed=4, options={"gap": 50.0})[1]["values"] == values
     assert env.reset(seed=5, options={"gap": 50.0})[1]["values"] != values
     assert env.reset(options={"sampler": lambda generator: POINT})[1]["values"] == POINT
-    with pytest.raises(InputError, match=r"Unknown option of reset .* `gab`\. Did you mean `gap`"):
+    with pytest.raises(InputError, match=r"Unknown option `gab` of reset .*\. Did you mean `gap`"):
         env.reset(options={"gab": 50.0})
     with pytest.raises(InputError, match="`gap` of scenario `front_vehicle_cut_out` must be within"):
         env.reset(options={**POINT, "gap": 1e6})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import SimulationSettings
 

@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 import sumo_eval.gym  # noqa: F401 - registers the environments
 from sumo_eval.cosim.doors.controller import find_controller, load_controller
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.gym import Action, Feature, Interface, usual
 from sumo_eval.record.identity import locator_identity
@@ -165,7 +165,7 @@ def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"must be of shape \(rows, 2\), as its table has 2 features"):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="Unknown output of model"):
+    with pytest.raises(InputError, match=r"Unknown output `.*` of model"):
         find_controller("onnx:policy.onnx?output=value", tmp_path)
     with pytest.raises(InputError, match="Unknown option"):
         find_controller("onnx:policy.onnx?feature=a.toml", tmp_path)

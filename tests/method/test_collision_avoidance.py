@@ -212,7 +212,7 @@ def test_the_first_exit_counts_where_a_ray_enters_the_zone_again(ring):
         ({"ego_speed": 30.0, "gap": 50.0}, "Parameter `obstacle_speed` of scenario `front_vehicle_cut_out` is missing"),
         (
             {"ego_speed": 30.0, "obstacle_sped": 0.0, "gap": 50.0},
-            "Unknown parameter of scenario `front_vehicle_cut_out` `obstacle_sped`. Did you mean `obstacle_speed`",
+            "Unknown parameter `obstacle_sped` of scenario `front_vehicle_cut_out`. Did you mean `obstacle_speed`",
         ),
         ([30.0, 0.0, 150.0], "`gap` of scenario `front_vehicle_cut_out` must be within 20..120 m, got 150.0"),
         ([30.0, 0.0], "`points` of scenario `front_vehicle_cut_out` must be 3 long"),

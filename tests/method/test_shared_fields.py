@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method import shared_fields as module
 from sumo_eval.method import trajectory_field

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.method.anthropomorphic import anthropomorphic_index
 from sumo_eval.scenario import catalogue

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.cosim.doors.controller import ControllerLike
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.catalogue import load
 from sumo_eval.scenario.concrete import Brake, ConstantLateral

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.settings import SimulationSettings, VehicleSettings

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from r157_cases import EGO_X, LANE, SETTINGS, cut_in
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 
 CONTROLLERS = ["careful_driver", "reg157"]
 Point = tuple[float, float, float, float]

@@ -10,7 +10,7 @@ from ads.test_steps import least_gap
 from r157_cases import SETTINGS, Row, collides, of_row, table
 
 from sumo_eval.ads.fuzzy_safety_model import FuzzySafetyModel
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 
 
 class FsmAsCoded(FuzzySafetyModel):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +225,18 @@ def test_a_leader_that_changes_lane_while_it_brakes_counts_and_has_no_parameters
     if not left_out:
         assert found.values["deceleration"] == pytest.approx([2.0], abs=0.1)
         assert found.values["duration"] == pytest.approx([3.0], abs=0.5)
+
+
+def test_events_that_are_all_alike_give_no_file_and_still_say_how_many_are_needed(tmp_path):
+    found = find_encounters([braking_leader(0.0)])
+    one = found.classes["braking"]
+    alike = replace(
+        one, values={name: np.repeat(values, 3) for name, values in one.values.items()}, who=pd.concat([one.who] * 3)
+    )
+    met = measure(alike, found, tmp_path, "made up")
+    assert met.logical is None
+    assert met.needed == 5 * 5  # five events for each of five parameters
+    assert not list(tmp_path.iterdir())
 
 
 def test_nobody_in_a_learnt_scenario_is_faster_than_roads_allow():

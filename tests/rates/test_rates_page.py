@@ -51,4 +51,9 @@ def test_a_chart_in_a_folded_section_is_drawn_when_it_opens_and_follows_the_them
             "[...document.querySelectorAll('[data-tools] button')].find((b) => b.textContent === 'Dark').click()"
         )
         opened.wait(f"document.querySelector('[data-figure]').layout.font.color !== '{before}'")
+        opened.open(page.as_uri(), "document.documentElement.dataset.study === 'ready'")
+        drawn = "document.querySelectorAll('.js-plotly-plot .main-svg').length > 0"
+        assert not opened.run(drawn)
+        at_once = f"(() => {{ window.dispatchEvent(new Event('beforeprint')); return {drawn}; }})()"
+        assert opened.run(at_once), "Ctrl+P waits for nothing"
         assert opened.problems == []

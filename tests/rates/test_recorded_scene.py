@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from sumo_eval.cli import main
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical, write_csv
 from sumo_eval.errors import InputError
 from sumo_eval.rates.departures import Departure
@@ -173,7 +173,7 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"ego": "eg"}, "Unknown vehicle of the recording `eg`. Did you mean `ego`"),
+        ({"ego": "eg"}, "Unknown vehicle `eg` of the recording. Did you mean `ego`"),
         ({"ego": "ego", "end": 300.0}, "within its recording, 100 to 120 s"),
         ({"ego": "ego", "recording": "q"}, "Unknown recording `q`"),
         ({"ego": "ego", "model": "IDM", "beyond": 0.0}, "must be above 0 m"),
@@ -182,6 +182,27 @@ def test_a_path_that_comes_back_to_where_it_began_keeps_its_furthest_point() -> 
 def test_a_scene_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path, given: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         write_scene(recorded(), tmp_path / "scene.toml", **given)  # type: ignore[arg-type]
+
+
+def twice(*, with_ego: bool) -> Recordings:
+    """Two recordings of the same vehicles, the ego in both or in the first alone."""
+    table = recorded().table
+    other = table if with_ego else table[table["vehicle"] != "ego"]
+    return canonical(pd.concat([table, other.assign(recording="s")], ignore_index=True))
+
+
+def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    write_scene(twice(with_ego=False), path, "ego", end=120.0)
+    alone = tmp_path / "alone" / "scene.toml"
+    write_scene(recorded(), alone, "ego", end=120.0)
+    assert path.read_text() == alone.read_text()
+    with pytest.raises(InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."):
+        write_scene(twice(with_ego=True), path, "ego", end=120.0)
+    with pytest.raises(InputError, match=r"Unknown vehicle of the recording `eg`\. Did you mean `ego`"):
+        write_scene(twice(with_ego=True), path, "eg", end=120.0)
+    write_scene(twice(with_ego=True), path, "ego", end=120.0, recording="s")
+    assert "s, recorded" in read_scenario(path).source
 
 
 def test_one_who_follows_late_must_do_nothing_after_it_and_departed_needs_a_recorded_ego() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sumo_eval.cli.stopping import Heard
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.cases import Case, Outcome, Setup
 from sumo_eval.record.engines import run_cases

@@ -6,7 +6,7 @@ import time as clock
 import pytest
 
 from sumo_eval.cosim.doors.controller import load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.record.watch import watched
 from sumo_eval.scenario import catalogue

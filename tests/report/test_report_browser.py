@@ -18,8 +18,8 @@ from packed_pages import unpacked, with_packed
 from page_checks import CONTRAST, WRITTEN_IN_CELLS, press
 
 from sumo_eval.method.trajectory_field import trajectory_field
-from sumo_eval.report.page_data import CHANNEL_STEPS, encode_trajectories
 from sumo_eval.report.preventability import LOOKS, verdicts
+from sumo_eval.report.sent_drives import CHANNEL_STEPS, encode_trajectories
 from sumo_eval.results import Evaluation
 from sumo_eval.trajectory import Trajectory
 

@@ -18,7 +18,7 @@ from packed_pages import unpacked
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
-from sumo_eval.report import page_data
+from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
 from sumo_eval.report.page_data import choose_view, telling_slice
@@ -323,7 +323,7 @@ def test_a_large_evaluation_embeds_the_most_telling_points_and_says_so(
     evaluation: Evaluation, partitions: dict[str, ZonePartition], page: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "points are in this file" not in page
-    monkeypatch.setattr(page_data, "MOST_BYTES", 20 * page_data.BYTES_OF_A_RUN)
+    monkeypatch.setattr(sent_drives, "MOST_BYTES", 20 * sent_drives.BYTES_OF_A_RUN)
     small = write_report(evaluation, partitions).read_text(encoding="utf-8")
     monkeypatch.undo()
     write_report(evaluation, partitions)

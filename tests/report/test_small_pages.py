@@ -48,8 +48,15 @@ def test_compare_points_and_a_report_without_people_hold_what_every_page_holds(
         assert head == "series,x,y,value"
         pairs = {tuple(float(number) for number in row.split(",")[1:3]) for row in rows}
         assert {(x, y) for x, y in chosen[:, :2].tolist()} <= pairs
+        begins = "window.dispatchEvent(new Event('beforeprint'))"
         size(page, 1400, 900)
         page.open(report.as_uri(), "document.documentElement.dataset.report === 'ready'")
+        shown = "['case-undrawn', 'case-charts'].map((id) => getComputedStyle(document.getElementById(id)).display)"
+        assert page.run(f"(() => {{ {begins}; return {shown}; }})()") == ["block", "none"], (
+            "a sentence, no blank charts"
+        )
+        page.run("window.dispatchEvent(new Event('afterprint'))")
+        assert page.run(f"{shown}[0]") == "none"
         page.run("document.querySelectorAll('details.fold').forEach((fold) => { fold.open = true; })")
         cut = """[...document.querySelectorAll('#verdict .overflow, #confidence .scroll, .glances')]
             .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent.trim().slice(0, 60))"""

@@ -209,7 +209,7 @@ def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> Non
     (tmp_path / "text.xodr").write_text("hello", encoding="utf-8")
     with pytest.raises(InputError, match="is not XML"):
         read_opendrive(tmp_path / "text.xodr")
-    with pytest.raises(InputError, match=r"Unknown road .* `main`\. Did you mean `mein`\?"):
+    with pytest.raises(InputError, match=r"Unknown road `main` .*\. Did you mean `mein`\?"):
         read_opendrive(written(tmp_path, id="mein"), "main")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.catalogue import find

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load

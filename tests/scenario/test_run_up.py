@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenario.test_scenario_file import EXAMPLE
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import exact_target
 from sumo_eval.scenario import ConstantLateral, catalogue

@@ -121,7 +121,7 @@ def test_points_keep_the_grids_order():
     ("arguments", "sentence"),
     [
         ({"method": "gird"}, "Unknown sampling method `gird`. Did you mean `grid`?"),
-        ({"levels": {"gpa": 3}}, "Unknown parameter of scenario `front_vehicle_cut_out` `gpa`. Did you mean `gap`?"),
+        ({"levels": {"gpa": 3}}, "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?"),
         ({"steps": {"ego_sped": 3}}, "Did you mean `ego_speed`?"),
         ({"levels": 1}, "must be a whole number of levels, at least 2, got 1"),
         ({"levels": {"gap": 1}}, "`gap` of the sampling of scenario `front_vehicle_cut_out` must be a whole number"),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario

@@ -246,7 +246,7 @@ GOOD = {"ego_speed": 20.0, "obstacle_speed": 10.0, "gap": 70.0}
         ({"ego_speed": math.nan}, "`ego_speed` of scenario `front_vehicle_cut_out` must be within 10..30 m/s, got nan"),
         ({"ego_speed": "20"}, "`ego_speed` of scenario `front_vehicle_cut_out` must be a number, got '20'"),
         ({"ego_speed": True}, "must be a number, got True"),
-        ({"gpa": 70.0}, "Unknown parameter of scenario `front_vehicle_cut_out` `gpa`. Did you mean `gap`?"),
+        ({"gpa": 70.0}, "Unknown parameter `gpa` of scenario `front_vehicle_cut_out`. Did you mean `gap`?"),
         ({"gap": None}, "must be a number, got None"),
         (
             {"ego_speed": 10.0, "obstacle_speed": 15.0},

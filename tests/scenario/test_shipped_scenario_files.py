@@ -211,15 +211,15 @@ def test_the_check_of_a_shipped_file_counts_its_points(name: str) -> None:
 @pytest.mark.parametrize(
     ("use", "sentence"),
     [
-        ("cut_in?lateral_acceleraton=1.5", "Unknown option of scenario `cut_in` `lateral_acceleraton`. Did you mean"),
+        ("cut_in?lateral_acceleraton=1.5", "Unknown option `lateral_acceleraton` of scenario `cut_in`. Did you mean"),
         ("cut_in?lateral_acceleration=fast", "of scenario `cut_in` must be a number of m/s2, got 'fast'."),
         ("cut_in?lateral_acceleration=0", "of scenario `cut_in` must be finite and above 0 m/s2, got 0.0."),
         ("cut_in?lateral_acceleration=inf", "must be finite and above 0 m/s2, got inf."),
         ("cut_in?lateral_acceleration=nan", "must be finite and above 0 m/s2, got nan."),
         ("cut_in?lateral_acceleration", "must be a number of m/s2, got ''."),
         ("cut_in?lateral_acceleration=1&lateral_acceleration=2", "must be given once"),
-        ("cut_in?", "Unknown option of scenario `cut_in` ``."),
-        ("r157_cut_out?lateral_acceleration=1.5", "Unknown option of scenario `r157_cut_out` `lateral_acceleration`."),
+        ("cut_in?", "Unknown option `` of scenario `cut_in`."),
+        ("r157_cut_out?lateral_acceleration=1.5", "Unknown option `lateral_acceleration` of scenario `r157_cut_out`."),
         ("cutin?lateral_acceleration=1.5", "Unknown logical scenario `cutin`. Did you mean `cut_in`?"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from sumo_eval.cosim.simulate import simulate, simulate_many
+from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError

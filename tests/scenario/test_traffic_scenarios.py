@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.settings import SimulationSettings

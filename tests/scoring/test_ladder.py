@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sumo_eval.cosim.simulate import simulate_many
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.method.collision_avoidance import impact_severity
 from sumo_eval.method.score_terms import avoided_share, once
 from sumo_eval.scenario import catalogue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,44 @@ def test_a_collision_without_the_ideal_vehicles_case_is_missing_from_c() -> None
     result = combined(HIT, replace(HIT, case="other", ideal_severity=None), SAFE)
     assert result.not_evaluated == 1
     assert result.c_interval == (pytest.approx(0.2), pytest.approx(0.7)), "(0.4 + 0) / 2 and (0.4 + 1) / 2"
+
+
+KNOWN = replace(HIT, case="known", severity=5.0, ideal_severity=0.0, weight=1.0)
+NO_IDEAL = replace(KNOWN, case="no ideal", ideal_severity=None)
+
+
+@pytest.mark.parametrize(
+    ("severity", "lowest", "highest"),
+    [
+        (9.0, 1 - (5 + 9) / (10 + 10), 1 - 5 / (10 + 1)),
+        (0.0, 0.5, 1 - 5 / (10 + 10)),
+    ],
+    ids=["it hit: the ideal vehicle avoids, or hits as hard", "it avoided: the point has no part in A, or a whole one"],
+)
+def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(severity: float, lowest: float, highest: float) -> None:
+    result = combined(KNOWN, replace(NO_IDEAL, severity=severity or None, collided=severity > 0.0))
+    assert result.avoided_share == 0.5, "over the points whose ideal vehicle is known"
+    assert result.not_evaluated == 1
+    assert result.avoided_share_interval == (pytest.approx(lowest), pytest.approx(highest))
+    assert score_note(result.notes[0]).startswith("1 case could not be evaluated")
+    alone = combine("a", "s", (KNOWN, NO_IDEAL), MethodSettings(), people=False)
+    assert alone.s_plus_interval == pytest.approx([50 * end for end in alone.avoided_share_interval or ()])
+
+
+def test_a_drive_of_nobody_reacting_that_is_missing_widens_a() -> None:
+    result = combined(KNOWN, replace(KNOWN, case="other", severity=2.0, no_reaction_severity=None))
+    assert result.avoided_share == 0.5
+    low, high = result.avoided_share_interval or (9.0, -9.0)
+    assert low == pytest.approx(1 - (5 + 2) / (10 + 2)), "doing nothing hits as hard as it did"
+    assert high == pytest.approx(1 - (5 + 2) / (10 + 10)), "as hard as anywhere else"
+
+
+def test_of_points_that_are_not_sure_only_those_that_lower_a_have_a_part_in_its_lower_end() -> None:
+    cases = [replace(NO_IDEAL, case=str(severity), severity=severity) for severity in (1.0, 6.0, 9.0, 4.9)]
+    result = combined(KNOWN, *cases)
+    low, _ = result.avoided_share_interval or (9.0, -9.0)
+    subsets = [part for size in range(5) for part in itertools.combinations((1.0, 6.0, 9.0, 4.9), size)]
+    assert low == pytest.approx(min(1 - (5 + sum(part)) / (10 + 10 * len(part)) for part in subsets))
 
 
 def test_c_lies_within_its_interval_whatever_is_missing() -> None:

@@ -60,7 +60,7 @@ def test_the_ideal_vehicles_collisions_are_those_of_its_braking_distance(tmp_pat
     told = summary(found)
     assert told["collision_share_of_space"] == pytest.approx(np.mean(points[:, 1] < needed), abs=0.02)
     paths = write_boundary(found, tmp_path)
-    assert [path.name for path in paths] == ["trials.csv", "boundary.json", "boundary.html"]
+    assert [path.name for path in paths] == ["trials.csv", "boundary.json", "boundary.html", "chances.csv"]
     rows = paths[0].read_text().splitlines()
     assert rows[0] == "obstacle_speed,gap,collided"
     assert len(rows) == 1 + len(found.points)

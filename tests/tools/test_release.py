@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import datetime
+import importlib.util
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
@@ -25,6 +27,8 @@ requires-python = ">=3.11"
 [tool.hatch.build.targets.wheel]
 packages = ["sumo_eval"]
 """
+CITATION = "cff-version: 1.2.0\nversion: 0.1.0\n"
+CONDA = '{% set version = "0.1.0" %}\n\npackage:\n  version: {{ version }}\n'
 
 
 def git(root: Path, *arguments: str) -> str:
@@ -35,7 +39,7 @@ def git(root: Path, *arguments: str) -> str:
 def project(tmp_path: Path) -> Path:
     """A repository with the real scripts and a package of one file, everything committed."""
     root = tmp_path / "project"
-    for folder in ("sumo_eval", "tools", "tests/golden"):
+    for folder in ("sumo_eval", "tools", "tests/golden", "packaging/conda"):
         (root / folder).mkdir(parents=True)
     shutil.copy(ROOT / "tools" / "release.py", root / "tools")
     shutil.copy(ROOT / "tools" / "house_check.py", root / "tools")
@@ -43,6 +47,8 @@ def project(tmp_path: Path) -> Path:
     (root / "sumo_eval" / "__init__.py").write_text('"""A package."""\n')
     (root / "CHANGELOG.md").write_text(CHANGELOG)
     (root / "pyproject.toml").write_text(PYPROJECT)
+    (root / "CITATION.cff").write_text(CITATION)
+    (root / "packaging" / "conda" / "meta.yaml").write_text(CONDA)
     (root / ".gitignore").write_text("dist/\n")
     git(tmp_path, "init", "--quiet", str(root))
     git(root, "config", "user.name", "A tester")
@@ -71,7 +77,8 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "The tree is clean and the golden files hold.",
-        "Would change CHANGELOG.md and pyproject.toml, commit, build the wheel and tag v0.2.0. Nothing was done.",
+        "Would change CHANGELOG.md, pyproject.toml, CITATION.cff and packaging/conda/meta.yaml, commit, build the "
+        "source archive and the wheel, and tag v0.2.0. Nothing was done.",
     ]
     assert state(project) == before
 
@@ -85,7 +92,9 @@ def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_t
     day = datetime.datetime.now(datetime.UTC).date().isoformat()
     head = CHANGELOG.replace("## [Unreleased]\n", f"## [Unreleased]\n\n## [0.2.0] - {day}\n")
     assert (project / "CHANGELOG.md").read_text() == head
-    assert 'version = "0.2.0"' in (project / "pyproject.toml").read_text()
+    assert (project / "pyproject.toml").read_text() == PYPROJECT.replace("0.1.0", "0.2.0")
+    assert (project / "CITATION.cff").read_text() == CITATION.replace("0.1.0", "0.2.0")
+    assert (project / "packaging" / "conda" / "meta.yaml").read_text() == CONDA.replace("0.1.0", "0.2.0")
     assert git(project, "tag") == "v0.2.0\n"
     assert git(project, "rev-parse", "v0.2.0^{commit}") == git(project, "rev-parse", "HEAD")
     assert git(project, "status", "--porcelain") == ""
@@ -94,6 +103,8 @@ def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_t
     (wheel,) = (project / "dist").glob("*.whl")
     assert wheel.name == "sumo_eval-0.2.0-py3-none-any.whl"
     assert "sumo_eval/__init__.py" in zipfile.ZipFile(wheel).namelist()
+    with tarfile.open(project / "dist" / "sumo_eval-0.2.0.tar.gz") as source:
+        assert "sumo_eval-0.2.0/sumo_eval/__init__.py" in source.getnames()
 
 
 def test_a_wheel_that_cannot_be_built_takes_the_release_back(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,6 +130,29 @@ def test_a_version_must_go_up(version: str, sentence: str, project: Path) -> Non
     done = release(project, version)
     assert done.returncode == 1
     assert done.stderr == f"No release: {sentence}\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "sentence"),
+    [
+        ("version: 0.0.7\n", "CITATION.cff must name the version of pyproject.toml, 0.1.0, names 0.0.7."),
+        ("", "CITATION.cff must have one line `version: ...`, has 0."),
+    ],
+)
+def test_files_that_name_another_version_are_refused(line: str, sentence: str, project: Path) -> None:
+    (project / "CITATION.cff").write_text(f"cff-version: 1.2.0\n{line}")
+    commit(project)
+    assert release(project, "0.2.0").stderr == f"No release: {sentence}\n"
+
+
+def test_the_projects_own_files_name_one_version() -> None:
+    spec = importlib.util.spec_from_file_location("release", ROOT / "tools" / "release.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    named = {name: module._said(name, (ROOT / name).read_text(encoding="utf-8")) for name in module._NAMES_THE_VERSION}
+    assert len(set(named.values())) == 1, named
 
 
 def test_a_tree_that_is_not_clean_is_refused(project: Path) -> None:

@@ -20,7 +20,7 @@ from browser import CHROMIUM, Page
 from test_window import LOGICAL, SETTINGS
 
 from sumo_eval.cosim.doors.observation import Observation
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.trajectory import Recording
 from sumo_eval.wheel.hands import Given, Hands

@@ -188,7 +188,7 @@ def test_a_study_file_with_a_mistake_gets_a_sentence(plan: Plan) -> None:
     for text, words in (
         (STUDY.replace("consent", "consnt"), "Did you mean `consent`"),
         (STUDY + '[[question]]\nkey = "x"\ntext = "?"\nafter = "lunch"\n', "'drive' or 'replay'"),
-        (STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'), "Unknown case of the run"),
+        (STUDY.replace("count = 2", 'cases = ["front_vehicle_low_speed-9999"]'), "low_speed-9999` of the run"),
         (STUDY.replace("count = 2", 'ads = ["followr"]'), "Did you mean `follower`"),
         (STUDY.replace('run = "run"', 'run = "nowhere"'), "nowhere"),
     ):

@@ -19,7 +19,7 @@ from websockets.asyncio.client import connect  # noqa: E402
 from websockets.exceptions import ConnectionClosed, InvalidStatus  # noqa: E402
 
 from sumo_eval.cosim.doors.observation import Observation  # noqa: E402
-from sumo_eval.cosim.simulate import simulate  # noqa: E402
+from sumo_eval.cosim.simulation import simulate  # noqa: E402
 from sumo_eval.cosim.vehicle_model import Command  # noqa: E402
 from sumo_eval.scenario import catalogue  # noqa: E402
 from sumo_eval.wheel.again import again  # noqa: E402

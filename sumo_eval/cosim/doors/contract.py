@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
 from sumo_eval.text import last_lines

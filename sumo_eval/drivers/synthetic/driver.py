@@ -21,7 +21,7 @@ from sumo_eval.ads.overtaking import HABITS, OVERTAKING, WATCHED, OvertakingHabi
 from sumo_eval.ads.perception import carry_on, is_visible, take
 from sumo_eval.cosim.compiled import Compiled, unknown
 from sumo_eval.cosim.records import MOVER, Records, fields, flags
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, Driver, draw_driver
 from sumo_eval.drivers.synthetic.wander import SmoothNoise, noise_at, noise_value
 from sumo_eval.errors import InputError, must_be

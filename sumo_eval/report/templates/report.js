@@ -1095,6 +1095,8 @@
   function onPrint(begins) {
     document.documentElement.classList.toggle("printing", begins);
     if (begins) document.querySelectorAll("details:not([data-cases])").forEach((details) => { details.open = true; });
+    // A drive is unpacked when its section is first opened. The button Print waits for that, Ctrl+P does not.
+    document.documentElement.classList.toggle("undrawn", begins && !shown && !byId("case-charts").hidden);
     [...unseen].forEach((draw) => draw());
     drawn.forEach((draw) => draw());
     for (const plot of document.querySelectorAll(".js-plotly-plot")) {

@@ -64,7 +64,10 @@
     }));
   }
   sumoPage.beforePrint(() => Promise.all(plots.map(begin)).then(() => forPaper(true)));
-  window.addEventListener("beforeprint", () => forPaper(true));
+  window.addEventListener("beforeprint", () => { // Ctrl+P waits for nothing: what was folded away is drawn within this call
+    plots.forEach(begin);
+    forPaper(true);
+  });
   window.addEventListener("afterprint", () => forPaper(false));
   sumoPage.onTheme(() => plots.filter((plot) => plot.dataset.drawn).forEach(draw));
   await Promise.all(seen().map(begin));

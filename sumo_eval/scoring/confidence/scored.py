@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sumo_eval.method.score import score_of
 from sumo_eval.results import CaseResult, ScenarioResult, columns
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
@@ -34,9 +35,8 @@ WITHIN = {
     "regret": (0.0, np.inf),
     "human_likeness": (0.0, 1.0),
     "s_plus": (0.0, 100.0),
-    "s": (0.0, np.inf),
 }
-"""What a score can be."""
+"""What a score can be; S at most what Eq. 18 makes of C = D = 1."""
 
 LEAST = 2  # evaluated cases of which an interval can be made
 _OF_ONE_ADS = ("case", "ads", "wall_time", "latency_mean", "latency_max")
@@ -86,7 +86,10 @@ def with_intervals(
         if _drove_alike(judged[first], judged[second], rows[which[first]], rows[which[second]]):
             found[which[first]] = replace(here, same_drives=which[first])
             found[which[second]] = replace(there, same_drives=which[first])
-    return [score if one is None else _joined(score, one) for score, one in zip(scores, found, strict=True)], found
+    most = score_of(1.0, 1.0, settings.method.score).total or 0.0
+    return [
+        score if one is None else _joined(score, one, most) for score, one in zip(scores, found, strict=True)
+    ], found
 
 
 def _drove_alike(one: Judged, other: Judged, rows: Sequence[CaseResult], others: Sequence[CaseResult]) -> bool:
@@ -103,14 +106,14 @@ def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float
     return (0.0, 0.0) if value is None or ends is None else (ends[0] - value, ends[1] - value)
 
 
-def _joined(score: ScenarioResult, found: ScoreIntervals) -> ScenarioResult:
+def _joined(score: ScenarioResult, found: ScoreIntervals, most_of_s: float) -> ScenarioResult:
     """Each end is the worst (best) that the missing cases allow, moved on by what the sample leaves open there."""
     ends: dict[str, tuple[float, float] | None] = {}
     for name in SCORED:
         value, missing, sampled = getattr(score, name), getattr(score, f"{name}_interval"), found.limits.get(name)
         if value is not None and sampled is not None:
             worst, best = missing if missing is not None else (value, value)
-            least, most = WITHIN[name]
+            least, most = WITHIN.get(name, (0.0, most_of_s))
             ends[f"{name}_interval"] = (
                 float(max(worst - (value - sampled[0]), min(least, worst))),
                 float(min(best + (sampled[1] - value), max(most, best))),

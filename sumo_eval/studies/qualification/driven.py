@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sumo_eval.cosim.doors.controller import ControllerLike
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import SimulationError
 from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start
 from sumo_eval.scenario.concrete import Brake

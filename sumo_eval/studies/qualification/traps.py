@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from sumo_eval.cosim.simulate import simulate
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.scenario import Actor, ConcreteScenario, Start
 from sumo_eval.settings import SimulationSettings

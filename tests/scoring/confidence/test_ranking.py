@@ -17,6 +17,7 @@ from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
 from sumo_eval.scoring.confidence.intervals import ScoreIntervals
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
+from sumo_eval.scoring.quantities import combine
 from sumo_eval.settings import AdsSettings, EvaluationSettings, RankingSettings, ScenarioSettings
 
 SETTINGS = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
@@ -33,11 +34,15 @@ def drives(ads: str, shift: float, scenario: str = "s", own: float = 0.0) -> lis
     ]  # fmt: skip
 
 
-def scored(*tables: list[CaseResult]) -> tuple[list[ScenarioResult], dict[tuple[str, str], ScoreIntervals | None]]:
-    scores = [replace(combined(*rows), ads=rows[0].ads, scenario=rows[0].scenario) for rows in tables]
+def scored(
+    *tables: list[CaseResult], settings: EvaluationSettings = SETTINGS
+) -> tuple[list[ScenarioResult], dict[tuple[str, str], ScoreIntervals | None]]:
+    scores = [
+        replace(combine("a", "s", rows, settings.method), ads=rows[0].ads, scenario=rows[0].scenario) for rows in tables
+    ]
     done, found = with_intervals(
         scores, tables, [range(len(rows)) for rows in tables], [NO_DEVIATIONS] * len(tables),
-        np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", SETTINGS,
+        np.linspace(0.0, 1.0, 80)[:, None], "latin_hypercube", settings,
     )  # fmt: skip
     return done, {(one.ads, one.scenario): spread for one, spread in zip(done, found, strict=True)}
 
@@ -107,7 +112,7 @@ def test_the_weights_of_scenarios_decide_and_the_total_is_their_mean() -> None:
 
 def test_a_misspelt_scenario_and_weights_of_nothing_are_refused() -> None:
     scores, found = scored(drives("a", 0.0))
-    with pytest.raises(InputError, match=r"Unknown scenario in `method.ranking.weights` `z`"):
+    with pytest.raises(InputError, match=r"Unknown scenario `z` in `method.ranking.weights`"):
         rank(scores, found, RankingSettings({"z": 2.0}))
     with pytest.raises(InputError, match="at least one scenario a weight above 0"):
         rank(scores, found, RankingSettings({"s": 0.0}))
@@ -168,6 +173,17 @@ def test_missing_cases_move_both_ends_on_and_keep_two_ads_from_being_told_apart(
     assert high.human_likeness_interval is not None
     assert high.human_likeness_interval[0] < worst < best < high.human_likeness_interval[1]
     assert not rank(scores, found, RankingSettings()).pairs[0].told_apart
+
+
+def test_no_interval_of_s_reaches_beyond_what_eq_18_can_give() -> None:
+    """Missing cases could all have been as good as can be, and so could the next ones: still C = D = 1 at most."""
+    some = [replace(one, index=1.0 if x < 0.85 else 0.6) for one, x in zip(drives("some", 0.0), UNIFORM, strict=True)]
+    some[:40] = [replace(LOST_SAFE, ads="some", exposure=1.0, weight=1.0, no_reaction_severity=0.0) for _ in range(40)]
+    for points, most in ((SETTINGS.method.score, 100.0), (replace(SETTINGS.method.score, k5=0.8, k6=0.5), 65.0)):
+        settings = replace(SETTINGS, method=replace(SETTINGS.method, score=points))
+        (one,), _ = scored(some, settings=settings)
+        assert one.s_interval is not None
+        assert one.s_interval[1] <= most + 1e-9
 
 
 def test_a_missing_case_counts_as_doing_nothing_and_as_the_ideal_vehicle() -> None:

@@ -1,0 +1,215 @@
+"""Which recorded drives travel in a page, and how: small enough for one file.
+
+Trajectories keep their recorded samples. Every channel is rounded to its step in `CHANNEL_STEPS`, written as
+differences of whole numbers, and deflated; what these differences cannot hold travels beside them as it is.
+`decodeTrajectories` in templates/field.js is the other half.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sumo_eval.record.store import EGO, RECORDED, Store, open_store
+from sumo_eval.report.packing import LEVEL, packed_bytes
+from sumo_eval.results import CaseResult
+from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
+
+CHANNEL_STEPS = {
+    "time": 1e-3, "x": 1e-2, "y": 1e-3, "heading": 1e-4, "speed": 1e-2, "acceleration": 5e-2,
+    "steering_wheel_angle": 5e-3,
+}  # fmt: skip
+"""Channels of an embedded trajectory and what they are rounded to: s, m, m, rad, m/s, m/s2, rad."""
+
+MOST_WHOLE = 2**30 - 1
+"""The largest whole number of steps that a channel's differences hold: any difference of two fits in 32 bits."""
+
+Point = tuple[str, int]
+"""A concrete scenario: the logical scenario's name and the point's number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Embedded:
+    """Points whose trajectories travel in the page: of the ADSs and the other vehicles, and of the drivers too."""
+
+    points: frozenset[Point]
+    with_drivers: frozenset[Point]
+
+
+MOST_BYTES = 4_500_000  # of embedded trajectories; the whole page stays below 10 MB at 5,000 cases
+FAILED = 2.0  # how much a point with a collision or without an outcome tells; others at most 1
+BYTES_OF_A_RUN = 900  # about; what is chosen is measured before it is embedded
+BYTES_OF_A_RUN_BEYOND = 40  # about, of an entry of `beyond`
+
+
+@dataclass(frozen=True, slots=True)
+class SentDrives:
+    """The recorded drives that travel in a page, by scenario: `trajectories` as the page reads them; `rows`, what is
+    said of them beside each case, in the order of the cases; `drivers`, the places of each point's among them.
+    """
+
+    embedded: Embedded
+    trajectories: Mapping[str, dict[str, Any]]
+    rows: Mapping[str, Sequence[Mapping[str, Any]]]
+    drivers: Mapping[str, Mapping[int, Sequence[int]]]
+
+
+def sent_drives(facts: Path, cases_of: Mapping[str, Sequence[CaseResult]]) -> SentDrives:
+    """The drives that a page of these cases, by scenario, has room for. facts: where they are recorded.
+
+    Reading, rounding and deflating hold the interpreter's lock for a quarter of the time, so this is for a thread.
+    """
+    runs = MOST_BYTES // BYTES_OF_A_RUN
+    with open_store(facts) as store:
+        while True:
+            embedded = worth_embedding(cases_of, store, runs)
+            found: dict[str, tuple[dict[str, Any], _Drives]] = {}
+            for name, cases in cases_of.items():
+                drives = _drives(name, store, embedded, cases)
+                found[name] = encode_trajectories(drives.trajectories), replace(drives, trajectories=())
+            size = sum(len(sent["data"]) + BYTES_OF_A_RUN_BEYOND * len(sent["beyond"]) for sent, _ in found.values())
+            if size <= MOST_BYTES or not embedded.points:
+                break
+            runs = int(runs * 0.95 * MOST_BYTES / size)  # as many as fit, by what these really took
+    return SentDrives(
+        embedded,
+        {name: sent for name, (sent, _) in found.items()},
+        {name: drives.rows for name, (_, drives) in found.items()},
+        {name: drives.drivers for name, (_, drives) in found.items()},
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Drives:
+    """The recorded drives that the page has of a scenario. rows: what is said of them beside each case, in order.
+
+    drivers: of each point, the places of its drivers' among the trajectories.
+    """
+
+    trajectories: Sequence[Trajectory]
+    rows: Sequence[Mapping[str, Any]]
+    drivers: Mapping[int, Sequence[int]]
+
+
+def _drives(scenario: str, store: Store, embedded: Embedded, cases: Sequence[CaseResult]) -> _Drives:
+    trajectories: list[Trajectory] = []
+    rows: list[dict[str, Any]] = []
+    points = _points_of(store, {one.case for one in cases}, scenario)
+    there = set(points.values())
+    numbers = {at: drives for at, drives, _ in store.drivers_at_points(scenario, RECORDED) if at in there}
+    for case in (one.case for one in cases):
+        number = points[case]
+        here = (scenario, number) in embedded.points
+        recorded = store.trajectories(case) if here else {}
+        here = here and (bool(recorded) or not store.is_let_go(case))
+        vehicles = {name: len(trajectories) + place for place, name in enumerate(recorded)}
+        trajectories += recorded.values()
+        fact = store.fact(case) if EGO in recorded else None
+        hit = contact(None if fact is None else fact.collision, recorded.get(EGO))
+        row = {"point": number, "embedded": here, "vehicles": vehicles, "contact": hit}
+        rows.append({**row, "drivers": numbers.get(number, 0)})
+    drivers: dict[int, list[int]] = {}
+    for number in sorted(number for name, number in embedded.with_drivers if name == scenario):
+        for fact in store.facts_at(range(number, number + 1), "human", scenario):
+            if fact.status == "ok" and not store.is_let_go(fact.case):  # D_i is made of those that ended well
+                drivers.setdefault(number, []).append(len(trajectories))
+                trajectories.append(store.trajectory(fact.case, EGO))
+    return _Drives(trajectories, rows, drivers)
+
+
+def worth_embedding(cases_of: Mapping[str, Sequence[CaseResult]], store: Store, most_runs: int) -> Embedded:
+    """The points whose trajectories travel in the page: all, or as many as `most_runs` allows, the most telling first.
+
+    Collisions and cases that could not be evaluated come first, without their drivers where not all fit, then the least
+    human-like. cases_of: those that the page has, by scenario.
+    """
+    own: Counter[Point] = Counter()
+    humans: Counter[Point] = Counter()
+    tells: dict[Point, float] = {}
+    for name, cases in cases_of.items():
+        points = _points_of(store, {case.case for case in cases}, name)
+        there = set(points.values())
+        own.update((name, number) for _, number, _ in store.names("ads", name) if number in there)
+        humans.update((name, number) for _, number, _ in store.names("human", name) if number in there)
+        for case in cases:
+            at = name, points[case.case]
+            matters = case.collided or not case.evaluated
+            tell = FAILED if matters else 0.0 if case.index is None else 1.0 - case.index
+            tells[at] = max(tells.get(at, 0.0), tell)
+    order = sorted(tells, key=lambda known: (-tells[known], known))
+    chosen: set[Point] = set()
+    with_drivers: set[Point] = set()
+    left = most_runs
+    for here in order:
+        if tells[here] < FAILED or own[here] > left:
+            break
+        chosen.add(here)
+        left -= own[here]
+    for here in order:
+        cost = humans[here] + (0 if here in chosen else own[here])
+        if cost > left:
+            break
+        chosen.add(here)
+        with_drivers.add(here)
+        left -= cost
+    return Embedded(frozenset(chosen), frozenset(with_drivers))
+
+
+def contact(hit: Collision | None, ego: Trajectory | None) -> dict[str, Any] | None:
+    """Where the replay shows a contact: time since the recording began, the other's name, the side that was hit."""
+    if hit is None or ego is None:
+        return None
+    return {"time": round(hit.time - float(ego.time[0]), 4), "other": hit.other, "side": hit.side}
+
+
+def _points_of(store: Store, cases: Set[str], scenario: str) -> dict[str, int]:
+    """The points of some of a scenario's cases, by case; no more is held of the facts: there may be millions."""
+    return {case: number for case, number, _ in store.names("ads", scenario) if case in cases}
+
+
+def encode_trajectories(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
+    """Many trajectories in one string; lengths, counts and bodies beside it. `time` starts where the recording did.
+
+    beyond: samples that differences of 32 bits cannot hold, as they are: [channel, the first's place among all samples,
+    how many, their value].
+    """
+    counts = [len(trajectory) for trajectory in trajectories]
+    planes = []
+    beyond: list[list[Any]] = []
+    unsteered = [not np.isfinite(one.steering_wheel_angle).all() for one in trajectories]
+    unknown = np.repeat(np.array(unsteered, dtype=bool), counts)
+    for name, step in CHANNEL_STEPS.items():
+        channel = np.concatenate([np.zeros(0), *(getattr(one, name) for one in trajectories)])
+        if name == "steering_wheel_angle":
+            channel = np.where(unknown, 0.0, channel)
+        with np.errstate(over="ignore"):
+            whole = np.round(channel / step)
+        held = np.abs(whole) <= MOST_WHOLE
+        beyond += [[name, *run] for run in _runs_of_one_value(channel, ~held)]
+        change = np.diff(np.where(held, whole, 0.0).astype("<i4"), prepend=np.int32(0))
+        folded = change << 1 ^ change >> 31  # 2 c, and -2 c - 1 below 0: small numbers of either sign
+        planes.append(folded.astype("<i4").view(np.uint8).reshape(-1, 4).T.tobytes())
+    return {
+        "counts": counts,
+        "lengths": [trajectory.length for trajectory in trajectories],
+        "widths": [trajectory.width for trajectory in trajectories],
+        "noSteering": np.flatnonzero(unsteered).tolist(),
+        "beyond": beyond,
+        "data": packed_bytes(zlib.compress(b"".join(planes), LEVEL)),
+    }
+
+
+def _runs_of_one_value(channel: FloatArray, chosen: BoolArray) -> Iterator[tuple[int, int, float]]:
+    """(place of the first, how many, value) of chosen samples, equal neighbours together."""
+    for (value, _), run in groupby(
+        enumerate(np.flatnonzero(chosen).tolist()), key=lambda pair: (float(channel[pair[1]]), pair[1] - pair[0])
+    ):
+        places = [place for _, place in run]
+        yield places[0], len(places), value
