@@ -15,8 +15,8 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from sumo_eval.cosim.simulate import simulate
 
+from sumo_eval.cosim.simulation import simulate
 from sumo_eval.report.page_data import drawn_shape
 from sumo_eval.scenario.catalogue import SCENARIOS, find
 from sumo_eval.scenario.concrete import Road

@@ -24,8 +24,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import stdtrit
-from sumo_eval.cosim.simulate import simulate_many
 
+from sumo_eval.cosim.simulation import simulate_many
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.drivers.synthetic.population import AS_RECORDED, draw_driver
 from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_indexes
