@@ -331,7 +331,7 @@ def partition(
         surface=surface,
         most_dangerous=most_dangerous,
         zone_shares=tuple(float(size) / int(feasible.sum()) for size in sizes[by_size]),
-        notes=tuple(notes),
+        notes=tuple(notes) if _has_criterion(logical) else (),  # the scenario itself says that it has no zones
         zone_tree=tree,
         zone_index=zone[in_zone],
         boundary_tree=boundary,
@@ -624,6 +624,10 @@ def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSet
 def exact_inverse_ttc(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
     """Eq. 6 at points (n, k): the largest inverse TTC under the zones' ideal braking, (n,) 1/s, inf where it hits."""
     return _criticality(logical, points, settings)[0]
+
+
+def _has_criterion(logical: LogicalScenario) -> bool:
+    return not (logical.approach is None and logical.search is None and logical.margin is None)
 
 
 def exactly_hazardous(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> BoolArray:

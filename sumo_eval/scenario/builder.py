@@ -198,6 +198,7 @@ class _Builder:
             default_sample=table.default_sample,
             has_drivers=table.people == "drivers",
             options=tuple(Option(option.name, option.unit, option.about) for option in table.option),
+            notes=("It declares no zones, so every point counts as safe.",) if table.zone == "none" else (),
             requirements=requirements,
         )
 

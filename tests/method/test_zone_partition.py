@@ -113,6 +113,13 @@ def test_low_speed_has_no_hazardous_zone_at_all():
     assert zones.notes == ("All 25 training points are safe: no GP is fitted, and the whole space counts as such.",)
 
 
+def test_a_scenario_that_declares_no_zones_says_so_and_nothing_of_a_gp():
+    """Its space has more points than a GP takes, and all of them agree: neither is a reason there."""
+    logical = load("side_vehicle")
+    assert logical.notes == ("It declares no zones, so every point counts as safe.",)
+    assert partition(logical).notes == ()
+
+
 def test_a_space_that_is_hazardous_everywhere_is_one_zone_without_a_boundary():
     everywhere = space([("x", 10.0, 40.0, 10.0)], lambda values: values["x"])
     zones = partition(everywhere, QUICK)
