@@ -102,7 +102,7 @@ def write_departures(run: Path, path: Path) -> list[Departure]:
         kicker=run.name,
         title="Departure from the recorded vehicle",
         sentences=sentences,
-        figure=figure,
+        figures={"Departure from the recorded vehicle": figure},
         rows=rows,
     )
     return found

@@ -36,7 +36,7 @@ def write_points(logical: LogicalScenario, points: Sample, folder: Path, title: 
         kicker=f"Points of the logical scenario {logical.name}",
         title=title,
         sentences=_sentences(points),
-        figure=picture(logical, points),
+        figures={title: picture(logical, points)},
         rows=[
             [*(item.title for item in logical.parameters), "exposure"],
             *(

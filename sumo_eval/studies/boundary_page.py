@@ -82,12 +82,13 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
     except OSError as error:
         raise InputError(f"The boundary cannot be written into {folder}: {error}.") from error
     names = found.logical.names
+    title = f"{found.logical.name}: where {found.ads} collides"
     write_study(
         page,
         kicker="The boundary of failure",
-        title=f"{found.logical.name}: where {found.ads} collides",
+        title=title,
         sentences=_sentences(found, held),
-        figure=picture(found),
+        figures={title: picture(found)},
         rows=[
             [*names, "collided"],
             *(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
@@ -16,6 +17,9 @@ from sumo_eval.report.study_page import write_study
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.studies.tables import aligned
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 BASE = "as scored"
 FACTORS = (0.5, 2.0)
@@ -164,18 +168,43 @@ _ACROSS = 4
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """One panel for each scenario, constant and score: the ADSs' scores against the constant. Works offline."""
+    """One chart for each scenario and score, in it one panel for each constant: the ADSs' scores against it."""
+    charts = list(dict.fromkeys((row.scenario, row.index) for row in rows))
+    write_study(
+        path,
+        kicker="Sensitivity",
+        title="What the constants do to the scores",
+        sentences=[
+            "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of them is better."
+        ],
+        figures={
+            f"{scenario}: {index} over each constant": _chart(
+                [row for row in rows if (row.scenario, row.index) == (scenario, index)]
+            )
+            for scenario, index in charts
+        },
+        rows=[
+            ["scenario", "constant", "value", "index", "ranking, best first", "tau"],
+            *(
+                [row.scenario, row.constant, f"{row.value:g}", row.index, " > ".join(row.ranking), f"{row.tau:z.2f}"]
+                for row in rows
+            ),
+        ],
+        least_width=260 * _ACROSS,
+    )
+
+
+def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
+    """The panels of one scenario and score."""
     from plotly.subplots import make_subplots
 
-    panels = list(dict.fromkeys((row.scenario, row.constant, row.index) for row in rows))
-    ads = list(dict.fromkeys(name for row in rows for name in row.ads))
-    lines = -(-len(panels) // _ACROSS)
-    titles = [f"{scenario}<br>{index} over {constant}" for scenario, constant, index in panels]
+    constants, ads = list(dict.fromkeys(row.constant for row in rows)), rows[0].ads
+    lines = -(-len(constants) // _ACROSS)
     figure = make_subplots(
-        rows=lines, cols=_ACROSS, subplot_titles=titles, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
+        rows=lines, cols=_ACROSS, subplot_titles=constants, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
     )
-    for place, panel in enumerate(panels):
-        part = [row for row in rows if (row.scenario, row.constant, row.index) == panel]
+    for place, constant in enumerate(constants):
+        part = [row for row in rows if row.constant == constant]
         for number, name in enumerate(ads):
             figure.add_scatter(
                 x=[row.value for row in part],
@@ -188,21 +217,5 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
                 col=place % _ACROSS + 1,
             )
     figure.update_annotations(font_size=12)
-    figure.update_layout(height=270 * lines + 60)
-    write_study(
-        path,
-        kicker="Sensitivity",
-        title="What the constants do to the scores",
-        sentences=[
-            "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of them is better."
-        ],
-        figure=figure,
-        rows=[
-            ["scenario", "constant", "value", "index", "ranking, best first", "tau"],
-            *(
-                [row.scenario, row.constant, f"{row.value:g}", row.index, " > ".join(row.ranking), f"{row.tau:z.2f}"]
-                for row in rows
-            ),
-        ],
-        least_width=260 * _ACROSS,
-    )
+    figure.update_layout(height=240 * lines + 80)
+    return figure
