@@ -207,8 +207,13 @@ def _record_beside(
     progress: Progress,
     stopping: Stopping,
 ) -> None:
-    """Record while a process of its own does something else. An hour of driving must not end in its mistake."""
-    if meanwhile is None:
+    """Record while a process of its own does something else. An hour of driving must not end in its mistake.
+
+    The engine `serial` has no other process: there it is done first.
+    """
+    if meanwhile is None or plan.settings.run.engine == "serial":
+        if meanwhile is not None:
+            meanwhile()
         return record(spaces, plan, store, progress, stopping)
     with beside(meanwhile) as failed:
         try:

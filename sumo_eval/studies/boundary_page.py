@@ -76,7 +76,7 @@ def write_boundary(found: FailureBoundary, folder: Path, held: Mapping[str, floa
             writer.writerow(map(cell, [*found.logical.names, "chance"]))
             for share in shares(found):
                 for row, chance in zip(*chances_on(found, share), strict=True):
-                    writer.writerow([*(f"{value:.9g}" for value in row), "" if np.isnan(chance) else f"{chance:.4g}"])
+                    writer.writerow([*(f"{value:z.9g}" for value in row), "" if np.isnan(chance) else f"{chance:z.4g}"])
         told = {**summary(found), "held": held}
         plain.write_text(json.dumps(told, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:

@@ -199,7 +199,7 @@ def test_of_several_recordings_the_only_one_with_the_ego_is_taken(tmp_path: Path
     assert path.read_text() == alone.read_text()
     with pytest.raises(InputError, match=r"`recording` must say which one is meant: vehicle `ego` is in 2, r, s\."):
         write_scene(twice(with_ego=True), path, "ego", end=120.0)
-    with pytest.raises(InputError, match=r"Unknown vehicle of the recording `eg`\. Did you mean `ego`"):
+    with pytest.raises(InputError, match=r"Unknown vehicle `eg` of the recording\. Did you mean `ego`"):
         write_scene(twice(with_ego=True), path, "eg", end=120.0)
     write_scene(twice(with_ego=True), path, "ego", end=120.0, recording="s")
     assert "s, recorded" in read_scenario(path).source
