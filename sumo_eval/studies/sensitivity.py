@@ -168,8 +168,13 @@ _ACROSS = 4
 
 
 def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
-    """One chart for each scenario and score, in it one panel for each constant: the ADSs' scores against it."""
-    charts = list(dict.fromkeys((row.scenario, row.index) for row in rows))
+    """Charts for each scenario, of the totals, of D and of H; in them one panel for each constant: the ADSs' scores
+    against it.
+    """
+    charts: dict[str, list[SensitivityRow]] = {}
+    for row in rows:
+        what = " and ".join(_TOTALS) if row.index in _TOTALS else row.index
+        charts.setdefault(f"{row.scenario}: {what}", []).append(row)
     write_study(
         path,
         kicker="Sensitivity",
@@ -177,12 +182,7 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
         sentences=[
             "Each constant is moved alone. Where the lines of two ADSs cross, it decides which of them is better."
         ],
-        figures={
-            f"{scenario}: {index} over each constant": _chart(
-                [row for row in rows if (row.scenario, row.index) == (scenario, index)]
-            )
-            for scenario, index in charts
-        },
+        figures={caption: _chart(part) for caption, part in charts.items()},
         rows=[
             ["scenario", "constant", "value", "index", "ranking, best first", "tau"],
             *(
@@ -195,16 +195,17 @@ def write_sensitivity_plot(rows: Sequence[SensitivityRow], path: Path) -> None:
 
 
 def _chart(rows: Sequence[SensitivityRow]) -> go.Figure:
-    """The panels of one scenario and score."""
+    """One panel for each score and constant of these."""
     from plotly.subplots import make_subplots
 
-    constants, ads = list(dict.fromkeys(row.constant for row in rows)), rows[0].ads
-    lines = -(-len(constants) // _ACROSS)
+    panels, ads = list(dict.fromkeys((row.index, row.constant) for row in rows)), rows[0].ads
+    lines = -(-len(panels) // _ACROSS)
+    titles = [f"{index} over {constant}" for index, constant in panels]
     figure = make_subplots(
-        rows=lines, cols=_ACROSS, subplot_titles=constants, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
+        rows=lines, cols=_ACROSS, subplot_titles=titles, vertical_spacing=0.3 / lines, horizontal_spacing=0.06
     )
-    for place, constant in enumerate(constants):
-        part = [row for row in rows if row.constant == constant]
+    for place, panel in enumerate(panels):
+        part = [row for row in rows if (row.index, row.constant) == panel]
         for number, name in enumerate(ads):
             figure.add_scatter(
                 x=[row.value for row in part],
