@@ -61,7 +61,7 @@ def run(
         warm_up()  # before the imports below, which take a second
         from sumo_eval.evaluation import let_go, record_rounds
         from sumo_eval.evaluation import score as score_run
-        from sumo_eval.record.facts import WHOLE, estimate, parse_shard, record_facts, resolve
+        from sumo_eval.record.facts import WHOLE, estimate, parse_shard, resolve
         from sumo_eval.record.run_folder import refuse_foreign
 
     part = WHOLE if shard is None else parse_shard(shard)
@@ -86,12 +86,9 @@ def run(
         tell(str(estimate(settings, source, out if resume else None, part)))
         sys.exit(DONE)
     with Progress() as progress, Stopping() as stopping:
-        if part == WHOLE:
-            recorded = record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
-        else:
-            recorded = record_facts(
-                settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
-            )
+        recorded = record_rounds(
+            settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
+        )
     if part != WHOLE:
         failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")

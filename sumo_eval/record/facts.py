@@ -23,7 +23,7 @@ from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
-from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
+from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of, zones_of
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -217,12 +217,13 @@ def _record_beside(
         return record(spaces, plan, store, progress, stopping)
     with beside(meanwhile) as failed:
         try:
-            return record(spaces, plan, store, progress, lambda: stopping() or failed())
+            record(spaces, plan, store, progress, lambda: stopping() or failed())
         except StoppedError:
             if stopping() or not failed():
                 raise
-    meanwhile()
-    return record(spaces, plan, store, progress, stopping)  # it was only the process that was lost
+    if failed():
+        meanwhile()
+        record(spaces, plan, store, progress, stopping)  # what is missing, where only the process was lost
 
 
 def _check_scenarios(evaluation: EvaluationSettings, source: Path) -> None:
@@ -352,6 +353,8 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
     spaces = _spaces(evaluation, source, shard)
+    for space in spaces:
+        zones_of(space.logical, evaluation.method.zones)  # a run would end where they cannot be found
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
     synthetic = evaluation.drivers.source == "synthetic"
     known = sum(len(space.safe) for space in spaces if space.logical.has_drivers)

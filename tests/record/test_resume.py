@@ -397,7 +397,7 @@ def test_driving_goes_on_where_only_the_process_beside_it_was_lost(whole: Path, 
     assert digest(tmp_path / "run") == digest(whole)
 
 
-def test_zones_that_cannot_be_found_are_told_by_a_run_and_by_a_check(tmp_path: Path) -> None:
+def test_zones_that_cannot_be_found_are_told_by_runs_whole_and_in_part_and_by_a_check(tmp_path: Path) -> None:
     """The point lies where the constraint allows it, and of the even grid by which zones are found none does."""
     (tmp_path / "narrow.toml").write_text(NARROW, encoding="utf-8")
     (tmp_path / "points.csv").write_text("v,w\n20.1,6.717\n", encoding="utf-8")
@@ -408,7 +408,8 @@ def test_zones_that_cannot_be_found_are_told_by_a_run_and_by_a_check(tmp_path: P
         encoding="utf-8",
     )
     sentence = "must have points that satisfy its constraints"
-    for order in (("run", path, "--out", tmp_path / "run"), ("check", path)):
+    a_shard = ("run", path, "--out", tmp_path / "shard", "--shard", "1/2")
+    for order in (("run", path, "--out", tmp_path / "run"), a_shard, ("run", path, "--dry-run"), ("check", path)):
         done = sumo_eval_cli(*order)
         assert done.returncode != 0
         assert sentence in done.stderr + done.stdout
