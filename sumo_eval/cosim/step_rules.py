@@ -467,6 +467,12 @@ def _go_back(ego: Any, others: Any, share: float, step: float, now: float) -> No
 
 
 @kernel
+def _was_past_the_end(ego: Any, share: float, length: float) -> bool:
+    """Whether the ego has driven off the road's end, m, within the step before this share of it: there its case ends."""
+    return bool(ego.before.x + share * (ego.x - ego.before.x) > length)
+
+
+@kernel
 def _end(ego: Any, others: Any, scenario: Any, now: float) -> int:
     """Why a case ends, 0 while it goes on."""
     road = scenario.road
@@ -544,7 +550,7 @@ def see_rows(
             share = share_at_touch(before, body, there, here)
             if 0.0 <= share < first:
                 first, ego.struck = share, j
-        if first <= 1.0:
+        if first <= 1.0 and not _was_past_the_end(ego, first, scenario[0].road.length):
             ego.reason, ego.share = CONTACT, first
             _go_back(ego, others[i], first, step, now)
         else:

@@ -65,6 +65,15 @@ def test_it_ends_at_the_end_of_the_road():
     assert (found.end_reason, found.simulated_time) == ("road_end", pytest.approx(0.5))
 
 
+@pytest.mark.parametrize("beyond", [-0.9, -0.4, -0.01, 0.01, 0.1, 0.4, 0.9])
+@pytest.mark.parametrize("step", [0.05, 0.005])
+def test_nothing_touches_the_ego_after_the_end_of_the_road_within_a_step_either(step, beyond):
+    """At 20 m/s a step of 0.05 s is 1 m; this one ends at 600.5 m."""
+    found = simulate(case(lead(gap=10.5 + beyond, x=589.5), x=589.5), nothing, SimulationSettings(step=step))
+    assert found.end_reason == ("contact" if beyond < 0.0 else "road_end")
+    assert (found.collision is None) == (beyond > 0.0)
+
+
 @pytest.mark.parametrize(("steering", "edge"), [(0.5, 5.25), (-0.5, -1.75)])
 def test_it_ends_off_the_road_when_the_centre_leaves_it(steering, edge):
     found = simulate(case(), lambda *_: Command(0.0, steering))
