@@ -7,9 +7,10 @@ The ADS drives the same safe points under every seed; the seed draws the drivers
 the rounding of the recorded share. What one more of those that were rounded down would do to D, times the deviation of
 that number, is told in four ways:
 
-- one out: from leaving out each one of the others, drawn on to a whole exchange (`stratified_deviations`);
+- one out: from leaving out each one of the others, drawn on to a whole exchange;
 - three out: the same from leaving out three overtakers at once, where the followers were rounded down;
-- counted twice: from leaving out one of the others and counting one of those that were rounded down twice;
+- counted twice: from leaving out one of the others and counting one of those that were rounded down twice, as an
+  evaluation does (`exchanges`);
 - in truth: from an eleventh driver in the place of one of the others, whom an evaluation does not have.
 
 `hold` counts seeds whose interval (Student's t, eight degrees of freedom) holds the mean of D over the seeds.
@@ -90,13 +91,12 @@ def of_seed(
         found = anthropomorphic_indexes(all_drives, pairings, case.road, AnthropomorphicSettings())
         values += np.array([index.value for index in found]) / len(cases)
     index, one_out, three_out, twice, truth = np.split(values, np.cumsum([len(kind) for kind in sets])[:-1])
-    errors = stratified_deviations(one_out, float(index[0]), overtakes, AS_RECORDED.overtake_share)
-    drawn_on = (DRIVERS - at_once) / (at_once * len(stay))
-    changes = [drawn_on * (three_out.mean() - index[0]), twice.mean() - index[0], truth.mean() - index[0]]
+    errors = stratified_deviations(one_out, overtakes)
+    alone = (DRIVERS - 1) / len(stay) * (one_out[leave].mean() - index[0])
+    three = (DRIVERS - at_once) / (at_once * len(stay)) * (three_out.mean() - index[0])
+    changes = [alone, three, twice.mean() - index[0], truth.mean() - index[0]]
     rounding = math.sqrt(fraction * (1.0 - fraction)) * np.abs(changes)
-    return float(index[0]), overtakes.count(False), [
-        float(np.hypot.reduce(errors[:-1])), float(abs(errors[-1])), *rounding.tolist()
-    ]  # fmt: skip
+    return float(index[0]), overtakes.count(False), [float(np.hypot.reduce(errors)), *rounding.tolist()]
 
 
 def main(scenario: str, ads: str, seeds: int, points: int) -> None:

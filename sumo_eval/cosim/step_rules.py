@@ -468,7 +468,7 @@ def _go_back(ego: Any, others: Any, share: float, step: float, now: float) -> No
 
 @kernel
 def _was_past_the_end(ego: Any, share: float, length: float) -> bool:
-    """Whether the ego has driven off the road's end, m, within the step before this share of it: there its case ends."""
+    """Whether the ego has passed the road's end, m, where its case ends, before this share of the step."""
     return bool(ego.before.x + share * (ego.x - ego.before.x) > length)
 
 

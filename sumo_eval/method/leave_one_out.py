@@ -68,10 +68,16 @@ def band_of(indexes: Sequence[AnthropomorphicIndex]) -> HumanBand:
     return HumanBand(tuple(index.value for index in indexes), tuple(index.similarity for index in indexes))
 
 
-def left_out_pairings(ads: int, drivers: Sequence[int], settings: AnthropomorphicSettings) -> list[Pairing]:
-    """An ADS against all drivers, and, if that leaves two, against all but one, for each: what the choice of drivers
-    does to its D_i and to its human-likeness.
+def left_out_pairings(
+    ads: int, drivers: Sequence[int], exchanges: Sequence[tuple[int, int]], settings: AnthropomorphicSettings
+) -> list[Pairing]:
+    """An ADS against all drivers, and, if that leaves two, against all but one, for each, and then with one counted
+    twice in the place of another, for each exchange: what the choice of drivers does to its D_i and to its
+    human-likeness. exchanges: places among `drivers` of who is left out and of who counts twice.
     """
-    spacing = coarse_spacing(settings)
-    fewer = [tuple(place for place in drivers if place != one) for one in drivers] if len(drivers) > 2 else []
-    return [Pairing(ads, others, spacing, likeness=True) for others in (tuple(drivers), *fewer)]
+    spacing, sets = coarse_spacing(settings), [tuple(drivers)]
+    if len(drivers) > 2:
+        fewer = [tuple(place for place in drivers if place != one) for one in drivers]
+        sets += fewer
+        sets += [tuple(sorted((*fewer[leaves], drivers[stays]))) for leaves, stays in exchanges]
+    return [Pairing(ads, others, spacing, likeness=True) for others in sets]

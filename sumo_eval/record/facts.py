@@ -214,7 +214,8 @@ def _record_beside(
     if meanwhile is None or plan.settings.run.engine == "serial":
         if meanwhile is not None:
             meanwhile()
-        return record(spaces, plan, store, progress, stopping)
+        record(spaces, plan, store, progress, stopping)
+        return
     with beside(meanwhile) as failed:
         try:
             record(spaces, plan, store, progress, lambda: stopping() or failed())

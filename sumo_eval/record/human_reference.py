@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from statistics import fmean
 
 import sumo_eval.method
 from sumo_eval.method.anthropomorphic import (
@@ -46,7 +47,8 @@ _WORTH_PROCESSES = 160  # fewer drives of drivers than this are done sooner than
 @dataclass(frozen=True, slots=True)
 class PointJob:
     """What is wanted at one point. drivers: their cases. ads: the cases that get a D_i. left_out: the ADSs' cases that
-    get one with each driver left out. band: whether the drivers are scored against each other.
+    get one with each driver left out, and with each of the `exchanges`: places among the drivers of who is left out and
+    of who counts twice instead. band: whether the drivers are scored against each other.
     """
 
     drivers: tuple[str, ...]
@@ -54,6 +56,7 @@ class PointJob:
     ads: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     band: bool = False
+    exchanges: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +86,27 @@ class CaseIndex:
 @dataclass(frozen=True, slots=True)
 class LeftOut:
     """D_i of a case on coarse slices against all drivers, and without each of them in their order; `without` is empty
-    where only two drivers are there. likeness, likeness_without: likewise f_L * f_n+ * similarity of its
-    human-likeness, which leaves out its plausibility.
+    where only two drivers are there. exchanged: with one driver in the place of another, mean over the exchanges; that
+    of everyone where there are none. likeness, likeness_without, likeness_exchanged: likewise f_L * f_n+ * similarity
+    of its human-likeness, which leaves out its plausibility.
     """
 
     everyone: float
     without: tuple[float, ...]
+    exchanged: float
     likeness: float
     likeness_without: tuple[float, ...]
+    likeness_exchanged: float
+
+    @classmethod
+    def of(cls, indexes: Sequence[AnthropomorphicIndex], exchanges: int) -> LeftOut:
+        """From the indexes of `left_out_pairings`, of which the last are so many exchanges."""
+        first = len(indexes) - exchanges
+        values, likenesses = [index.value for index in indexes], [_likeness(index) for index in indexes]
+        return cls(
+            values[0], tuple(values[1:first]), fmean(values[first:] or values[:1]),
+            likenesses[0], tuple(likenesses[1:first]), fmean(likenesses[first:] or likenesses[:1]),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +218,7 @@ def _keys(facts: Path, jobs: Sequence[PointJob], settings: AnthropomorphicSettin
             found.append(
                 _Keys(
                     {case: key_of(common, hash_of(case), "index") for case in job.ads},
-                    {case: key_of(common, hash_of(case), "left out") for case in job.left_out},
+                    {case: key_of(common, hash_of(case), "left out", job.exchanges) for case in job.left_out},
                     key_of(common, "band"),
                 )
             )
@@ -251,7 +267,8 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     drivers = [place[case] for case in job.drivers]
     judged = [[Pairing(place[case], tuple(drivers), settings.slice_spacing, likeness=True)] for case in job.ads]
     among = band_pairings(drivers, settings) if job.band else []
-    without = {case: left_out_pairings(place[case], drivers, settings) for case in job.left_out}
+    exchanges = job.exchanges if len(drivers) > 2 else ()
+    without = {case: left_out_pairings(place[case], drivers, exchanges, settings) for case in job.left_out}
     trajectories = [store.trajectory(case) for case in cases]
     # Each ADS apart, so that what is found of it is the same to the last bit whoever else is judged.
     found = iter(indexes_by_group(trajectories, [*judged, among, *without.values()], job.road, settings))
@@ -260,12 +277,7 @@ def _compute(job: PointJob, store: Store, settings: AnthropomorphicSettings) -> 
     return PointResult(
         indexes=indexes,
         band=band_of(band) if job.band else None,
-        left_out={
-            case: LeftOut(
-                everyone.value, tuple(index.value for index in fewer), _likeness(everyone), tuple(map(_likeness, fewer))
-            )
-            for case, (everyone, *fewer) in zip(without, found, strict=True)
-        },
+        left_out={case: LeftOut.of(its, len(exchanges)) for case, its in zip(without, found, strict=True)},
     )
 
 

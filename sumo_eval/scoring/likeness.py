@@ -33,6 +33,7 @@ from sumo_eval.results import (
 )
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.confidence.drivers import exchanges
 from sumo_eval.settings import DriverSettings, EvaluationSettings, PlausibilitySettings
 from sumo_eval.trajectory import BoolArray, FloatArray, Trajectory
 
@@ -226,6 +227,7 @@ def compare_with_people(
             tuple(cases[point]),
             tuple(left_out[point]),
             len(usable[point].cases) >= FEWEST_FOR_A_BAND,
+            exchanges(usable[point].drivers, settings.drivers, settings.seed),
         )
         for point in points
     ]

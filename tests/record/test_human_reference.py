@@ -8,12 +8,13 @@ import sqlite3
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import pytest
 
 import sumo_eval
 from sumo_eval.errors import InputError
-from sumo_eval.method.anthropomorphic import anthropomorphic_index
+from sumo_eval.method.anthropomorphic import Pairing, anthropomorphic_index, anthropomorphic_indexes
 from sumo_eval.record import human_reference
 from sumo_eval.record.human_reference import PointJob, PointResult, compute_points
 from sumo_eval.record.kept_results import KEPT, KeptResults
@@ -64,7 +65,7 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
     facts, wanted = job
     (ads,) = wanted.left_out
     settings = replace(SETTINGS, slice_spacing=3.0, band_slice_spacing=4.0, mode=mode)
-    found = computed((facts, replace(wanted, ads=(ads,))), settings)
+    found = computed((facts, replace(wanted, ads=(ads,), exchanges=((0, 2), (3, 1)))), settings)
     coarse = replace(settings, slice_spacing=4.0)
     with open_store(facts) as store:
         own, drivers = store.trajectory(ads), [store.trajectory(case) for case in wanted.drivers]
@@ -75,6 +76,11 @@ def test_band_and_left_out_drivers_are_each_index_alone(job: Job, mode: str) -> 
     expected = [anthropomorphic_index(own, fewer, wanted.road, coarse).value for fewer in (drivers, *others)]
     left_out = found.left_out[ads]
     assert [left_out.everyone, *left_out.without] == pytest.approx(expected, rel=1e-9)
+    twice = [[drivers[place] for place in places] for places in ((1, 2, 2, 3), (0, 1, 1, 2))]
+    pairing = Pairing(4, (0, 1, 2, 3), 4.0, likeness=True)
+    exchanged = [anthropomorphic_indexes([*people, own], [pairing], wanted.road, coarse)[0] for people in twice]
+    assert left_out.exchanged == pytest.approx(fmean(index.value for index in exchanged), rel=1e-9)
+    assert left_out.likeness_exchanged == pytest.approx(fmean(one.likeness.value for one in exchanged), rel=1e-9)
     among = [anthropomorphic_index(one, fewer, wanted.road, coarse) for one, fewer in zip(drivers, others, strict=True)]
     assert found.band is not None
     assert found.band.values == pytest.approx([index.value for index in among], rel=1e-9)
@@ -86,6 +92,7 @@ def test_with_two_drivers_none_can_be_left_out(job: Job) -> None:
     found = computed((facts, replace(wanted, drivers=wanted.drivers[:2], band=False)))
     (left_out,) = found.left_out.values()
     assert (left_out.without, found.band) == ((), None)
+    assert (left_out.exchanged, left_out.likeness_exchanged) == (left_out.everyone, left_out.likeness)
     assert 0.0 < left_out.everyone <= 1.0
 
 

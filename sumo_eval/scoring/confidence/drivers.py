@@ -64,8 +64,8 @@ def driver_deviations(
         return NO_DEVIATIONS
     index, likeness = np.empty((len(names), len(chosen))), np.empty((len(names), len(chosen)))
     plausible = np.array([plausibility or 0.0 for *_, plausibility in chosen])
-    whole_index = np.array([left_out[case].everyone for case, *_ in chosen])
-    whole_likeness = plausible * [left_out[case].likeness for case, *_ in chosen]
+    changed_index = np.array([left_out[case].exchanged - left_out[case].everyone for case, *_ in chosen])
+    changed_likeness = [left_out[case].likeness_exchanged - left_out[case].likeness for case, *_ in chosen]
     for column, (case, *_) in enumerate(chosen):
         found, there = left_out[case], list(present[case])
         for line, name in enumerate(names):
@@ -81,31 +81,45 @@ def driver_deviations(
     compared = compared / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0
-    mean_index, mean_likeness, all_index, all_likeness = (
-        (table @ weights) / weights.sum() for table in (index, likeness, whole_index, whole_likeness)
+    mean_index, mean_likeness, index_change, likeness_change = (
+        (table @ weights) / weights.sum() for table in (index, likeness, changed_index, plausible * changed_likeness)
     )
     return DriverDeviations(
         (*names, INCLINATION),
-        stratified_deviations(mean_index, float(all_index), groups, share),
-        compared * stratified_deviations(mean_likeness, float(all_likeness), groups, share),
+        stratified_deviations(mean_index, groups, share, float(index_change)),
+        compared * stratified_deviations(mean_likeness, groups, share, float(likeness_change)),
         max(len(names) - len(set(groups)), 1),
     )
 
 
+def exchanges(names: Sequence[str], settings: DriverSettings, seed: int) -> tuple[tuple[int, int], ...]:
+    """What the rounding of how many drivers overtake could have brought instead, as near as the drivers who are there
+    can show it: places of one who is left out and of one of the other group who counts twice.
+
+    With overtakers rounded up each of them leaves once, with followers rounded up each follower; who counts twice goes
+    round. Empty unless all drivers are synthetic, and some of them overtake and some follow.
+    """
+    groups = [_group(name, settings, seed) for name in names]
+    if set(groups) != {True, False}:
+        return ()
+    overtakers = sum(_overtakes(index, seed, settings.population) for index in range(settings.count))
+    rounded_up = overtakers > settings.count * settings.population.overtake_share
+    leave = [place for place, group in enumerate(groups) if group == rounded_up]
+    stay = [place for place, group in enumerate(groups) if group != rounded_up]
+    return tuple((place, stay[turn % len(stay)]) for turn, place in enumerate(leave))
+
+
 def stratified_deviations(
-    without: FloatArray, whole: float, groups: Sequence[bool | None], share: float = 1.0
+    without: FloatArray, groups: Sequence[bool | None], share: float = 1.0, change: float = 0.0
 ) -> FloatArray:
     """Errors of a value from what it is without each of n drivers, (n + 1,): each driver's, and that of the rounding.
-
-    whole: the value with all of them.
 
     In a group h of n_h drivers: sqrt(n_h/(n_h - 1)) (n - 1)/n (value without driver j - their mean in the group); their
     squares add up to the variance of a stratified sample, and to the plain jackknife's if there is one group. The
     number of those who overtake (True) is n times `share`, rounded at random: a deviation of sqrt(f (1 - f)) drivers, f
-    its fraction, times what one of them in place of a follower (False), or the other way round, changes. Only one of
-    both can be: with followers rounded down to k_F one more is possible, (n - 1)/k_F times what leaving out an
-    overtaker does; with overtakers rounded down to k_O, (n - 1)/k_O times what leaving out a follower does. Leaving out
-    one of two followers would tell of a population that is never drawn.
+    its fraction, times `change`: what one driver in the place of one of the other group does to the value, told by one
+    who counts twice (`exchanges`). Leaving out alone does not tell it: nobody comes in their place, and with one of two
+    followers gone it speaks of a population that is never drawn.
     """
     n = len(without)
     errors = np.zeros(n + 1)
@@ -117,10 +131,7 @@ def stratified_deviations(
             errors[:-1][inside] = math.sqrt(size / (size - 1)) * (n - 1) / n * off
     if members.keys() == {True, False}:
         fraction = (n * share) % 1.0
-        rounded_up = members[True].sum() > n * share
-        leaves, stays = members[rounded_up], members[not rounded_up]
-        exchange = (n - 1) / stays.sum() * (without[leaves].mean() - whole)
-        errors[-1] = math.sqrt(fraction * (1.0 - fraction)) * exchange
+        errors[-1] = math.sqrt(fraction * (1.0 - fraction)) * change
     return errors
 
 

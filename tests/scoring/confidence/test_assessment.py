@@ -18,7 +18,7 @@ from sumo_eval.record.store import open_store
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.assessment import assess, influence
-from sumo_eval.scoring.confidence.drivers import driver_deviations, stratified_deviations
+from sumo_eval.scoring.confidence.drivers import driver_deviations, exchanges, stratified_deviations
 from sumo_eval.settings import MethodSettings, RunSettings, ZoneSettings
 
 QUICK = ZoneSettings(restarts=1, grid_points=5_000)
@@ -84,25 +84,33 @@ def test_the_drivers_errors_are_those_of_a_plain_loop(evaluation, partitions):
     names = [f"driver_{index:02d}" for index in range(builders.DRIVERS)]
     with open_store(evaluation.folder / FACTS) as store:
         drives = {case.case: tuple(f"{CUT_OUT}-{case.case.split('-')[1]}-~{name}" for name in names) for case in safe}
-        jobs = [PointJob(drives[case.case], zones.logical.road, left_out=(case.case,)) for case in safe]
+        swaps = exchanges(names, settings.drivers, settings.seed)
+        assert swaps, "some of them overtake and some follow"
+        jobs = [
+            PointJob(drives[case.case], zones.logical.road, left_out=(case.case,), exchanges=swaps) for case in safe
+        ]
         kept = KeptResults(evaluation.folder)
         found = compute_points(store.path, jobs, fine, map, lambda done: None, kept)
         kept.close()
         left_out = {case: one for result in found for case, one in result.left_out.items()}
-        without, whole = [], 0.0
-        for absent in (*range(builders.DRIVERS), None):
+        everybody = list(range(builders.DRIVERS))
+        without = [[place for place in everybody if place != absent] for absent in everybody]
+        exchanged = [[*without[leaves], stays] for leaves, stays in swaps]
+        values = []
+        for present in (everybody, *without, *exchanged):
             over = under = 0.0
             for case in safe:
-                others = [store.trajectory(drive) for n, drive in enumerate(drives[case.case]) if n != absent]
+                others = [store.trajectory(drives[case.case][place]) for place in sorted(present)]
                 own = store.trajectory(case.case)
                 over += case.exposure * anthropomorphic_index(own, others, zones.logical.road, coarse).value
                 under += case.exposure
-            without.append(over / under)
-        whole = without.pop()
+            values.append(over / under)
+        whole, fewer, swapped = values[0], values[1 : 1 + builders.DRIVERS], values[1 + builders.DRIVERS :]
     found = driver_deviations(safe, left_out, {case.case: names for case in safe}, settings.drivers, settings.seed)
     population = settings.drivers.population
     groups = [draw_driver(index, settings.seed, population).overtakes for index in range(builders.DRIVERS)]
-    expected = stratified_deviations(np.array(without), whole, groups, population.overtake_share)
+    change = float(np.mean(swapped)) - whole
+    expected = stratified_deviations(np.array(fewer), groups, population.overtake_share, change)
     assert found.names[:-1] == tuple(names)
     assert found.index == pytest.approx(expected, rel=1e-9)
     assert np.any(found.index != 0.0)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.scoring.case_terms import CaseTerms
-from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, stratified_deviations
+from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
 from sumo_eval.scoring.confidence.intervals import (
     Judged,
     balanced,
@@ -18,7 +19,7 @@ from sumo_eval.scoring.confidence.intervals import (
     score_intervals,
     strata,
 )
-from sumo_eval.settings import MethodSettings
+from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
 
 METHOD = MethodSettings()
 
@@ -101,7 +102,7 @@ def one_experiment(random):
         return float(np.sum((exposure * values)[safe]) / np.sum(exposure[safe]))
 
     left_out = np.array([weighted(index - shifts.mean() + (shifts.sum() - shift) / (DRIVERS - 1)) for shift in shifts])
-    errors = stratified_deviations(left_out, weighted(index), [None] * DRIVERS)
+    errors = stratified_deviations(left_out, [None] * DRIVERS)
     names = tuple(f"{number}" for number in range(DRIVERS + 1))
     ideal = np.where(safe, 0.0, 10.0 * (0.2 + 0.6 * u))
     return judged(
@@ -348,26 +349,48 @@ def test_drivers_alone_widen_d_by_students_t_of_their_number():
 def test_the_drivers_errors_of_one_group_are_the_jackknifes():
     values = np.array([1.0, 2.0, 4.0, 9.0])
     left_out = np.array([(values.sum() - value) / 3 for value in values])
-    errors = stratified_deviations(left_out, values.mean(), [None] * 4)
+    errors = stratified_deviations(left_out, [None] * 4)
     assert math.sqrt(np.sum(errors**2)) == pytest.approx(values.std(ddof=1) / math.sqrt(4))
 
 
 def test_the_drivers_errors_of_a_mean_are_those_of_a_stratified_sample():
     # 3 followers, 5 overtakers. Variance of the mean: sum over groups of n_h s_h^2 / n^2; the difference between the
     # groups has no part in it, but for the rounding: 8 * 0.6 = 4.8 overtakers are 4 or 5, a deviation of
-    # sqrt(0.8 * 0.2) = 0.4 drivers; one more in place of a follower moves the mean by (the means' difference)/8.
+    # sqrt(0.8 * 0.2) = 0.4 drivers; a follower counted twice in the place of an overtaker moves the mean by
+    # (the means' difference)/8 in the mean over all such exchanges.
     groups = [True] * 5 + [False] * 3
     values = np.array([5.0, 6.0, 5.5, 7.0, 6.5, 1.0, 0.5, 2.0])
     left_out = (values.sum() - values) / 7
-    errors = stratified_deviations(left_out, values.mean(), groups, share=0.6)
     over, follow = values[:5], values[5:]
+    change = float(np.mean([(values.sum() - one + other) / 8 - values.mean() for one in over for other in follow]))
+    errors = stratified_deviations(left_out, groups, 0.6, change)
     variance = (5 * over.var(ddof=1) + 3 * follow.var(ddof=1)) / 64
     assert np.sum(errors[:-1] ** 2) == pytest.approx(variance)
     assert errors[-1] == pytest.approx(-0.4 * (over.mean() - follow.mean()) / 8), "a follower for an overtaker"
-    other = stratified_deviations(left_out, values.mean(), groups, share=0.65)  # 5.2 overtakers: they are rounded down
-    assert other[-1] == pytest.approx(0.4 * (over.mean() - follow.mean()) / 8), "an overtaker for a follower"
-    assert stratified_deviations(left_out, values.mean(), groups, share=1.0)[-1] == 0.0
-    assert np.sum(errors**2) < np.sum(stratified_deviations(left_out, values.mean(), [None] * 8) ** 2)
+    assert stratified_deviations(left_out, groups, 1.0, change)[-1] == 0.0
+    assert np.sum(errors**2) < np.sum(stratified_deviations(left_out, [None] * 8) ** 2)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.64), (1, 0.64), (2, 0.64), (0, 0.5), (3, 0.05), (4, 0.96)])
+def test_whoever_was_rounded_up_leaves_once_and_one_of_the_others_counts_twice(seed, share):
+    settings = DriverSettings(count=10, population=PopulationSettings(overtake_share=share))
+    names = [f"driver_{index:02d}" for index in range(10)]
+    overtakes = np.array([draw_driver(index, seed, settings.population).overtakes for index in range(10)])
+    found = exchanges(names, settings, seed)
+    if len(set(overtakes)) == 1:
+        assert found == ()
+        return
+    leave, twice = np.array(found).T
+    assert set(overtakes[leave]) == {overtakes.sum() > 10 * share}
+    assert set(overtakes[twice]) == {not overtakes.sum() > 10 * share}
+    assert list(leave) == list(np.flatnonzero(overtakes == overtakes[leave[0]])), "each of them once"
+    times = np.bincount(twice)[np.unique(twice)]
+    assert times.max() - times.min() <= 1, "all of the others as often"
+
+
+def test_nothing_is_exchanged_among_recorded_people():
+    assert exchanges(["person_1", "person_2", "driver_00"], DriverSettings(source="recorded"), 1) == ()
+    assert exchanges(["driver_00"], DriverSettings(), 1) == ()
 
 
 # --- one ADS's own ----------------------------------------------------------------------------------------------------
