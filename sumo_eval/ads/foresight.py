@@ -198,7 +198,7 @@ def _meets(
     times = np.arange(len(rows)) * step
     reach = 0.5 * (vehicle.length + vehicle.width + track.length + track.width) + FASTEST * step * 0.1
     reach += _BEND if line else 0.0
-    places = ego.x + ego.speed * times
+    places = ego.x_after(ego.speed * times)
     near = np.abs(rows[:, 0] - places) < reach
     near &= np.abs(rows[:, 1] - ego.y_at(places)) < reach
     for k in np.flatnonzero(near[:-1] & near[1:]).tolist():
@@ -333,9 +333,9 @@ def _time_over(apart: float, speed: float) -> float:
 
 
 def _ego_body(ego: Start, vehicle: VehicleSettings, time: float, line: Line) -> Body:
-    """The ego's body on the map. Where the road bends its rear axle is on the way, square to it."""
-    half = 0.5 * vehicle.wheelbase if line else 0.0
-    x = ego.x + ego.speed * time - half
+    """The ego's body on the map. Where it steers its rear axle is on the way, square to it."""
+    half = 0.5 * vehicle.wheelbase if line or ego.way is not None else 0.0
+    x = float(ego.x_after(ego.speed * time - half))
     heading, y = 0.0, ego.y
     if ego.way is not None:
         y, ahead = ego.y_at(np.array([x, x + _AHEAD])).tolist()

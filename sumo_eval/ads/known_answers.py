@@ -44,6 +44,7 @@ no_reaction = NoReaction()
 """ADS `no_reaction`, ready-made: it holds nothing of a case."""
 
 _PARAMETERS = fields("deceleration")
+_TURNED = 0.2  # m by which somebody who turns into the lane comes to reach further along it than he does now
 _KNOWN = fields("noticed", "meets", "speed", "hidden")
 """A `Foresight`."""
 _EVASION = np.dtype([("path", PATH), *fields("curvature")])
@@ -79,7 +80,7 @@ def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time:
     for j in range(len(others)):
         other = others[j]
         if known[j].meets > 0.0:
-            beside = abs(other.x - me.x) < me.half_length + other.half_length
+            beside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
             called = me.along > known[j].speed or beside
         else:
             closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0

@@ -101,6 +101,7 @@ CHANGE_TIME = 4.0
 """s at the ego's first speed that the lane change of a way takes: its lateral acceleration then peaks at 1.26 m/s2."""
 RECORDED_EVERY = 0.1  # s between two places of a recorded ego
 LEAST_CHANGE = 20.0  # m of road that it takes at least
+_PIECES = 64  # straight ones as which the length of a lane change is taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +144,16 @@ class Start:
             return np.full(places.shape, self.y)
         share = (places - self.way.begin) / self.way.length(self.speed)
         return np.asarray(self.y + self.way.offset * smooth_step(share))
+
+    def x_after(self, distance: ArrayLike) -> FloatArray:
+        """x after so much of its way (any shape), m: a lane change is longer than the road beside it."""
+        driven = np.asarray(distance, dtype=np.float64)
+        if self.way is None:
+            return np.asarray(self.x + driven)
+        x = np.linspace(self.way.begin, self.way.begin + self.way.length(self.speed), _PIECES + 1)
+        along = self.way.begin - self.x + np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(self.y_at(x)))))
+        longer = np.interp(driven, along, along - (x - self.x))
+        return np.asarray(self.x + driven - longer)
 
     @property
     def heading(self) -> float:

@@ -22,6 +22,8 @@ from sumo_eval.settings import SimulationSettings
 SETTINGS = SimulationSettings(end_when_decided=True)
 SCRIPTED = sorted(name for name, logical in catalogue.SCENARIOS.items() if logical.approach is not None)
 """Scenarios in which what the others do is known before anybody drives."""
+PLAYED = sorted(set(catalogue.SCENARIOS) - {*SCRIPTED, "oncoming_in_lane"})
+"""The others, but for one in which who drives on makes the oncoming vehicle leave the lane earlier than who stands."""
 SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
 OTHERS = tuple(name for name in SHIPPED if name not in ("ideal_braking", "no_reaction", "careful_driver"))
 
@@ -68,6 +70,12 @@ def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_at_10000_points(name
     assert_nobody_is_gentler(name, max(40, round(10_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS))
 
 
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", PLAYED)
+def test_nobody_who_ships_is_gentler_than_the_ideal_vehicle_among_those_who_react_at_1000_points(name):
+    assert_nobody_is_gentler(name, max(40, round(1_000 * SHARE)), ("no_reaction", "careful_driver", *OTHERS))
+
+
 def test_nobody_sees_a_child_through_parked_cars_nor_brakes_for_these():
     child = catalogue.load("child_from_behind_parked_cars")
     case = child.concrete(ego_speed=13.9545, running_speed=2.74439, time_to_place=0.546293)
@@ -75,6 +83,20 @@ def test_nobody_sees_a_child_through_parked_cars_nor_brakes_for_these():
     assert 0.0 < severity(ideal) < severity(careful)
     # the child runs from 24 m before it on; until then there are parked cars, which stand
     assert careful.ego.speed[careful.ego.x < 160.0 - 24.0].min() == 13.9545
+
+
+NARROW = [
+    # in its own lane change it would graze the other, and is up to 0.13 m behind one that keeps its speed beside it
+    ("exit", {"ego_speed": 16.6837, "other_speed": 14.0662, "gap": 27.5042, "other_acceleration": -5.21963}),
+    ("lane_drop_cut", {"ego_speed": 16.7039, "other_speed": 10.1173, "gap": 5.49282, "side": 1.0}),
+    # the other turns its front into the lane 3 cm behind it, and reaches it with a corner
+    ("side_vehicle", {"ego_speed": 25.38993, "ahead": -4.53052, "lateral_speed": 0.959677}),
+]
+
+
+@pytest.mark.parametrize(("name", "point"), NARROW)
+def test_it_touches_nobody_where_bodies_come_within_centimetres(name, point):
+    assert simulate(catalogue.load(name).concrete(**point), "ideal_braking", SETTINGS).collision is None
 
 
 FAST = catalogue.load("r157_cut_out").concrete(ego_speed=37.0, obstacle_gap=2.0, lateral_speed=1.0)
