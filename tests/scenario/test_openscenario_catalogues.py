@@ -7,10 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sumo_eval.ads.r157 import HUMAN_BRAKING
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.stage import Stage
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
@@ -76,6 +78,23 @@ def test_zones_are_searched_in_few_parameters_only() -> None:
         InputError, match=r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, got 5\."
     ):
         find(f"{file}?zones=1")
+
+
+@needs_catalogues
+def test_who_is_on_no_lane_moves_alike_however_often_sumo_hears_of_him(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an ADS asks, in each."""
+    file = ALKS / "logical_scenarios" / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
+    case = find(f"{file}?road=2").concrete(Ego_InitSpeed_Ve0_kph=60.0)
+    assert case.road.bent
+    assert case.actors[0].on_map is not None
+    seldom = simulate(case, "no_reaction")
+    monkeypatch.setattr(Stage, "closely", lambda stage, steps: True)
+    always = simulate(case, "no_reaction")
+    assert seldom.end_reason == always.end_reason == "contact"
+    assert seldom.collision == always.collision
+    for name, drive in seldom.actors.items():
+        np.testing.assert_array_equal(drive.x, always.actors[name].x)
+        np.testing.assert_array_equal(drive.y, always.actors[name].y)
 
 
 COSINE = 'do = "change_lane_cosine"\nduration = "0.5 * 3.141592653589793 * 3.5 / lateral_speed"'
