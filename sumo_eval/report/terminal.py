@@ -163,6 +163,12 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         if not isinstance(note, CasesMissing | ReferenceMissing)  # said above, with the cases
     ]
     lines += check_lines(evaluation)
+    lines += [
+        f"{count(zone.refused, 'point')} of {zone.sampled + zone.refused} of {zone.scenario} cannot be, by its "
+        "constraints, and left the sample."
+        for zone in evaluation.zones
+        if zone.refused
+    ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
         f"{file} of the catalogue does not play: {why}"
