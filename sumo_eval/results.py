@@ -40,7 +40,8 @@ class CaseResult:
 
     severity U and loss L belong to collisions, Eqs. 14-15. ideal_severity Ug and no_reaction_severity U0: those of the
     ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
-    not be evaluated; ideal_collided: whether the former hit something. weight: r of Eq. 16, of every case.
+    not be evaluated, and ideal_error, no_reaction_error: why not. ideal_collided: whether the former hit something.
+    weight: r of Eq. 16, of every case.
 
     index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
     terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
@@ -124,6 +125,8 @@ class CaseResult:
     conflict_pet: float | None = None
     undisturbed_pet: float | None = None
     time_to_conflict: float | None = None
+    ideal_error: str = ""
+    no_reaction_error: str = ""
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -251,6 +254,19 @@ class CasesMissing:
 
 
 @dataclass(frozen=True, slots=True)
+class ReferenceMissing:
+    """Cases of an ADS whose reference could not be evaluated, for reasons that differ in no more than their numbers.
+
+    who: the reference. reason: of the first of these cases, which is `example`.
+    """
+
+    who: Literal["ideal", "no_reaction"]
+    reason: str
+    cases: int
+    example: str
+
+
+@dataclass(frozen=True, slots=True)
 class WorstAndBest:
     """C, D and S with the missing cases counted as worst and as best; None where nothing is missing."""
 
@@ -300,6 +316,7 @@ ScoreNote = (
     | OutsideSupport
     | PlausibleTo
     | CasesMissing
+    | ReferenceMissing
     | WorstAndBest
     | StruckFromBehind
     | GentlerThanIdeal

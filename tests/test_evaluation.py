@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import html
 import json
 import shutil
 import subprocess
@@ -16,8 +18,12 @@ from record.edited_store import edit
 
 import sumo_eval
 from sumo_eval.errors import InputError
+from sumo_eval.evaluation import zone_partitions
 from sumo_eval.record.store import FORMAT_VERSION, open_store
-from sumo_eval.results import CasesMissing, DrivesLeftOut, Evaluation, NotComputed
+from sumo_eval.report.html import write_report
+from sumo_eval.report.tables import scores_json, write_tables
+from sumo_eval.report.terminal import closing_lines
+from sumo_eval.results import CasesMissing, DrivesLeftOut, Evaluation, NotComputed, ReferenceMissing
 from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings import (
     AdsSettings,
@@ -162,6 +168,56 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
     note = again.score("idm", "front_vehicle_low_speed").notes[0]
     assert note == DrivesLeftOut(1, note.drives, (("collision", 1),))
     assert done.score("idm", "front_vehicle_low_speed").notes == ()
+
+
+def test_why_reference_drives_could_not_be_evaluated_is_said_by_reason_with_counts_and_an_example(
+    done: Evaluation, tmp_path: Path
+) -> None:
+    """Three ideal drives of nine fail: two for one reason that differs in its numbers, one for another."""
+    folder = tmp_path / "copy"
+    shutil.copytree(done.folder, folder)
+    for point, status, error in (
+        (0, "sim_error", "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s."),
+        (3, "sim_error", "SUMO gave vehicle `lead` the speed 6000 m/s at 1.5 s."),
+        (4, "timeout", "The case took longer than 60 s of wall time."),
+    ):
+        edit(
+            folder / "facts.sqlite",
+            f"UPDATE facts SET status = '{status}', error = '{error}', collision = NULL, end_reason = NULL "
+            f"WHERE role = 'ideal' AND scenario = 'front_vehicle_low_speed' AND point = {point}",
+            hashes=point == 4,
+        )
+    again = sumo_eval.score(folder)
+    for ads in ("idm", "no_reaction"):
+        key = f"front_vehicle_low_speed-{{:04d}}-{ads}"
+        found = [
+            note for note in again.score(ads, "front_vehicle_low_speed").notes if isinstance(note, ReferenceMissing)
+        ]
+        assert found == [
+            ReferenceMissing("ideal", "SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s.", 2, key.format(0)),
+            ReferenceMissing("ideal", "The case took longer than 60 s of wall time.", 1, key.format(4)),
+        ]
+    assert not [
+        note for note in again.score("idm", "front_vehicle_cut_out").notes if isinstance(note, ReferenceMissing)
+    ]
+    said = (
+        "In 2 cases, e.g. front_vehicle_low_speed-0000-idm, the ideal vehicle's drive could not be evaluated, so Ug is "
+        "not known. Recorded of it: SUMO gave vehicle `lead` the speed 5000 m/s at 0.45 s."
+    )
+    scores = {(row["ads"], row["scenario"]): row for row in scores_json(again)["scores"]}
+    assert said in scores["idm", "front_vehicle_low_speed"]["notes"]
+    page = write_report(again, zone_partitions(again)).read_text(encoding="utf-8")
+    assert said in html.unescape(page)
+    write_tables(again)
+    told = "\n".join(closing_lines(again))
+    assert (
+        "front_vehicle_low_speed-0000-idm and 1 more: The ideal vehicle's case here could not be evaluated, so Ug"
+        in told
+    )
+    assert "Recorded of it: The case took longer than 60 s of wall time." in told
+    rows = {row["case"]: row for row in csv.DictReader((folder / "cases.csv").read_text(encoding="utf-8").splitlines())}
+    assert rows["front_vehicle_low_speed-0004-idm"]["ideal_error"] == "The case took longer than 60 s of wall time."
+    assert rows["front_vehicle_low_speed-0001-idm"]["ideal_error"] == ""
 
 
 def test_the_run_folder_holds_what_the_contract_names(done: Evaluation) -> None:

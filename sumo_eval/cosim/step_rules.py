@@ -582,8 +582,7 @@ def tell_played_rows(
 ) -> int:
     """Write what SUMO has to hear of the played vehicles to `tell`, behind `told` rows of it; how many it then has.
 
-    On a road that bends they are put on the map as well. Of one whose line is there SUMO hears at every step: it is on
-    no lane, and has a place only while it is told one.
+    On a road that bends they are put on the map as well.
     """
     bent = len(line) > 0
     for i in range(len(egos)):
@@ -596,7 +595,7 @@ def tell_played_rows(
                 continue
             if bent:
                 inner = put_on_map(other, line)
-            if bent and (closely or plays[i][j].on_map):
+            if bent and closely:
                 other.told = 2
                 along = (other.speed * math.cos(other.heading) - other.across * math.sin(other.heading)) / inner
                 _tell_on_bend(tell, told, i * (1 + len(others[i])) + 1 + j, other, line, along)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 CELLS = 140  # on each axis of a map
 MOST_COLUMNS = 4
+LONGEST_LINE = 100  # characters of a note above a figure of a page's width
 INDEXES = {
     "A": "avoided_share",
     "H": "human_likeness",
@@ -86,7 +88,8 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
             ax.set_visible(False)
         present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases}]
         _legend_of_map(figure, present)
-        figure.suptitle(f"{who} in {name.replace('_', ' ')}")
+        note = textwrap.fill(view.note, LONGEST_LINE if width == "page" else LONGEST_LINE // 2)
+        figure.suptitle("\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", note))), fontsize="medium")
     return figure
 
 

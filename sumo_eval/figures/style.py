@@ -87,7 +87,8 @@ def width_of(width: str) -> float:
 def new_figure(width: str, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
     """A figure of `rows` x `columns` panels and its panels, row by row. height: of all, as a share of the width."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as Drawing
+
+    from sumo_eval.report.drawing import Drawing
 
     across = width_of(width)
     figure = Drawing(figsize=(across, across * height), layout="constrained")

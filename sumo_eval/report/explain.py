@@ -21,6 +21,7 @@ from sumo_eval.report.words import (
     FACTORS,
     LIKENESS_FACTORS,
     MEASURES,
+    because,
     cases_of,
     end_reason,
     explain_s,
@@ -112,7 +113,8 @@ def _collision(
     )
     yield f"Eq. 14: L = {number(case.loss, 1)}"
     if case.ideal_severity is None:
-        yield "Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C"
+        why = because(case.ideal_error)
+        yield f"Eq. 17: the ideal vehicle's case could not be evaluated, so this collision has no part in C.{why}"
         return
     loss = evaluation.settings.method.collision.loss
     ratio = ratio_of(case, loss) or 0.0

@@ -44,12 +44,12 @@ def case_html(case: CaseResult) -> str:
 def picture(evaluation: Evaluation) -> Any:
     """S+ of every ADS with its interval, a panel for each logical scenario: a figure of matplotlib."""
     try:
-        from matplotlib.figure import Figure
+        from sumo_eval.report.drawing import Drawing
     except ImportError as error:
         raise needs_extra("A plot", "plots") from error
     scenarios = list(dict.fromkeys(score.scenario for score in evaluation.scores))
     ads = list(dict.fromkeys(score.ads for score in evaluation.scores))
-    figure = Figure(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
+    figure = Drawing(figsize=(4.0 * len(scenarios), 1.0 + 0.4 * len(ads)), layout="constrained")
     panels = figure.subplots(1, len(scenarios), sharey=True, squeeze=False)[0]
     for panel, scenario in zip(panels, scenarios, strict=True):
         for place, name in enumerate(ads):

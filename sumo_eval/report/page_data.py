@@ -324,7 +324,7 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
         f"{logical.parameters[column].name} = {value:g}{logical.parameters[column].behind}"
         for column, value in fixed.items()
     )
-    note = f"The map is the slice at {where}, the most common values. " + (
+    note = f"The map is the slice at {where}, the most common values, or the middle ones where none is. " + (
         "Nearly every case lies off it, so all cases are drawn where they would fall on it."
         if projected
         else f"It holds {on_slice} of {len(cases)} cases; the list of cases reaches all of them."
@@ -333,9 +333,11 @@ def choose_view(logical: LogicalScenario, cases: Sequence[CaseResult], axes: tup
 
 
 def _variety(column: FloatArray) -> tuple[int, float]:
-    """How many values a parameter takes, and the most common one, of equals the least."""
+    """How many values a parameter takes, and the most common one, of equals the least; where each is taken once, the
+    middle one.
+    """
     values, often = np.unique(column, return_counts=True)
-    return len(values), float(values[np.argmax(often)])
+    return len(values), float(values[len(values) // 2 if often.max() == 1 else np.argmax(often)])
 
 
 def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:

@@ -31,7 +31,8 @@ from sumo_eval.report.words import (
     score_note,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ScenarioResult
+from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ReferenceMissing, ScenarioResult
+from sumo_eval.text import without_numbers
 
 GROUPS = (
     ("collisions", "avoidable", "unavoidable", "caused"),
@@ -159,9 +160,15 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
         f"{score.ads} in {score.scenario}: {score_note(note)}"
         for score in evaluation.scores
         for note in score.notes
-        if not isinstance(note, CasesMissing)  # said above, with the cases
+        if not isinstance(note, CasesMissing | ReferenceMissing)  # said above, with the cases
     ]
     lines += check_lines(evaluation)
+    lines += [
+        f"{count(zone.refused, 'point')} of {zone.sampled + zone.refused} of {zone.scenario} cannot be, by its "
+        "constraints, and left the sample."
+        for zone in evaluation.zones
+        if zone.refused
+    ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
         f"{file} of the catalogue does not play: {why}"
@@ -177,12 +184,13 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
 
 
 def _by_kind(missing: Sequence[tuple[CaseResult, str]]) -> list[list[tuple[CaseResult, str]]]:
-    """The cases that could not be evaluated, those together that one ADS lost at one place of its code, or with one
-    sentence; in the order of the first of each kind.
+    """The cases that are missing from a mean, those together that one ADS lost at one place of its code, or with one
+    sentence, of who drove well whatever its numbers; in the order of the first of each kind.
     """
     kinds: dict[tuple[str, str, str], list[tuple[CaseResult, str]]] = {}
     for case, sentence in missing:
-        kinds.setdefault((case.ads, case.status, case.error_place or sentence), []).append((case, sentence))
+        alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
+        kinds.setdefault((case.ads, case.status, alike), []).append((case, sentence))
     return list(kinds.values())
 
 

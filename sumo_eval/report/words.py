@@ -29,6 +29,7 @@ from sumo_eval.results import (
     OutsideSupport,
     PlausibleTo,
     Ranking,
+    ReferenceMissing,
     RequirementMissed,
     ScenarioResult,
     ScoreNote,
@@ -128,6 +129,11 @@ _STATUS = {
     "crashed": "The process that ran the case died.",
     "rejected": "The case was refused before it began.",
 }
+_REFERENCES = {
+    "ideal": ("the ideal vehicle's drive", "Ug"),
+    "no_reaction": ("the drive of `no_reaction`", "U0"),
+}
+"""Whose drive a reference's is, and what it is needed for."""
 _LEFT_OUT = {
     "collision": "collided",
     "off_road": "left the road",
@@ -344,17 +350,27 @@ def unevaluated_of(evaluation: Evaluation, score: ScenarioResult) -> Chosen:
 def why_missing(case: CaseResult) -> str:
     """Why a case is missing from a mean, of one that is."""
     if not case.evaluated:
-        return case.error or _STATUS.get(case.status, f"Its status is {case.status}.")
+        return case.error or _status_sentence(case.status)
     if case.ideal_severity is None:
-        return "The ideal vehicle's case here could not be evaluated, so Ug is not known."
+        return f"The ideal vehicle's case here could not be evaluated, so Ug is not known.{because(case.ideal_error)}"
     if case.no_reaction_severity is None:
-        return "The case of `no_reaction` here could not be evaluated, so U0 is not known."
+        why = because(case.no_reaction_error)
+        return f"The case of `no_reaction` here could not be evaluated, so U0 is not known.{why}"
     why = (
         index_note_words(case)
         or reference_note_words(case)
         or "Fewer than two human drivers could be compared with here."
     )
     return f"There is no D_i: {why}"
+
+
+def _status_sentence(status: str) -> str:
+    return _STATUS.get(status, f"Its status is {status}.")
+
+
+def because(error: str) -> str:
+    """What was recorded of a reference's drive, behind the sentence that says that it could not be evaluated."""
+    return f" Recorded of it: {_STATUS.get(error, error)}" if error else ""
 
 
 def placed(sentence: str, case: CaseResult) -> str:
@@ -702,6 +718,12 @@ def score_note(note: ScoreNote) -> str:
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
             missing = count(note.cases, "case")
             return f"{missing} could not be evaluated ({places}); the scores are means over the others."
+        case ReferenceMissing(who, reason, cases, example):
+            drove, unknown = _REFERENCES[who]
+            return (
+                f"In {count(cases, 'case')}, e.g. {example}, {drove} could not be evaluated, so {unknown} is not "
+                f"known.{because(reason)}"
+            )
         case WorstAndBest(c, d, s):
             parts = [
                 f"{name} within {interval_words(interval, digits)}"

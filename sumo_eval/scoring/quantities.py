@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from sumo_eval.results import (
     GentlerThanIdeal,
     IdealCollidesToo,
     NotComputed,
+    ReferenceMissing,
     ScenarioResult,
     ScoreNote,
     StruckFromBehind,
@@ -48,6 +50,7 @@ from sumo_eval.scoring.drive_measures import DriveMeasures
 from sumo_eval.scoring.kept_rows import arrays
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import CollisionSettings, MethodSettings
+from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
@@ -101,14 +104,16 @@ class Remarks:
 @dataclass(frozen=True, slots=True)
 class PointTerms:
     """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
-    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated. conflict: of its ways,
-    None where none conflicts with the ego's.
+    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated; ideal_error and
+    no_reaction_error: why not. conflict: of its ways, None where none conflicts with the ego's.
     """
 
     weight: float
     ideal_severity: float | None
     no_reaction_severity: float | None
     conflict: Conflict | None = None
+    ideal_error: str = ""
+    no_reaction_error: str = ""
 
 
 def struck_by_other(fact: Fact, settings: CollisionSettings) -> bool:
@@ -134,15 +139,18 @@ def point_terms(
     """
     found = store.facts_at(points, "ideal", logical.name)
     unreacting = {
-        fact.point: _reference_severity(fact, severity, settings)
+        fact.point: (_reference_severity(fact, severity, settings), _reference_error(fact))
         for fact in store.facts_at(points, "no_reaction", logical.name)
     }
+    nobody: tuple[None, str] = (None, "")
     return {
         fact.point: PointTerms(
             float(weights[fact.point]),
             _reference_severity(fact, severity, settings),
-            unreacting.get(fact.point),
+            unreacting.get(fact.point, nobody)[0],
             conflict_at(logical, fact.values),
+            _reference_error(fact),
+            unreacting.get(fact.point, nobody)[1],
         )
         for fact in found
     }
@@ -166,6 +174,11 @@ def _reference_severity(fact: Fact, severity: Severity, settings: CollisionSetti
     if struck_by_other(fact, settings):
         return 0.0
     return (_severity(fact, severity) or 0.0) if fact.status in EVALUATED else None
+
+
+def _reference_error(fact: Fact) -> str:
+    """Why a reference's drive could not be evaluated: its error, its status where it has none; else nothing."""
+    return "" if fact.status in EVALUATED else fact.error or fact.status
 
 
 def tabulate(
@@ -209,6 +222,8 @@ def tabulate(
                 loss=None if struck else _loss(fact),
                 ideal_severity=ideal,
                 no_reaction_severity=there.no_reaction_severity,
+                ideal_error=there.ideal_error,
+                no_reaction_error=there.no_reaction_error,
                 weight=there.weight,
                 beats_ideal=severity is not None and ideal is not None and severity < ideal,
                 index=index.value if index else None,
@@ -298,6 +313,7 @@ def combine(
     others = missing_bounds(terms, there.safe, method, people=people) if missing else {}
     if missing:
         notes.append(CasesMissing(tuple(sorted(missing.items()))))
+        notes += _references_missing(cases)
     if s_interval:
         notes.append(WorstAndBest(c_interval, d_interval, s_interval))
     if tally.struck:
@@ -399,6 +415,21 @@ class _Tally:
             indexes=number(there.safe & indexed),
             likenesses=number(there.safe & np.isfinite(read["human_likeness"])),
         )
+
+
+def _references_missing(cases: Sequence[CaseResult]) -> Iterator[ReferenceMissing]:
+    """Why references of cases could not be evaluated, the most frequent reason first."""
+    columns: tuple[tuple[Literal["ideal", "no_reaction"], str], ...] = (
+        ("ideal", "ideal_error"), ("no_reaction", "no_reaction_error")
+    )  # fmt: skip
+    for who, column in columns:
+        reasons = arrays(cases, column)[column]
+        alike: dict[str, list[int]] = {}
+        for place in np.flatnonzero(reasons != "").tolist():
+            alike.setdefault(without_numbers(str(reasons[place])), []).append(place)
+        for places in sorted(alike.values(), key=len, reverse=True):
+            first = cases[places[0]]
+            yield ReferenceMissing(who, str(reasons[places[0]]), len(places), first.case)
 
 
 def _without_mean(safe: int, voiding: int, known: int, *, people: bool) -> NotComputed:

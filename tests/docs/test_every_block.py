@@ -36,7 +36,10 @@ from sumo_eval.rates.campaign import read_campaign
 from sumo_eval.report.gate_settings import read_gate
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import scenario_from
+from sumo_eval.scenario.openscenario.collections import expanded
 from sumo_eval.scenario.sampling.openscenario_points import read_mapping
+from sumo_eval.scenario.sampling.samples import sample
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import settings_from
 from sumo_eval.wheel.plan import read_study
 
@@ -72,7 +75,7 @@ NOT_RUN = {
 
 READERS = {
     "evaluation": {"scenario", "ads", "drivers", "method", "simulation", "report", "run", "name", "seed"},
-    "scenario": {"road", "ego", "require", "joint", "met", "recorded"},
+    "scenario": {"road", "end", "ego", "require", "joint", "met", "recorded"},
 }
 """Keys of fragments: an evaluation's, and a scenario file's."""
 
@@ -317,6 +320,53 @@ def test_the_programs_own_reader_reads_every_block_of_toml(block: Block, desk: D
     read_toml_block(block.text, desk.folder)
 
 
+NOT_DRIVEN = {
+    "[joint]": "a road test's events, which learning and exposure read; a drive knows nothing of them",
+    "[recorded]": "which recordings are like a scenario; needs recordings",
+    'source = "recorded"': "needs a recording; test_recorded_people_example.py has one",
+    'kind = "recorded"': "needs a recording; tests/drivers has some",
+    "CarlaAgent": "needs an agent of CARLA; tests/ads/test_adapters.py has one",
+    "fmu:": "needs an FMU; tests/cosim/test_fmu.py builds one",
+    "simulation.plant": "needs an FMU; tests/cosim/test_fmu.py builds one",
+    "ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
+    "weights.onnx": "a planner of the reader's own, with its weights",
+    "folder = ": "needs the reader's own copy of a catalogue; test_openscenario_catalogues.py drives them",
+    ".xosc": "needs a file of OpenSCENARIO; test_openscenario_catalogues.py drives them",
+    ".feature.md": "needs a use case; tests/scenario/test_use_cases.py drives them",
+    "qualification =": "a run names its qualification; it changes no drive",
+}
+"""Blocks of scenarios and evaluations that are read and not driven, by a text in them, and why."""
+
+
+def drivable(block: Block) -> bool:
+    """Whether a block of TOML says something of a drive, and what it needs is here."""
+    if block.language != "toml" or any(text in block.text for text in NOT_DRIVEN):
+        return False
+    return reader_of(tomllib.loads(block.text)) in ("scenario", "evaluation")
+
+
+@pytest.mark.parametrize("block", [one for one in BLOCKS if drivable(one)], ids=lambda one: one.place)
+def test_the_first_point_of_a_scenario_or_an_evaluation_of_a_block_is_driven(block: Block, desk: Desk) -> None:
+    desk.lay_out(block.page)
+    content = tomllib.loads(block.text)
+    if reader_of(content) == "scenario":
+        logical = scenario_from(whole_scenario(content, desk.folder), "a block", desk.folder)
+        controllers, simulation = ["idm"], SimulationSettings()
+    else:
+        settings = settings_from({**BASE_EVALUATION, **content}, "a block")
+        (first, *_) = expanded(settings.scenario, desk.folder)
+        logical = catalogue.find(first.use, desk.folder)
+        controllers, simulation = [ads.locator for ads in settings.ads], settings.simulation
+    point = dict(zip(logical.names, sample(logical).points[0].tolist(), strict=True))
+    for controller in controllers:
+        recording = simulate(logical.concrete(**point), controller, simulation, folder=desk.folder)
+        assert recording.end_reason not in ("ads_error", "sim_error"), recording.error
+
+
+def test_reasons_not_to_drive_a_block_are_all_used() -> None:
+    assert {text for text in NOT_DRIVEN if any(text in block.text for block in BLOCKS)} == set(NOT_DRIVEN)
+
+
 def test_every_block_of_yaml_can_be_read() -> None:
     for block in BLOCKS:
         if block.language == "yaml":
@@ -375,20 +425,23 @@ def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
 
 
 def treated(block: Block) -> str:
-    """`run` in CI, `campaign`: run there, `read` or `marked`."""
+    """`run` in CI; `alike`: each of its commands runs there with other names of files, over three points; `read` or
+    `marked`.
+    """
     if block.language in MARKED:
         return "marked"
-    if block.language == "python" or "read -r briefing" in block.text:
+    if block.language == "python" or "read -r briefing" in block.text or drivable(block):
         return "run"
     runs = [words for words in block.commands() if not why_not_run(words) and block.language in ("sh", "text")]
-    return "run" if any(is_quick(words) for words in runs) else "campaign" if runs else "read"
+    themselves = [is_quick(words) or (block.page, words) in DEAR.values() for words in runs]
+    return "run" if any(themselves) else "alike" if runs else "read"
 
 
 def test_no_block_is_of_a_language_that_nothing_treats() -> None:
     assert {block.language for block in BLOCKS} <= {*MARKED, *CODE, "python", "toml"}
     counts = Counter(treated(block) for block in BLOCKS)
-    assert counts["run"] + counts["campaign"] >= 35
-    assert counts["read"] >= 40
+    assert counts["run"] + counts["alike"] >= 48
+    assert counts["read"] <= 50, "a block that is read alone says in NOT_RUN, NOT_DRIVEN or by its kind why"
     drawn = [block for block in BLOCKS if block.language in ("", "groovy")]
     assert len(drawn) == 18, "a block without a language is a drawing or what a command printed: count it here"
 
@@ -398,7 +451,7 @@ def tell() -> None:
     for block in BLOCKS:
         print(f"{treated(block):8} {block.language or '-':7} {block.place}  {MARKED.get(block.language, '')}")
     commands = [words for block in BLOCKS for words in block.commands()]
-    how = Counter(why_not_run(words) or ("run" if is_quick(words) else "run in the campaign") for words in commands)
+    how = Counter(why_not_run(words) or ("run" if is_quick(words) else "run alike") for words in commands)
     print(Counter(treated(block) for block in BLOCKS), how)
 
 

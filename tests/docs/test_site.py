@@ -152,6 +152,7 @@ def test_the_notebook_runs_in_a_kernel_and_shows_its_tables(tmp_path: Path, monk
     shown = [cell["outputs"] for cell in cells if cell["cell_type"] == "code"]
     assert [len(outputs) for outputs in shown] == [1] * 6
     assert all("<table" in "".join(one[0]["data"]["text/html"]) for one in shown[:4])
+    assert shown[4][0]["data"]["image/png"], "the picture of the scores"
     monkeypatch.chdir(tmp_path)
     assert "idm" in open_run("first-look")._repr_html_()
 

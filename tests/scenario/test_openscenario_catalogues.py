@@ -7,9 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from sumo_eval.ads.r157 import HUMAN_BRAKING
 from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.stage import Stage
 from sumo_eval.errors import InputError
 from sumo_eval.record.facts import resolve
 from sumo_eval.scenario.catalogue import find, load
@@ -17,7 +20,8 @@ from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.openscenario.collections import expanded
 from sumo_eval.scenario.shipped_files import scenario_files
-from sumo_eval.settings import ScenarioSettings
+from sumo_eval.settings import ScenarioSettings, SimulationSettings
+from sumo_eval.trajectory import Collision as Hit
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
 ALKS, NCAP = CATALOGUES / "osc_alks", CATALOGUES / "osc_ncap"
@@ -74,6 +78,23 @@ def test_zones_are_searched_in_few_parameters_only() -> None:
         InputError, match=r"`zones=1` of alks_\S+.xosc must be asked of a file with at most 3 parameters .*, got 5\."
     ):
         find(f"{file}?zones=1")
+
+
+@needs_catalogues
+def test_who_is_on_no_lane_moves_alike_however_often_sumo_hears_of_him(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pedestrian crosses a bend of 250 m: SUMO hears of him in one step of ten, or, as where an ADS asks, in each."""
+    file = ALKS / "logical_scenarios" / "alks_scenario_4_2_3_crossing_pedestrian_variation.xosc"
+    case = find(f"{file}?road=2").concrete(Ego_InitSpeed_Ve0_kph=60.0)
+    assert case.road.bent
+    assert case.actors[0].on_map is not None
+    seldom = simulate(case, "no_reaction")
+    monkeypatch.setattr(Stage, "closely", lambda stage, steps: True)
+    always = simulate(case, "no_reaction")
+    assert seldom.end_reason == always.end_reason == "contact"
+    assert seldom.collision == always.collision
+    for name, drive in seldom.actors.items():
+        np.testing.assert_array_equal(drive.x, always.actors[name].x)
+        np.testing.assert_array_equal(drive.y, always.actors[name].y)
 
 
 COSINE = 'do = "change_lane_cosine"\nduration = "0.5 * 3.141592653589793 * 3.5 / lateral_speed"'
@@ -166,13 +187,42 @@ def test_a_car_that_does_nothing_hits_as_hard_in_our_own_scenarios_as_in_the_imp
         for case in cases[name]:
             hit = simulate(case, "no_reaction").collision
             assert hit is not None, name
-            assert hit.ego_velocity[0] - hit.other_velocity[0] == pytest.approx(kph / 3.6, abs=0.01), name
+            assert closing(hit) == pytest.approx(kph / 3.6, abs=0.01), name
 
 
-WITHIN = {"no_reaction": 0.005, "careful_driver": 0.05 * 9.0, "idm": 0.05 * 9.0}
-"""m/s between two impacts: nothing, and for who looks once in 0.05 s as much as the strongest brakes make of that. The
-imported lead begins within a step, when a condition holds, where ours begins at t = 0.
-"""
+SIMULATION = SimulationSettings()
+STRONGEST = {"no_reaction": 0.0, "careful_driver": HUMAN_BRAKING, "idm": SIMULATION.vehicle.max_deceleration}
+"""m/s2, as hard as each of them can brake."""
+ROUNDING = 0.005
+"""m/s between two impacts that are the same by physics: what SUMO's positions of 1 mm make of a speed."""
+
+
+def furthest_apart(own: Hit, theirs: Hit, own_idle: Hit, theirs_idle: Hit, braking: float, step: float) -> float:
+    """By how much the closing speeds of two impacts may differ, m/s, of one driver in our scenario and in theirs.
+
+    Our lead moves from t = 0 on, at a look of the driver; the imported one moves when a condition holds, within a step.
+    The same move is therefore seen, and braked for, up to one step dt sooner or later. Who is late by d <= dt is d u0
+    further when the same braking begins, u0 the closing speed without it. So contact is where the other still has
+    d u0 to go, and over these metres brakes of at most a change u^2 / 2 by at most a d u0:
+
+        |u1^2 - u2^2| / 2 <= a dt u0, thus |u1 - u2| <= a dt u0 / ((u1 + u2) / 2).
+
+    Where the other moves into the ego's side, the moment of contact is his, and |u1 - u2| <= a d, which is less. Where
+    both leads begin at a look nothing differs: the impacts of who does nothing are whole steps apart then. own_idle,
+    theirs_idle: those, with u0.
+    """
+    steps = (theirs_idle.time - own_idle.time) / step
+    if abs(steps - round(steps)) * step < 1e-6:
+        return ROUNDING
+    mean = 0.5 * (closing(own) + closing(theirs))
+    return ROUNDING + braking * step * max(closing(own_idle), closing(theirs_idle)) / mean
+
+
+def closing(hit: Hit) -> float:
+    """Closing speed along the road, m/s."""
+    return hit.ego_velocity[0] - hit.other_velocity[0]
+
+
 SHAPE_DECIDES = {("careful_driver", "cuts out 60 20 1")}
 """Cases that come out differently with the shape of the lead's move."""
 
@@ -187,20 +237,21 @@ def test_our_own_scenarios_come_out_as_the_imported_ones(ads: str, tmp_path: Pat
     for name, own, theirs in ours_and_theirs(lambda name: like_theirs(name, tmp_path)):
         assert own.ego_body == theirs.ego_body, name
         assert {(it.length, it.width) for it in own.actors} == {(it.length, it.width) for it in theirs.actors}, name
-        one, two = simulate(own, ads), simulate(theirs, ads)
-        speeds = [hit and hit.ego_velocity[0] - hit.other_velocity[0] for hit in (one.collision, two.collision)]
-        assert (one.collision is None) == (two.collision is None), name
-        if one.collision is not None:
-            assert speeds[0] == pytest.approx(speeds[1], abs=WITHIN[ads]), name
+        one, two = (simulate(case, ads, SIMULATION).collision for case in (own, theirs))
+        assert (one is None) == (two is None), name
+        if one is not None and two is not None:
+            idle, its_idle = (simulate(case, "no_reaction", SIMULATION).collision for case in (own, theirs))
+            assert idle is not None, name
+            assert its_idle is not None, name
+            apart = furthest_apart(one, two, idle, its_idle, STRONGEST[ads], SIMULATION.step)
+            assert closing(one) == pytest.approx(closing(two), abs=apart), name
     for name, own, theirs in ours_and_theirs(load):
         one, two = (simulate(replace(case, ego_body=theirs.ego_body), ads).collision for case in (own, theirs))
         alike = (one is None) == (two is None)
         assert alike == ((ads, name) not in SHAPE_DECIDES), name
         if one is not None and two is not None:
-            speeds = [it.ego_velocity[0] - it.other_velocity[0] for it in (one, two)]
-            assert speeds[0] == pytest.approx(speeds[1], abs=2.0 / 3.6), (
-                name
-            )  # the target of their CCRb goes on at that
+            # the target of their CCRb goes on at that
+            assert closing(one) == pytest.approx(closing(two), abs=2.0 / 3.6), name
 
 
 @needs_catalogues

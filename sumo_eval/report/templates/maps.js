@@ -157,7 +157,7 @@ const sumoMaps = (() => {
       if (stepped && levels.length) at.value = levels[nearest()];
       range.value = stepped ? nearest() : at.value;
       const tell = () => {
-        said.textContent = at.all ? "all values" : `${short(at.value)}${at.half ? ` ± ${short(+(at.half * (parameter.high - parameter.low)).toPrecision(3))}` : ""} ${parameter.unit}`;
+        said.textContent = at.all ? "all values" : `${+at.value.toPrecision(4)}${at.half ? ` ± ${short(+(at.half * (parameter.high - parameter.low)).toPrecision(3))}` : ""} ${parameter.unit}`;
         range.disabled = at.all;
       };
       range.addEventListener("input", (event) => {
