@@ -171,7 +171,9 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
-        f"{file} of the catalogue does not play: {why}"
+        f"Of the catalogue does not play: {why}"
+        if Path(file).name in why
+        else f"{file} of the catalogue does not play: {why}"
         for entry in evaluation.settings.scenario
         for file, why in entry.not_played.items()
     ]
