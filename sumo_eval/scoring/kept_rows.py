@@ -11,7 +11,7 @@ import struct
 import zlib
 from abc import abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Self, TypeVar, overload
 
@@ -297,6 +297,16 @@ def names_at(cases: Sequence[CaseResult], places: IntArray) -> NDArray[np.str_]:
         first += len(part["case"])
     names: NDArray[np.str_] = np.concatenate(found)[np.cumsum(wanted)[places] - 1]
     return names
+
+
+def keys_by_place(cases: Sequence[CaseResult], keys: Collection[str]) -> dict[int, str]:
+    """The place of each case that has one of these keys, ascending, and its key."""
+    wanted, found, first = np.array(sorted(keys), dtype=np.str_), {}, 0
+    for part in arrays_in_parts(cases, "case"):
+        here = np.flatnonzero(np.isin(part["case"].astype(np.str_), wanted))
+        found.update(zip((first + here).tolist(), part["case"][here].tolist(), strict=True))
+        first += len(part["case"])
+    return found
 
 
 def name_ranks(cases: Sequence[CaseResult], places: IntArray) -> IntArray:
