@@ -136,6 +136,7 @@ class Scoring:
             points.method,
             settings,
             points.stratum,
+            self.progress,
         )
         described = describe_zones(logical, zones, points)
         if entry.sampling.method == ADAPTIVE:

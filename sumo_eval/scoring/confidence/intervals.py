@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.method.score_terms import excess, ordering_score, paper_score
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.settings import MethodSettings
@@ -253,6 +254,7 @@ def score_intervals(
     level: float = LEVEL,
     replicates: int = REPLICATES,
     even: FloatArray | None = None,
+    progress: Progress = quiet,
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario. groups: of all its points (`strata`). even: its points in the unit
     box, (n, k), where they are balanced over it (`balanced`).
@@ -270,6 +272,7 @@ def score_intervals(
         counts = plain if balance is None else balance(plain)
         for one, drawn, part in zip(judged, draws, parts, strict=True):
             part.append(_replicates(one, _at(counts, one.points), _at(plain, one.points), drawn.rows(rows), method))
+        progress(f"{scenario}: replicates for the intervals", rows.stop, replicates)
     return [
         _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
         for one, drawn, part in zip(judged, draws, parts, strict=True)
