@@ -84,8 +84,8 @@ def _zone_and_weight(
     key = key_of("weights", zones_key, values.tobytes())
     known = kept.get("weights", key)
     if known is not None:
-        hazardous, weights = np.frombuffer(known).reshape(2, len(values))
-        return hazardous > 0.0, weights
+        inside, weights = np.frombuffer(known).reshape(2, len(values))
+        return inside > 0.0, weights
     hazardous, weights = zones.exactly_hazardous(values), collision_weight(values, zones)
     kept.put([("weights", key, 0, np.stack([hazardous, weights]).tobytes())])
     return hazardous, weights
