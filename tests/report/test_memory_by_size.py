@@ -11,9 +11,11 @@ import pytest
 
 from sumo_eval.scoring import kept_rows
 from sumo_eval.scoring.confidence import intervals
+from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
 MANY, MOST = 1_000_000, 500.0  # cases, and MB that they may take
 FIXED = 200.0  # of these, for Python, for what it imports, and for buffers whose size does not hang on the cases
+SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE  # cases: two chunks of rows are held while one is read
 OF_ROWS_ALONE = (
     "scores", "intervals of 20 replicates", "cases.csv", "junit.xml", "ledgers", "preventability", "people", "why",
     "found cases",
@@ -44,9 +46,9 @@ def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     place = tmp_path_factory.mktemp("sizes")
-    for cases in (1_000, 3_000):
+    for cases in (SMALL, LARGE):
         SIZES.made_up_run(place / str(cases), cases)
-    return {cases: place / str(cases) for cases in (1_000, 3_000)}
+    return {cases: place / str(cases) for cases in (SMALL, LARGE)}
 
 
 @pytest.mark.usefixtures("small_buffers")
@@ -63,8 +65,8 @@ def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
         finally:
             tracemalloc.stop()
 
-    most(1_000)  # what is imported, compiled or kept at the first use
-    assert (most(3_000) - most(1_000)) / 2_000 <= (MOST - FIXED) * 1e6 / MANY, "bytes a case"
+    most(SMALL)  # what is imported, compiled or kept at the first use
+    assert (most(LARGE) - most(SMALL)) / (LARGE - SMALL) <= (MOST - FIXED) * 1e6 / MANY, "bytes a case"
 
 
 @pytest.mark.campaign
