@@ -7,7 +7,8 @@ python tools/batch_rates.py scheduler [BATCHES ...]               # default 200 
 engines: an ADS (`careful_driver`) in the cut-in of UN R157 through every engine, as ratios to a bare `simulate_many`
 over the same cases in the same round: of wall time (what more processes gain; it hangs on what else the machine does)
 and of processor time, children's included. Each is the median of the rounds with the least and the most. Of a cluster's
-workers the processor time is not known here. The last line is what two workers gain over one.
+workers the processor time is not known here. The last lines are what two workers gain over one, and what two bare loops
+side by side, each with half of the cases, gain over one: no engine can gain more on that machine.
 
 scheduler: what Dask itself costs a batch, by how many there are: batches of 100 cases go out as the engine sends them
 and come back empty. Scheduler, worker and client share this process, so it is the sum of all three. The slope, not the
@@ -27,7 +28,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from multiprocessing import forkserver
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import forkserver, get_context
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
 from typing import Any
@@ -54,6 +56,7 @@ from sumo_eval.trajectory import Trajectory
 ROUNDS = 5
 WARM_UP = 40  # cases before the clock runs: imports, and the process that the children come from, are no rate
 ADS = "careful_driver"
+BESIDE = "2 bare loops"
 SIMULATION = SimulationSettings(step=0.1, end_when_decided=True)
 POSSIBLE = 0.56  # share of the cut-in's box that can be
 
@@ -74,6 +77,12 @@ def bare(cases: Sequence[Case]) -> int:
     """Simulate the cases in this process, with nothing around them."""
     recordings = simulate_many([case.concrete for case in cases], cases[0].controller, SIMULATION)
     return sum(1 for recording in recordings if recording.error is None)
+
+
+def side_by_side(cases: Sequence[Case]) -> int:
+    """Two bare loops at once, each in a process of its own with half of the cases."""
+    with ProcessPoolExecutor(2, mp_context=get_context("fork")) as pool:
+        return sum(pool.map(bare, (cases[::2], cases[1::2])))
 
 
 def engine(run: RunSettings) -> Callable[[Sequence[Case]], int]:
@@ -105,6 +114,7 @@ def engines(number: int, scheduler: str, ads: str) -> None:
         "serial": engine(RunSettings(engine="serial")),
         "1 worker": engine(RunSettings(workers=1)),
         "2 workers": engine(RunSettings(workers=2)),
+        BESIDE: side_by_side,
     }
     if scheduler:
         ways["dask"] = engine(RunSettings(engine="dask", scheduler=scheduler))
@@ -114,21 +124,22 @@ def engines(number: int, scheduler: str, ads: str) -> None:
     processor: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, way in ways.items():
-            began, busy = time.perf_counter(), time.process_time() + children_time()
+            began, busy = time.perf_counter(), sum(os.times()[:4]) + children_time()
             done = way(cases)
             wall[name].append(time.perf_counter() - began)
-            processor[name].append(time.process_time() + children_time() - busy)
+            processor[name].append(sum(os.times()[:4]) + children_time() - busy)
             if done != number:
                 raise SystemExit(f"{name}: {done} cases of {number} came to their end")
         print(", ".join(f"{name} {found[-1]:.2f} s" for name, found in wall.items()), flush=True)
     print(f"{ads}, {number} cases, {ROUNDS} rounds, {os.cpu_count()} cores, Python {platform.python_version()}")
     for name in ways:
         rate = number / statistics.median(wall[name])
-        line = f"{name:<10}{rate:7.1f} cases/s; of the bare loop: wall {spread(wall['bare'], wall[name])}"
+        line = f"{name:<14}{rate:7.1f} cases/s; of the bare loop: wall {spread(wall['bare'], wall[name])}"
         if name != "dask":
             line += f", processor {spread(processor['bare'], processor[name])}"
         print(line)
     print(f"2 workers over 1: wall {spread(wall['1 worker'], wall['2 workers'])}")
+    print(f"{BESIDE} over 1: wall {spread(wall['bare'], wall[BESIDE])}")
 
 
 def size(number: int) -> None:

@@ -5,11 +5,12 @@
     python tools/run_sizes.py measure FOLDER                   each command on it, in a process of its own
     python tools/run_sizes.py compared CASES [CASES ...]       two runs of so many made-up rows, nothing recorded, side
                                                                by side: each size in a process of its own
-    python tools/run_sizes.py rows CASES [CASES ...]           what comes of so many made-up rows: scores, intervals
-                                                               (of a few replicates), tables, JUnit, ledger, what
-                                                               pages say of all cases
-    python tools/run_sizes.py page FOLDER CASES                the page of so many made-up rows, in a scored run of
-                                                               `make`, whose report.html it takes the place of
+    python tools/run_sizes.py prepare FOLDER CASES             so many made-up rows, for `rows`
+    python tools/run_sizes.py rows FOLDER CASES ROUNDS [PART ...]
+                                                               what comes of these rows, each part in a process of its
+                                                               own: scores, intervals, confidence, tables, JUnit,
+                                                               ledgers, page, evidence; without PART all but the
+                                                               intervals with all their replicates
 
 Made-up drives are short and alike, so a case costs less to read than a real one; what the owner holds a case does not
 depend on that. Seconds are of processor time, children included.
@@ -17,18 +18,19 @@ depend on that. Seconds are of processor time, children included.
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
 from resource import RUSAGE_SELF, getrusage
-from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -43,11 +45,14 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.recording import Space
 from sumo_eval.record.store import open_store
 from sumo_eval.report.comparison import compare
+from sumo_eval.report.confidence_section import confidence_json
+from sumo_eval.report.evidence import write_evidence
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import judge
 from sumo_eval.report.html import write_report
 from sumo_eval.report.junit import run_suites, write_junit
+from sumo_eval.report.ledger import ledger
 from sumo_eval.report.people import people_rows, worst_cases
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sent_drives import Embedded
@@ -58,8 +63,9 @@ from sumo_eval.report.words import collision_shares, explain_a, explain_h, index
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
-from sumo_eval.scoring.confidence.intervals import Judged, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals, strata
 from sumo_eval.scoring.kept_rows import Chunk, KeptRows, encode_rows
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
@@ -73,6 +79,7 @@ from sumo_eval.settings import (
 )
 from sumo_eval.trajectory import Collision, Recording, Trajectory
 
+SMALL_RUN = 64  # points of the run in which made-up rows take the place of its own
 FEW_REPLICATES = 20  # of 2,000: each costs as much as any other, and they are held some at a time
 AT_ONCE = 2_000  # cases in one transaction
 TIME = np.arange(0.0, 6.0, 0.1)
@@ -189,49 +196,118 @@ def made_up_run(folder: Path, cases: int, *, changed: bool = False) -> Evaluatio
         first = chunk.place * POINTS_AT_ONCE
         some = [another(row, number, changed=changed) for number in range(first, first + chunk.rows)]
         kept.put([("rows", folder.name.encode(), chunk.place, encode_rows(some))])
+    return of_rows_alone(folder, cases)
+
+
+def of_rows_alone(folder: Path, cases: int) -> Evaluation:
+    """A made-up run with its rows, none of them read yet; its scores are those of two of them."""
     rows = made_up_rows(folder, cases)
-    two = combine(row.ads, row.scenario, rows[:2], MethodSettings())
-    return Evaluation(folder.name, folder, MADE_UP, {}, (), (two,), rows)
+    two = combine("first", "cut_in", rows[:2], MethodSettings())
+    return Evaluation(folder.name, folder, MADE_UP, {}, (), (two,), made_up_rows(folder, cases))
 
 
-def from_rows(cases: int) -> None:
-    """A line for each thing that is made of all rows of a run. Each reads them from the folder anew."""
-    with tempfile.TemporaryDirectory() as place:
-        made = made_up_run(Path(place) / "run", cases)
-        rows, logical = made.cases_of("first", "cut_in"), catalogue.load("cut_in")
-        points = np.column_stack([np.linspace(0.0, 1.0, cases)] * len(logical.names))
-        whole = combine("first", "cut_in", rows, MethodSettings())
-        drivers = driver_deviations(rows, {}, {}, DriverSettings(), 1)
-        judged = Judged(
-            "first", case_terms(rows, MethodSettings()), np.arange(cases), np.zeros(cases, dtype=np.bool_), drivers
-        )
-        groups = strata(points, "sobol")
-        zone: Any = SimpleNamespace(scenario="cut_in")
+def prepare(folder: Path, cases: int) -> None:
+    """What `part` needs: a small scored run, in which so many made-up rows can take the place of its own, these rows,
+    and their score.
+    """
+    run = folder / "run"
+    if not run.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        make(run, SMALL_RUN, 3)
+    method = score(run).settings.method
+    made = made_up_run(folder / str(cases), cases)
+    (folder / f"{cases}.score").write_bytes(pickle.dumps(combine("first", "cut_in", made.cases, method)))
 
-        def why(run: Evaluation) -> object:
-            its = run.cases_of("first", "cut_in")
-            return explain_a(whole, its, MADE_UP), explain_h(whole, its), collision_shares(its, MADE_UP)
 
-        parts: dict[str, Callable[[Evaluation], object]] = {
-            "scores": lambda run: combine("first", "cut_in", run.cases_of("first", "cut_in"), MethodSettings()),
-            f"intervals of {FEW_REPLICATES} replicates": lambda _: score_intervals(
-                [judged], groups, MethodSettings(), 1, "cut_in", replicates=FEW_REPLICATES, even=points
-            ),
-            "cases.csv": lambda run: cases_csv(run, Path(place) / "cases.csv"),
-            "junit.xml": lambda run: write_junit(run_suites(run), Path(place) / "junit.xml"),
-            "ledger": ledger_lines,
-            "shown cases": lambda run: shown_cases(replace(run, zones=(zone,))),
-            "preventability": preventability,
-            "people": lambda run: (people_rows(run), worst_cases(run), index_notes(run)),
-            "why": why,
-        }
-        print(f"{cases} cases: {getrusage(RUSAGE_SELF).ru_maxrss // 1024} MB with their terms and strata", flush=True)
-        for name, part in parts.items():
-            run = replace(made, scores=(whole,), cases=made_up_rows(made.folder, cases))
-            began = time.process_time()
-            part(run)
-            took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
-            print(f"  {name}: {took:.2f} s, {1e6 * took / cases:.1f} us a case; {peak} MB at most", flush=True)
+def prepared(folder: Path, cases: int) -> Evaluation:
+    """That run with these rows, none of them read yet."""
+    run, whole = score(folder / "run"), pickle.loads((folder / f"{cases}.score").read_bytes())
+    settings = replace(run.settings, ads=tuple(one for one in run.settings.ads if one.name == "first"))
+    rows = made_up_rows(folder / str(cases), cases)
+    return replace(run, cases=rows, scores=(whole,), ranking=None, settings=settings)
+
+
+def intervals(run: Evaluation, replicates: int) -> object:
+    """The intervals of made-up rows that lie on a line through the space."""
+    rows, method = run.cases_of("first", "cut_in"), run.settings.method
+    points = np.column_stack([np.linspace(0.0, 1.0, len(rows))] * len(BOX))
+    drivers = driver_deviations(rows, {}, {}, run.settings.drivers, 1)
+    everywhere, safe = np.arange(len(rows)), np.zeros(len(rows), dtype=np.bool_)
+    judged = Judged("first", case_terms(rows, method), everywhere, safe, drivers)
+    groups = strata(points, "sobol")
+    return score_intervals([judged], groups, method, 1, "cut_in", replicates=replicates, even=points)
+
+
+def written_page(run: Evaluation) -> Path:
+    """The page: without trajectories, of which it has at most 4.5 MB, since made-up rows have no drives."""
+    with (
+        patch("sumo_eval.report.sent_drives.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
+        patch("sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
+    ):
+        return write_report(run, zone_partitions(run))
+
+
+def why(run: Evaluation) -> object:
+    """Why A and H are what they are, and what each collision has a part of."""
+    whole, rows = run.scores[0], run.cases_of("first", "cut_in")
+    return explain_a(whole, rows, run.settings), explain_h(whole, rows), collision_shares(rows, run.settings)
+
+
+def named(run: Evaluation) -> object:
+    """A case by its name, and those nearest to the middle of the space."""
+    middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
+    return run.cases.find(case_name(len(run.cases) - 1)), list(nearest_cases(run, middle, None, None, 3))  # type: ignore[attr-defined]
+
+
+PARTS: dict[str, Callable[[Evaluation, Path], object]] = {
+    "scores": lambda run, _: combine("first", "cut_in", run.cases, run.settings.method),
+    f"intervals of {FEW_REPLICATES} replicates": lambda run, _: intervals(run, FEW_REPLICATES),
+    "intervals": lambda run, _: intervals(run, REPLICATES),
+    "confidence": lambda run, _: confidence_json(assess(run, zone_partitions(run))),
+    "cases.csv": lambda run, out: cases_csv(run, out / "cases.csv"),
+    "junit.xml": lambda run, out: write_junit(run_suites(run), out / "junit.xml"),
+    "ledgers": lambda run, _: (ledger_lines(run), ledger(run, run.scores[0])),
+    "shown cases": lambda run, _: shown_cases(run),
+    "preventability": lambda run, _: preventability(run),
+    "people": lambda run, _: (people_rows(run), worst_cases(run), index_notes(run)),
+    "why": lambda run, _: why(run),
+    "found cases": lambda run, _: named(run),
+    "page": lambda run, _: written_page(run),
+    "evidence": lambda run, out: write_evidence(run, out),
+}
+"""What is made of all rows of a run, by name; the folder is where files go."""
+
+
+def part(folder: Path, cases: int, name: str) -> None:
+    """Do one of PARTS with rows that `prepare` made, and say what it took, as JSON: seconds of processor time, the most
+    MB that this process held, and what it held before it read a row.
+    """
+    run = prepared(folder, cases)
+    before, began = held("VmHWM"), time.process_time()
+    with tempfile.TemporaryDirectory() as out:
+        PARTS[name](run, Path(out))
+    print(json.dumps({"seconds": time.process_time() - began, "most": held("VmHWM"), "before": before}))
+
+
+def held(what: str) -> float:
+    """MB that this process holds (VmRSS), or held at most (VmHWM). `getrusage` counts what its parent held too."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(f"{what}:")) / 1024.0
+
+
+def measured(folder: Path, cases: int, name: str) -> dict[str, float]:
+    """What `part` says, in a process of its own."""
+    words = [sys.executable, __file__, "part", str(folder), str(cases), name]
+    found: dict[str, float] = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+    return found
+
+
+def from_rows(folder: Path, cases: int, names: Sequence[str], rounds: int) -> None:
+    """A line for each part: the least processor time of some rounds, the most memory."""
+    for name in names:
+        found = [measured(folder, cases, name) for _ in range(rounds)]
+        took, most = min(one["seconds"] for one in found), max(one["most"] for one in found)
+        print(f"{cases} cases, {name}: {took:.2f} s, {1e6 * took / cases:.2f} us a case, {most:.0f} MB", flush=True)
 
 
 def compared(cases: int) -> None:
@@ -248,34 +324,6 @@ def compared(cases: int) -> None:
         f"({before // 1024} MB before, {made - began:.1f} s to make the rows); {len(lines)} lines",
         flush=True,
     )
-
-
-def page(folder: Path, cases: int) -> None:
-    """The page of a scored run with made-up rows in place of its own, and cases found by their parameters."""
-    run = score(folder)
-    with tempfile.TemporaryDirectory() as place:
-        made = made_up_run(Path(place) / "run", cases)
-        rows, ads = made.cases, tuple(one for one in run.settings.ads if one.name == "first")
-        one = combine("first", "cut_in", rows, run.settings.method)
-        settings = replace(run.settings, ads=ads)
-        many = replace(run, cases=rows, scores=(one,), ranking=None, settings=settings, folder=folder)
-        middle = {item.name: 0.5 * (item.low + item.high) for item in BOX}
-        parts: dict[str, Callable[[], object]] = {
-            "a case by its name": lambda: rows.find(f"cut_in-{cases - 1:07d}-first"),  # type: ignore[attr-defined]
-            "cases by parameters": lambda: list(nearest_cases(many, middle, None, None, 3)),
-            "page": lambda: write_report(many, zone_partitions(run)),
-        }
-        for name, part in parts.items():
-            began = time.process_time()
-            # the rows have no drives: trajectories, of which a page has at most 4.5 MB, are left out
-            with (
-                patch("sumo_eval.report.sent_drives.worth_embedding", lambda *_: Embedded(frozenset(), frozenset())),
-                patch("sumo_eval.report.sent_drives._points_of", lambda _, names, __: dict.fromkeys(names, 0)),
-            ):
-                found = part()
-            took, peak = time.process_time() - began, getrusage(RUSAGE_SELF).ru_maxrss // 1024
-            size = f", {found.stat().st_size / 1e6:.1f} MB" if isinstance(found, Path) else ""
-            print(f"{name}: {took:.2f} s, {1e6 * took / cases:.1f} us a case{size}; {peak} MB at most", flush=True)
 
 
 def made_up_row() -> CaseResult:
@@ -301,6 +349,11 @@ def somewhere(number: int) -> dict[str, float]:
     return {item.name: item.low + share * (item.high - item.low) for item, share in zip(BOX, shares, strict=True)}
 
 
+def case_name(number: int) -> str:
+    """The key of a case at a point: beyond 10,000 points keys do not ascend with them."""
+    return f"cut_in-{number:04d}-first"
+
+
 def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
     """Another case, by its number; every hundredth may be changed."""
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
@@ -308,7 +361,7 @@ def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
         likeness, hit = likeness - 0.1, not hit
     own = copy(row)  # `replace` would look at each of the other fields, which is most of what a million rows cost
     values: dict[str, Any] = {
-        "case": f"cut_in-{number:07d}-first", "values": somewhere(number),
+        "case": case_name(number), "values": somewhere(number),
         "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit, "status": "collision" if hit else "ok",
         "severity": 5.0 + math.cos(number) if hit else None, "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
         "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit else likeness,
@@ -330,12 +383,11 @@ if __name__ == "__main__":
             subprocess.run([sys.executable, __file__, "compared-in-this-process", size], check=True)
     elif task == "compared-in-this-process":
         compared(int(place))
-    elif task == "page":
-        page(Path(place), int(rest[0]))
+    elif task == "prepare":
+        prepare(Path(place), int(rest[0]))
     elif task == "rows":
-        for size in (place, *rest):
-            subprocess.run([sys.executable, __file__, "rows-in-this-process", size], check=True)
-    elif task == "rows-in-this-process":
-        from_rows(int(place))
+        from_rows(Path(place), int(rest[0]), rest[2:] or [name for name in PARTS if name != "intervals"], int(rest[1]))
+    elif task == "part":
+        part(Path(place), int(rest[0]), rest[1])
     else:
         raise SystemExit(__doc__)

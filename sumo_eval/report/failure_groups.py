@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sumo_eval.report.words import count
 from sumo_eval.results import CaseResult, columns
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.kept_rows import arrays, names_at, parameters_of
+from sumo_eval.scoring.kept_rows import arrays, parameters_of
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -28,16 +28,17 @@ APART = 1.6  # steps between neighbouring points: cases further apart than this 
 SPANNED = 0.999  # share of a parameter's driven range from which on a group does not narrow it
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FailureGroup:
     """Cases of one ADS that fail alike. ranges: parameter -> (least, most) where the group is narrower than the cases.
 
-    alike: cases in these ranges that fail so. inside: all cases of the ADS in them.
+    places: where its cases stand among all cases, (k,), ascending. alike: cases in these ranges that fail so. inside:
+    all cases of the ADS in them.
     """
 
     ads: str
     kind: str
-    cases: tuple[str, ...]
+    places: IntArray
     ranges: Mapping[str, tuple[float, float]]
     alike: int
     inside: int
@@ -71,9 +72,8 @@ def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> lis
         for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
             members = np.flatnonzero(kinds[own] == kind)
             for group in _linked(logical, its, members):
-                names = tuple(names_at(cases, own[group]).tolist())
-                found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], names))
-    found.sort(key=lambda group: (_order(group.kind), -len(group.cases)))
+                found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group]))
+    found.sort(key=lambda group: (_order(group.kind), -len(group.places)))
     return found[:MOST_GROUPS]
 
 
@@ -111,10 +111,10 @@ def _told(
     alike_there: BoolArray,
     ads: str,
     kind: str,
-    names: tuple[str, ...],
+    places: IntArray,
 ) -> FailureGroup:
     """The group in words. rows: all points of the ADS, (n, k). group: which of them are in it. alike_there: which fail
-    so, (n,). names: keys of the group's cases.
+    so, (n,). places: the group's cases among those of all ADSs.
     """
     least, most = rows[group].min(axis=0), rows[group].max(axis=0)
     driven = np.ptp(rows, axis=0)
@@ -128,4 +128,4 @@ def _told(
     )
     inside_words = f"{alike} of all {count(int(inside.sum()), 'case')} there"
     words = f"{where}: {inside_words}" if where else f"anywhere in the space: {inside_words}"
-    return FailureGroup(ads, kind, names, ranges, alike, int(inside.sum()), words)
+    return FailureGroup(ads, kind, places, ranges, alike, int(inside.sum()), words)

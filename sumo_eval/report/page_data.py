@@ -34,7 +34,7 @@ from sumo_eval.scenario.bodies import CAR
 from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
-from sumo_eval.scoring.kept_rows import arrays, parameters_of
+from sumo_eval.scoring.kept_rows import arrays, keys_by_place, parameters_of
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
@@ -135,7 +135,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
     for one in told:
         row = _case(one.case, logical.row(one.case.values), view, one.missing, one.share, one.a_lost)
         rows.append({**row, "verdict": one.verdict})
-    here_too = {row["key"] for row in rows}
+    here_too = keys_by_place(cases, [row["key"] for row in rows])
+    places_here = np.array(list(here_too), dtype=np.intp)
     everybody = [score.ads for score in evaluation.scores if score.scenario == logical.name]
     return {
         "name": logical.name,
@@ -173,7 +174,8 @@ def _scenario(evaluation: Evaluation, zones: ZonePartition, told: Sequence[Told]
                 "ads": group.ads,
                 "kind": group.kind,
                 "words": group.words,
-                "cases": [key for key in group.cases if key in here_too],
+                "cases": [here_too[place] for place in group.places[np.isin(group.places, places_here)].tolist()],
+                "size": len(group.places),
                 "ranges": {name: list(range_) for name, range_ in group.ranges.items()},
             }
             for group in failure_groups(logical, cases)

@@ -18,7 +18,8 @@ from sumo_eval.method.manoeuvres import words
 from sumo_eval.method.plausibility import LEAST_PEOPLE, MOTORWAY_PEOPLE, Quantiles, extremes_of, quantiles_of
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.human_reference import CaseIndex, LeftOut, PointJob, compute_points
-from sumo_eval.record.kept_results import KeptResults
+from sumo_eval.record.kept_results import KeptResults, key_of
+from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import RECORDED, Fact, Store
 from sumo_eval.results import (
@@ -77,6 +78,20 @@ def references(drives: Iterable[Fact], settings: DriverSettings) -> dict[int, Po
     return found
 
 
+def _zone_and_weight(
+    values: FloatArray, zones: ZonePartition, zones_key: bytes, kept: KeptResults
+) -> tuple[BoolArray, FloatArray]:
+    """Of points (n, k), kept or computed: whether each is hazardous, (n,), and its r (Eq. 16), (n,)."""
+    key = key_of("weights", zones_key, values.tobytes())
+    known = kept.get("weights", key)
+    if known is not None:
+        inside, weights = np.frombuffer(known).reshape(2, len(values))
+        return inside > 0.0, weights
+    hazardous, weights = zones.exactly_hazardous(values), collision_weight(values, zones)
+    kept.put([("weights", key, 0, np.stack([hazardous, weights]).tobytes())])
+    return hazardous, weights
+
+
 def _usable(drivers: int, recorded: int, settings: DriverSettings) -> tuple[ThinReference | None, bool]:
     """Where a reference is too thin, and whether a D_i may be computed from it. recorded: people among the drivers."""
     if settings.source == RECORDED and recorded < settings.least:
@@ -104,8 +119,18 @@ class Survey:
     left_out: Mapping[str, frozenset[int]]
 
 
-def survey(logical: LogicalScenario, zones: ZonePartition, store: Store, settings: EvaluationSettings) -> Survey:
-    """What must be known of all points of a scenario before any. Raises InputError for an ADS without a case."""
+def survey(
+    logical: LogicalScenario,
+    zones: ZonePartition,
+    zones_key: bytes,
+    store: Store,
+    settings: EvaluationSettings,
+    kept: KeptResults,
+    progress: Progress,
+) -> Survey:
+    """What must be known of all points of a scenario before any. zones_key: a hash of all that the zones depend on.
+    Raises InputError for an ADS without a case.
+    """
     numbers, flat = array("q"), array("d")  # of a million points as lists they would be half a gigabyte
     for fact in store.each_fact("ideal", logical.name):  # every point has one
         numbers.append(fact.point)
@@ -115,8 +140,8 @@ def survey(logical: LogicalScenario, zones: ZonePartition, store: Store, setting
     hazardous, weights = np.zeros(points, dtype=np.bool_), np.zeros(points)
     for first in range(0, len(there), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        hazardous[there[some]] = zones.exactly_hazardous(values[some])
-        weights[there[some]] = collision_weight(values[some], zones)
+        hazardous[there[some]], weights[there[some]] = _zone_and_weight(values[some], zones, zones_key, kept)
+        progress(f"{logical.name}: the weight of every point", min(some.stop, len(there)), len(there))
     usable, compared = np.zeros(points, dtype=np.bool_), False
     for point, drivers, recorded in store.drivers_at_points(logical.name, RECORDED):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True

@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
 from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
@@ -48,7 +50,7 @@ from sumo_eval.scoring.quantities import (
     tabulate,
 )
 from sumo_eval.scoring.requirements import with_counts, with_requirements
-from sumo_eval.scoring.zones import zones_of_entry
+from sumo_eval.scoring.zones import zones_key, zones_of_entry
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 POINTS_AT_ONCE = 512
@@ -70,6 +72,12 @@ class Scoring:
 
     def scores(self, rows: RowWriter) -> Scores:
         """The paper's six steps in every scenario, and the ADSs in their order."""
+        # One thread: these matrices gain little from more, several wait for each other where the machine is busy (five
+        # times the processor time at a load of six), and sums may differ by a bit with their number.
+        with threadpool_limits(1):
+            return self._all_scenarios(rows)
+
+    def _all_scenarios(self, rows: RowWriter) -> Scores:
         zones: list[ZoneResult] = []
         scores: list[ScenarioResult] = []
         spreads: dict[tuple[str, str], ScoreIntervals | None] = {}
@@ -88,7 +96,9 @@ class Scoring:
         settings, store, method = self.settings, self.store, self.settings.method
         logical, points = choose_points(entry, self.source, settings)
         zones = zones_of_entry(entry, logical, settings, self.source, self.kept)  # step 1: safe and hazardous zones
-        known = survey(logical, zones, store, settings)  # step 2: the ADSs in every concrete scenario
+        known = survey(  # step 2: the ADSs in every concrete scenario
+            logical, zones, zones_key(entry, settings, self.source), store, settings, self.kept, self.progress
+        )
         if points.stands_for is not None:
             known = replace(known, weights=known.weights * points.stands_for[: known.points])
         nobody = not logical.has_drivers and not known.compared
@@ -126,6 +136,7 @@ class Scoring:
             points.method,
             settings,
             points.stratum,
+            self.progress,
         )
         described = describe_zones(logical, zones, points)
         if entry.sampling.method == ADAPTIVE:

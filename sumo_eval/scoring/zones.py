@@ -20,8 +20,12 @@ def zones_of_entry(
     entry: ScenarioSettings, logical: LogicalScenario, settings: EvaluationSettings, source: Path, kept: KeptResults
 ) -> ZonePartition:
     """The partition of a scenario, kept or computed."""
-    key = key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
-    return kept_zones(logical, settings.method.zones, kept, key)
+    return kept_zones(logical, settings.method.zones, kept, zones_key(entry, settings, source))
+
+
+def zones_key(entry: ScenarioSettings, settings: EvaluationSettings, source: Path) -> bytes:
+    """What the partition of a scenario is kept under: a hash of all that it depends on."""
+    return key_of("zones", settings.method.zones, entry.use, space_key(entry, source), sources(*ROOMS_OF_ZONES))
 
 
 def find_zones(settings: EvaluationSettings, source: Path, folder: Path) -> None:

@@ -124,6 +124,14 @@ def test_a_larger_budget_adds_rounds_and_a_width_that_is_reached_none(run, tmp_p
     assert wider.zones[0].notes[-1].endswith("points of S+, no more than the 100 asked for.")
 
 
+def test_a_budget_below_what_was_driven_is_refused(run):
+    entry = read_settings(run.folder).scenario[0]
+    smaller = replace(entry, sampling=replace(entry.sampling, count=32))
+    with pytest.raises(InputError, match="must be at least the 40 points that its rounds have, got 32"):
+        sumo_eval.evaluate(replace(read_settings(run.folder), scenario=(smaller,)), run.folder, resume=True)
+    assert sampling_of(run.folder) == entry.sampling
+
+
 def test_shards_cannot_choose_by_all_cases(tmp_path):
     settings, source = resolve(EVALUATION, tmp_path, resume=False)
     with pytest.raises(InputError, match=r"sampled in rounds .* cannot be recorded in shards"):

@@ -16,6 +16,7 @@ from packed_pages import unpacked
 from sumo_eval.errors import InputError
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import shown_cases as module
+from sumo_eval.report.failure_groups import failure_kinds
 from sumo_eval.report.found_cases import nearest_cases
 from sumo_eval.report.html import write_report
 from sumo_eval.report.shown_cases import TILES, density_maps, shown_cases
@@ -53,6 +54,11 @@ def test_the_page_says_what_it_leaves_out_and_draws_where_all_cases_lie(
     assert sum(int(number) for number, _ in told) == 4 * len(evaluation.scores)
     assert sum(int(number) for _, number in told) == of
     assert page.count('<svg class="density" data-chart="') == 2 * len(evaluation.scores), "each can be saved"
+    for scenario in data["scenarios"]:
+        here = {case["key"] for case in scenario["cases"]}
+        assert all(here.issuperset(group["cases"]) for group in scenario["groups"]), "links lead to cases that are here"
+        failed = np.count_nonzero(failure_kinds(evaluation.cases_in(scenario["name"]))[0])
+        assert sum(group["size"] for group in scenario["groups"]) == failed, "those that are left out count"
 
 
 def test_tiles_hold_every_case_once_and_shares_are_of_those_that_collided(

@@ -77,9 +77,10 @@ def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluati
             )  # fmt: skip
             cases.append(new)
     groups = failure_groups(logical, cases)
-    assert [len(group.cases) for group in groups] == [4, 4]
+    assert [len(group.places) for group in groups] == [4, 4]
     assert all((group.alike, group.inside) == (4, 4) for group in groups)
-    assert set(groups[0].cases) | set(groups[1].cases) == {case.case for case in cases if case.collided}
-    low = next(group for group in groups if "c00" in group.cases)
+    failed = {place for place, case in enumerate(cases) if case.collided}
+    assert set(groups[0].places.tolist()) | set(groups[1].places.tolist()) == failed
+    low = next(group for group in groups if 0 in group.places)
     step = (logical.high - logical.low)[0] / 8.0
     assert low.ranges[logical.names[0]] == (logical.low[0], logical.low[0] + step)

@@ -28,7 +28,7 @@ from sumo_eval.report.explain import explain_case
 from sumo_eval.report.replay import recorded
 from sumo_eval.results import Evaluation, ThinReference, columns
 from sumo_eval.scenario import catalogue
-from sumo_eval.scoring import critical, drive_measures, steps
+from sumo_eval.scoring import critical, drive_measures, likeness, steps
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.fingerprint import space_key
 from sumo_eval.scoring.kept_rows import decode_column, decode_rows, encode_rows
@@ -59,6 +59,7 @@ def never(*_: object, **__: object) -> None:
 def compute_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(human_reference, "indexes_by_group", never)
     monkeypatch.setattr(drive_measures, "measures", never)
+    monkeypatch.setattr(likeness, "collision_weight", never)
 
 
 def same(one: Evaluation, other: Evaluation) -> bool:
@@ -121,6 +122,7 @@ def test_scoring_that_was_stopped_goes_on_where_it_was(
     with pytest.raises(KeyboardInterrupt):
         sumo_eval.score(copy, progress=stopping)
     before = sum(computed)
+    monkeypatch.setattr(likeness, "collision_weight", never)
     again = sumo_eval.score(copy)
     assert same(again, done)
     assert 0 < before < sum(computed) <= max(score.safe_cases for score in done.scores)  # no point twice

@@ -15,7 +15,7 @@ from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.results import CaseResult
 from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
-from sumo_eval.scoring.kept_rows import Made, arrays, chosen, name_ranks, names_at, point_numbers
+from sumo_eval.scoring.kept_rows import Made, arrays, chosen, keys_by_place, name_ranks, names_at, point_numbers
 from sumo_eval.scoring.kept_scores import RowWriter
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import MethodSettings
@@ -64,6 +64,9 @@ def test_kept_rows_give_the_columns_of_held_ones_whatever_the_chunks(rows: list[
     assert list(some[2:4]) == [row for row in rows if row.avoidable][2:4]
     places = np.array([250, 3, 3, 101])
     assert names_at(kept, places).tolist() == [rows[place].case for place in places]
+    found = keys_by_place(kept, {rows[250].case, rows[3].case, "nobody"})
+    assert list(found.items()) == [(3, rows[3].case), (250, rows[250].case)]
+    assert not keys_by_place(kept, [])
     made = Made((some, lambda row, place: (row.case, place)), (kept, lambda row, place: (row.case, place)))
     assert len(made) == len(some) + len(rows)
     assert made[len(some)] == made[-len(rows)] == (rows[0].case, 0)

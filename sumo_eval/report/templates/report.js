@@ -403,7 +403,7 @@
         link.textContent = key.replace(`${scenario.name}-`, "").replace(`-${group.ads}`, "");
         return link;
       });
-      row.append(strong, `${group.words}. `, ...links.flatMap((link) => [link, " "]), group.cases.length > links.length ? `and ${group.cases.length - links.length} more` : "", filters);
+      row.append(strong, `${group.words}. `, ...links.flatMap((link) => [link, " "]), group.size > links.length ? `and ${group.size - links.length} more` : "", filters);
       return row;
     }));
   }

@@ -57,6 +57,8 @@ def adaptive(logical: LogicalScenario, request: Request) -> Drawn:
             f"{len(possible)} of its candidates are possible. Larger rounds have more candidates."
         )
     counts = request.rounds or (first_round(size, budget, len(cells)),)
+    if sum(map(sum, counts)) > budget:
+        raise must_be("`count`", owner, f"at least the {sum(map(sum, counts))} points that its rounds have", budget)
     for row in counts:
         if len(row) != len(cells) or min(row) < LEAST_IN_CELL:
             raise must_be("`rounds`", owner, f"rows of {len(cells)} numbers, at least {LEAST_IN_CELL} each", list(row))

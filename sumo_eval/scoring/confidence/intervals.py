@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, ndtr, stdtrit
 
 from sumo_eval.method.score_terms import excess, ordering_score, paper_score
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.settings import MethodSettings
@@ -111,6 +112,11 @@ class Strata(Sequence[IntArray]):
     def __init__(self, order: IntArray, ends: IntArray) -> None:
         self._order, self._ends = order, ends
 
+    @property
+    def points(self) -> int:
+        """How many points they have together."""
+        return len(self._order)
+
     def __len__(self) -> int:
         return len(self._ends)
 
@@ -165,6 +171,11 @@ def _halve(rows: IntArray, unit: FloatArray, first: int, ends: array[int]) -> No
     _halve(rows[half:], unit, first + half, ends)
 
 
+def _points(groups: Sequence[IntArray]) -> int:
+    """How many points lists have together."""
+    return groups.points if isinstance(groups, Strata) else sum(map(len, groups))
+
+
 def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
     """Groups of more than one point by their size: (size, places (g, size))."""
     sizes = np.fromiter(map(len, groups), dtype=np.intp, count=len(groups))
@@ -188,7 +199,7 @@ def draw_counts(
     From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
     variance of a mean is right for groups of two as well. A group of one stands in every replicate.
     """
-    counts = np.ones((replicates, sum(len(group) for group in groups)))
+    counts = np.ones((replicates, _points(groups)))
     for size, same in same_sizes(groups) if sizes is None else sizes:
         some = max(DRAWN_AT_ONCE // same.size, 1)  # replicates: the numbers of a stream are the same, however many
         for first in range(0, replicates, some):
@@ -253,12 +264,13 @@ def score_intervals(
     level: float = LEVEL,
     replicates: int = REPLICATES,
     even: FloatArray | None = None,
+    progress: Progress = quiet,
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario. groups: of all its points (`strata`). even: its points in the unit
     box, (n, k), where they are balanced over it (`balanced`).
     """
     stream = random_stream(seed, "intervals", scenario)
-    n = sum(len(group) for group in groups)
+    n = _points(groups)
     parts: list[list[_Replicates]] = [[] for _ in judged]
     at_once = max(AT_ONCE // max(n, 1), 1)
     draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
@@ -270,6 +282,7 @@ def score_intervals(
         counts = plain if balance is None else balance(plain)
         for one, drawn, part in zip(judged, draws, parts, strict=True):
             part.append(_replicates(one, _at(counts, one.points), _at(plain, one.points), drawn.rows(rows), method))
+        progress(f"{scenario}: replicates for the intervals", rows.stop, replicates)
     return [
         _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
         for one, drawn, part in zip(judged, draws, parts, strict=True)
@@ -463,7 +476,7 @@ def _intervals(
 
 def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
     """Degrees of freedom of each score's error: points that have a part in it, less one in each group."""
-    group = np.empty(sum(len(rows) for rows in groups), dtype=np.intp)
+    group = np.empty(_points(groups), dtype=np.intp)
     for number, rows in enumerate(groups):
         group[rows] = number
 

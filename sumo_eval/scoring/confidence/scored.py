@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.method.score import score_of
+from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import CaseResult, ScenarioResult, columns
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
@@ -54,6 +55,7 @@ def with_intervals(
     sampling: str,
     settings: EvaluationSettings,
     stratum: IntArray | None = None,
+    progress: Progress = quiet,
 ) -> tuple[list[ScenarioResult], list[ScoreIntervals | None]]:
     """The results of all ADSs in one scenario with the interval of every score, and what a ranking needs.
 
@@ -73,7 +75,9 @@ def with_intervals(
     if not judged:
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None
-    computed = score_intervals(judged, groups, settings.method, settings.seed, scores[0].scenario, even=even)
+    computed = score_intervals(
+        judged, groups, settings.method, settings.seed, scores[0].scenario, even=even, progress=progress
+    )
     found: list[ScoreIntervals | None] = [None] * len(scores)
     for number, one in zip(which, computed, strict=True):
         score, a = scores[number], settings.method.score.a

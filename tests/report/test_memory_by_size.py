@@ -1,0 +1,85 @@
+"""What the process that scores and reports holds of a case: at most what a million of them may take in 500 MB."""
+
+from __future__ import annotations
+
+import importlib.util
+import tracemalloc
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from sumo_eval.scoring import kept_rows
+from sumo_eval.scoring.confidence import intervals
+from sumo_eval.scoring.steps import POINTS_AT_ONCE
+
+MANY, MOST = 1_000_000, 500.0  # cases, and MB that they may take
+FIXED = 200.0  # of these, for Python, for what it imports, and for buffers whose size does not hang on the cases
+SMALL, LARGE = 3 * POINTS_AT_ONCE, 7 * POINTS_AT_ONCE  # cases: two chunks of rows are held while one is read
+OF_ROWS_ALONE = (
+    "scores", "intervals of 20 replicates", "cases.csv", "junit.xml", "ledgers", "preventability", "people", "why",
+    "found cases",
+)  # fmt: skip
+
+
+def tool() -> ModuleType:
+    """tools/run_sizes.py, which makes rows up and names what is made of them."""
+    spec = importlib.util.spec_from_file_location("run_sizes", Path(__file__).parents[2] / "tools" / "run_sizes.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+SIZES = tool()
+
+
+@pytest.fixture
+def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is held at any number of cases is made small, so that a few of them fill it already."""
+    monkeypatch.setattr(kept_rows, "_HELD", 2)
+    monkeypatch.setattr(intervals, "AT_ONCE", 4_000)
+    monkeypatch.setattr(intervals, "DRAWN_AT_ONCE", 2_000)
+
+
+@pytest.fixture(scope="module")
+def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    place = tmp_path_factory.mktemp("sizes")
+    for cases in (SMALL, LARGE):
+        SIZES.made_up_run(place / str(cases), cases)
+    return {cases: place / str(cases) for cases in (SMALL, LARGE)}
+
+
+@pytest.mark.usefixtures("small_buffers")
+@pytest.mark.parametrize("name", OF_ROWS_ALONE)
+def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
+    name: str, made_up: dict[int, Path], tmp_path: Path
+) -> None:
+    def most(cases: int) -> int:
+        run = SIZES.of_rows_alone(made_up[cases], cases)
+        tracemalloc.start()
+        try:
+            SIZES.PARTS[name](run, tmp_path)
+            return tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+
+    most(SMALL)  # what is imported, compiled or kept at the first use
+    assert (most(LARGE) - most(SMALL)) / (LARGE - SMALL) <= (MOST - FIXED) * 1e6 / MANY, "bytes a case"
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", [name for name in SIZES.PARTS if name != "intervals of 20 replicates"])
+def test_law_a_million_cases_fit_into_memory(name: str, campaign_folder: Path) -> None:
+    """The line through what a process of its own holds at most at two sizes, both beyond every buffer."""
+    small, large = (SIZES.measured(campaign_folder, cases, name)["most"] for cases in (40_000, 120_000))
+    assert large + (large - small) / 80_000 * (MANY - 120_000) <= MOST, f"MB: {small} at 40,000, {large} at 120,000"
+
+
+@pytest.fixture(scope="module")
+def campaign_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("sizes")
+    for cases in (40_000, 120_000):
+        SIZES.prepare(place, cases)
+    return place
