@@ -3,7 +3,7 @@
 A scenario is met so many times a kilometre ([met] of its file); in each round the ADS drives points that were drawn by
 importance (`rates.importance`); the rate is the sum over the scenarios of how often they are met times how often they
 end in a collision. Intervals hold four doubts: the drives', the rate of events' and that of the events' distribution
-(both by counting the recorded events anew), and, below, that of how far its kernels reach beyond the events.
+(both by counting the recorded events anew), and that of how far its kernels reach beyond the events.
 """
 
 from __future__ import annotations
@@ -282,13 +282,14 @@ def _often(
 
 
 def _limits(draws: FloatArray) -> tuple[float, float]:
-    """The lower limit by the first row of draws (2, `DRAWS`), the upper limit by the second.
+    """The lower of the two rows' lower limits, and the higher of their upper ones, of draws (2, `DRAWS`).
 
     Nothing but what lies within the events tells how fast the chances beyond them fall. The form that was driven has
-    them too high where tails are normal, the narrow one has them too low where a tail is long.
+    them too high where tails are normal, the narrow one has them too low where a tail is long; in the middle it is the
+    other way round.
     """
-    tail = (1.0 - LEVEL) / 2.0
-    return float(np.quantile(draws[0], tail)), float(np.quantile(draws[1], 1.0 - tail))
+    lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
+    return float(lows.min()), float(highs.max())
 
 
 def summed(ads: str, controller: str, parts: Sequence[Part]) -> AdsRate:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import json
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -250,6 +252,21 @@ def braking_leader(across: float) -> Recordings:
         for name, (x, y) in tracks.items()
     ]  # fmt: skip
     return canonical(pd.concat(rows, ignore_index=True))
+
+
+def test_what_is_kept_of_a_recording_is_a_small_part_of_it():
+    one = braking_leader(0.0)
+    size = int(one.table.memory_usage(deep=False).sum())  # some 140 kB
+    kept: list[int] = []
+
+    def note(_name, _done):
+        gc.collect()
+        kept.append(tracemalloc.get_traced_memory()[0])
+
+    tracemalloc.start()
+    find_encounters((Recordings(one.table.copy().assign(recording=f"r{number}")) for number in range(8)), note)
+    tracemalloc.stop()
+    assert (kept[7] - kept[2]) / 5 < 0.1 * size
 
 
 @pytest.mark.parametrize(("across", "left_out"), [(0.0, {}), (1.0, {LEAD_MOVES: 1})])

@@ -44,8 +44,8 @@ def test_95_per_cent_intervals_of_a_sum_hold_it_where_the_distribution_is_fitted
     """A KDE with bandwidth h widens what is met by sqrt(1 + h^2), and brings what lies z deviations away nearer by it.
 
     With 100, 400 and 600 events and Scott's h collisions are met 1.47, 1.56 and 1.63 times as often as in truth, their
-    sum 1.53 times: the estimate errs to the upper side. The lower limit is the narrow form's, which these normal
-    parameters have.
+    sum 1.53 times: the estimate errs to the upper side. The interval holds the narrow form as well, which these
+    normal parameters have.
     """
     below, above, mean = held("fitted", 200, 100)
     assert 100 - below - above >= least(100)
