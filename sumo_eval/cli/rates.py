@@ -29,7 +29,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     vehicle behind) becomes a scenario file, its events as CSV and as OpenSCENARIO value sets; a page shows the data
     against the model.
     """
-    from sumo_eval.drivers.recorded.importing import import_recordings
+    from sumo_eval.drivers.recorded.importing import each_of
     from sumo_eval.rates.learn_page import sentences, write_lesson
     from sumo_eval.rates.learned import learn as learned_from
 
@@ -38,7 +38,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
             raise InputError(f"Recordings {path} are not there.")
     out = out or out_folder.default("learned")
     out_folder.ready(out)
-    parts = (import_recordings(form, [path]) for path in recordings)
+    parts = each_of(form, recordings)
     source = ", ".join(path.name for path in recordings)
     with Progress() as progress:
         lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))

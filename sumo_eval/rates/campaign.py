@@ -2,8 +2,8 @@
 
 A scenario is met so many times a kilometre ([met] of its file); in each round the ADS drives points that were drawn by
 importance (`rates.importance`); the rate is the sum over the scenarios of how often they are met times how often they
-end in a collision. Intervals hold three doubts: the drives', the rate of events', and that of the events' distribution
-(both by counting the recorded events anew).
+end in a collision. Intervals hold four doubts: the drives', the rate of events' and that of the events' distribution
+(both by counting the recorded events anew), and that of how far its kernels reach beyond the events.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -86,8 +86,9 @@ class Space:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One ADS in one scenario. collisions, loss: per million km, with limits; draws: of both, (2, `DRAWS`). limit: of
-    collisions per million km, whatever they look like. stopped: why.
+    """One ADS in one scenario. collisions, loss: per million km, with limits; draws: of both, (2, 2, `DRAWS`), by the
+    narrow form of what is met and by the form that was driven. limit: of collisions per million km, whatever they look
+    like. stopped: why.
     """
 
     space: Space
@@ -232,7 +233,7 @@ def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dic
     limit = MILLION * space.interval[1] * estimate.upper_limit
     hits = search.counted & search.collided
     if not hits.any():
-        zero = np.zeros((2, DRAWS))
+        zero = np.zeros((2, 2, DRAWS))
         return Part(space, estimate, (0.0, 0.0, limit), (0.0, 0.0, limit), zero, limit, stopped, lost)
     stream = random_stream(seed, "rates", space.logical.name)
     often = _often(space, search, seed, stream)
@@ -242,15 +243,15 @@ def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dic
     # Evenly spaced and shuffled: with few degrees of freedom the limits of draws by chance would be chance themselves.
     even = [(stream.permutation(DRAWS) + 0.5) / DRAWS for _ in terms]
     wide = np.stack([stdtrit(degrees_of_freedom(row), share) for row, share in zip(terms, even, strict=True)])
-    noise = np.exp(np.minimum(relative * wide, 50.0))
+    noise = np.exp(np.minimum(relative * wide, 50.0))[:, None]
     most = MILLION * space.interval[1]  # every encounter ends in a collision, and L is at most 1
     draws = np.minimum(MILLION * np.stack([often(row) for row in terms]) * noise / search.drawn, most)
     values = MILLION * space.per_km * np.array([estimate.probability, estimate.loss])
-    limits = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
+    limits = [_limits(row) for row in draws]
     # The drives' own interval is Student's and wider where few of them collided.
     own = [MILLION * space.per_km * np.array(pair) for pair in (estimate.interval, estimate.loss_interval)]
     rows = [
-        (float(values[i]), float(min(limits[0, i], own[i][0])), float(min(max(limits[1, i], own[i][1]), most)))
+        (float(values[i]), float(min(limits[i][0], own[i][0])), float(min(max(limits[i][1], own[i][1]), most)))
         for i in range(2)
     ]
     return Part(space, estimate, rows[0], rows[1], draws, limit, stopped, lost)
@@ -259,7 +260,9 @@ def part_of(space: Space, search: RareEvents, seed: int, stopped: str, lost: dic
 def _often(
     space: Space, search: RareEvents, seed: int, stream: np.random.Generator
 ) -> Callable[[FloatArray], FloatArray]:
-    """A function from terms (h,) of the hits to `DRAWS` draws of their sum times how often the scenario is met."""
+    """A function from terms (h,) of the hits to (2, `DRAWS`) draws of their sum times how often the scenario is met: by
+    the narrow form of the distribution over its events and by the form that was driven; alike where there is none.
+    """
     hits = search.counted & search.collided
     points = search.points[hits]
     anew = resampled(space.met, ANEW, seed)
@@ -267,14 +270,26 @@ def _often(
         events = np.full(DRAWS, space.per_km)
         if space.events is not None and space.vehicle_km is not None:
             events = stream.gamma(space.events + 0.5, size=DRAWS) / space.vehicle_km
-        return lambda terms: events * terms.sum()
+        return lambda terms: np.stack([events, events]) * terms.sum()
     joint = space.met.joint
     assert joint is not None
     before = np.maximum(joint.density(points) / joint.mass(), 1e-300)
-    ratios = np.stack([other.density(points) / other.mass() / before for other, _ in anew])
+    forms = [[replace(other, narrow=True) for other, _ in anew], [other for other, _ in anew]]
+    ratios = np.array([[one.density(points) / one.mass() / before for one in form] for form in forms])
     counts = np.array([count for _, count in anew])
     chosen = stream.integers(len(anew), size=DRAWS)
-    return lambda terms: space.per_km * (counts * (ratios @ terms))[chosen]
+    return lambda terms: space.per_km * (counts * (ratios @ terms))[:, chosen]
+
+
+def _limits(draws: FloatArray) -> tuple[float, float]:
+    """The lower of the two rows' lower limits, and the higher of their upper ones, of draws (2, `DRAWS`).
+
+    Nothing but what lies within the events tells how fast the chances beyond them fall. The form that was driven has
+    them too high where tails are normal, the narrow one has them too low where a tail is long; in the middle it is the
+    other way round.
+    """
+    lows, highs = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=1)
+    return float(lows.min()), float(highs.max())
 
 
 def summed(ads: str, controller: str, parts: Sequence[Part]) -> AdsRate:
@@ -291,7 +306,7 @@ def summed(ads: str, controller: str, parts: Sequence[Part]) -> AdsRate:
             rows.append((0.0, 0.0, limit))
             continue
         draws = np.sum([part.draws[index] for part in parts], axis=0)
-        low, high = np.quantile(draws, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+        low, high = _limits(draws)
         seen = [part for part in parts if getattr(part, kind)[0] > 0.0]
         if len(seen) == 1:
             low, high = getattr(seen[0], kind)[1:]

@@ -139,7 +139,8 @@ def parts(campaign: Campaign) -> list[Piece]:
         Fold("What the rates rest on", "how often each scenario is met, and where that is known from",
              (spaces, Text("Rates of ADSs hold the doubt of the drives, and where the recorded events are known that "
                            "of how often the scenario is met and of the events' distribution, both by counting the "
-                           "events anew. The form of the distribution itself is taken to be right."))),
+                           "events anew. Intervals hold what comes of a distribution that varies as much as its events "
+                           "do, and as much as its kernels make it; else its form is taken to be right."))),
     ]  # fmt: skip
     return [*out, *map(_of_one, campaign.rates)]
 

@@ -173,7 +173,7 @@ def find_encounters(parts: Iterable[Recordings], watch: Callable[[str, int], Non
             for track in traffic.slices.values():
                 kilometres += float(np.abs(np.diff(tracks.x[track])).sum()) / 1000.0
                 hours += (tracks.t[track.stop - 1] - tracks.t[track.start]) / 3600.0
-            speeds.append(tracks.speed[::SPEEDS_EVERY])
+            speeds.append(tracks.speed[::SPEEDS_EVERY].copy())  # a view would hold the whole recording
             centres = [tracks.centres[lane] for lane in sorted(tracks.centres) if lane >= 0]
             lanes = max(lanes, len(centres))
             gaps += [b - a for a, b in itertools.pairwise(centres) if 2.5 < b - a < 4.5]

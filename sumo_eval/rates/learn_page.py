@@ -79,6 +79,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
     replay = np.quantile(learnt.replay, [0.5, 0.9], axis=0)
     return known | {
         "file": f"{met.name}.toml",
+        "per_vehicle_km_interval_with_all_below": list(learnt.rate_together),
         "model": learnt.models[0].model,
         "bandwidth": learnt.joint.factor,
         "parameters": {
@@ -179,13 +180,14 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
         for j, item in enumerate(learnt.logical.parameters)
     ]  # fmt: skip
     out.append(
-        table(("parameter", "unit", "range in the file", "median", "lower end, 95 %", "upper end, 95 %",
-               "Kolmogorov distance, held out"), parameters)
+        table(("parameter", "unit", "range in the file", "median", "lower end (all at once, 95 %)",
+               "upper end (all at once, 95 %)", "Kolmogorov distance, held out"), parameters)
     )  # fmt: skip
     out.append(
         Text(
-            "Intervals of ends hold all ends of this table at once with 95 %, where events do not grow rare "
-            "towards the ends; intervals of correlations hold all correlations at once with 95 %."
+            "All intervals of these ends and correlations, and one of the rate, "
+            f"{interval(*learnt.rate_together)} per vehicle-km, hold at once with 95 %, where events do not grow rare "
+            "towards the ends. By itself the rate has the narrower one above."
         )
     )
     if learnt.thinned:
@@ -193,7 +195,7 @@ def _class_parts(learnt: Learnt) -> list[Text | Table]:
     out += [Text(f"{name} does not vary: {value:g} in the file.") for name, value in learnt.constants.items()]
     if learnt.correlations:
         out.append(
-            table(("rank correlation of", "and", "value", "95 % interval"),
+            table(("rank correlation of", "and", "value", "interval (all at once, 95 %)"),
                   [(*pair, f"{values[0]:z.2f}", interval(values[1], values[2], 2))
                    for pair, values in learnt.correlations.items()])
         )  # fmt: skip

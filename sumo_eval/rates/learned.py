@@ -62,12 +62,12 @@ class Learnt:
     """What was learnt of a class. logical: the scenario as its file says it; None: too few events.
 
     kept: which of the encounters' rows the distribution is fitted to, (n,) True or False; outside: how many are not,
-    for a constraint. constants: parameters that do not vary. ends: parameter -> intervals of the range's lower and
-    upper end, which hold all ends of the class at once with 95 %. correlations: pairs -> Spearman's rank correlation
-    and its interval, which hold all of the class at once with 95 %. models: held out, the best first. replay: root mean
-    square distance, m, of the other's scripted motion to its recorded one, along and across the road and together,
-    (n, 3). needed: events for a distribution. thinned: events that it leaves out, evenly, where there are more than
-    `MOST_FITTED`; ends and correlations are those of all.
+    for a constraint. constants: parameters that do not vary. rate: 1/km, and its 95 % limits by themselves. ends:
+    parameter -> intervals of the range's lower and upper end. correlations: pairs -> Spearman's rank correlation and
+    its interval. rate_together: limits of the rate that, with all `ends` and `correlations`, hold at once with 95 %.
+    models: held out, the best first. replay: root mean square distance, m, of the other's scripted motion to its
+    recorded one, along and across the road and together, (n, 3). needed: events for a distribution. thinned: events
+    that it leaves out, evenly, where there are more than `MOST_FITTED`; ends and correlations are those of all.
     """
 
     encounters: Encounters
@@ -78,6 +78,7 @@ class Learnt:
     outside: int
     ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
     correlations: Mapping[tuple[str, str], tuple[float, float, float]]
+    rate_together: tuple[float, float]
     models: tuple[Held, ...]
     replay: FloatArray
     needed: int
@@ -135,6 +136,7 @@ class Measured:
     rows: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     ends: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = field(default_factory=dict)
     correlations: Mapping[tuple[str, str], tuple[float, float, float]] = field(default_factory=dict)
+    rate_together: tuple[float, float] = (0.0, math.inf)
 
 
 def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> Measured:
@@ -172,22 +174,23 @@ def measure(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     if len(rows) < needed:
         path.unlink()
         return Measured(rate, needed, constants)
-    each = of_each(2 * len(free))
+    pairs = list(itertools.combinations(range(len(free)), 2))
+    each = of_each(2 * len(free) + len(pairs) + 1)
     ends = {
         name: (end_interval(rows[:, j], upper=False, level=each), end_interval(rows[:, j], upper=True, level=each))
         for j, name in enumerate(free)
     }
-    pairs = list(itertools.combinations(range(len(free)), 2))
-    each = of_each(len(pairs))
     correlations = {(free[i], free[j]): rank_correlation(rows[:, i], rows[:, j], each) for i, j in pairs}
-    return Measured(rate, needed, constants, logical, content, kept, rows, ends, correlations)
+    together = rate_interval(encounters.events, found.kilometres, each)
+    return Measured(rate, needed, constants, logical, content, kept, rows, ends, correlations, together)
 
 
 def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> Learnt:
     met = measure(encounters, found, folder, source)
     if met.logical is None:
         return Learnt(
-            encounters, met.rate, None, None, met.constants, 0, {}, {}, (), np.zeros((0, 3)), met.needed, 0
+            encounters, met.rate, None, None, met.constants, 0, {}, {}, met.rate_together, (), np.zeros((0, 3)),
+            met.needed, 0,
         )  # fmt: skip
     free = list(met.logical.names)
     low, high = tuple(met.logical.low.tolist()), tuple(met.logical.high.tolist())
@@ -210,7 +213,7 @@ def _learnt(encounters: Encounters, found: Found, folder: Path, source: str) -> 
     replay = replay_errors(logical, encounters.name, rows, [encounters.motions[place] for place in places])
     return Learnt(
         encounters, met.rate, logical, joint, met.constants, int((~met.kept).sum()), met.ends, met.correlations,
-        models, replay, met.needed, len(met.rows) - len(rows),
+        met.rate_together, models, replay, met.needed, len(met.rows) - len(rows),
     )  # fmt: skip
 
 

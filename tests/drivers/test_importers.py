@@ -12,7 +12,7 @@ from drivers.real_data import needs_recordings, recording
 
 from sumo_eval.cli import main
 from sumo_eval.drivers.recorded.importers import commonroad, highd, levelx, ngsim, openacc, sumo_fcd
-from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
+from sumo_eval.drivers.recorded.importing import FORMATS, each_of, import_recordings
 from sumo_eval.drivers.recorded.recordings import COLUMNS, read_csv, write_csv
 from sumo_eval.errors import InputError
 
@@ -58,7 +58,7 @@ def test_highd_width_is_the_length_y_points_down_and_the_corner_is_the_upper_lef
 @needs_recordings
 def test_ngsim_feet_front_centre_and_lanes_from_the_left():
     path = recording("samples", "ngsim_layout_i80_pairs.csv")
-    table, raw = ngsim.read(path)[0].table, pd.read_csv(path)
+    table, raw = next(ngsim.read(path)).table, pd.read_csv(path)
     first = raw[raw["Vehicle_ID"] == 101].iloc[0]  # Local_X 6.627 ft, Local_Y 77.133 ft, v_length 16.798 ft, lane 1
     row = table[table["vehicle"] == "101"].iloc[0]
     assert row["x"] == pytest.approx(0.3048 * (77.133 - 16.798 / 2))
@@ -86,8 +86,8 @@ def test_ngsim_original_layout_and_a_vehicle_id_that_is_used_again(tmp_path):
 
 @needs_recordings
 def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
-    xml = sumo_fcd.read(recording("samples", "sumo_1.28_fcd_all_attributes.xml"))[0].table
-    csv = sumo_fcd.read(recording("samples", "sumo_1.28_fcd.csv"))[0].table
+    xml = next(sumo_fcd.read(recording("samples", "sumo_1.28_fcd_all_attributes.xml"))).table
+    csv = next(sumo_fcd.read(recording("samples", "sumo_1.28_fcd.csv"))).table
     row = xml[(xml["vehicle"] == "lead") & (xml["t"] == 0.0)].iloc[0]
     # x 130.00, y -5.62, angle 90 deg (east); a truck is 7.1 m long.
     assert row["heading"] == pytest.approx(0.0)
@@ -99,7 +99,7 @@ def test_sumo_front_bumper_clockwise_from_north_and_both_layouts_alike():
 @needs_recordings
 def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
     path = recording("samples", "commonroad_USA_US101-11_1_T-1.xml")
-    raw = commonroad.read(path)[0]
+    raw = next(commonroad.read(path))
     assert raw.planar
     assert raw.table["vehicle"].nunique() == 32
     assert raw.table["offset"].abs().median() < 1.0  # map and traffic of this file are up to a metre apart, not a lane
@@ -113,7 +113,7 @@ def test_commonroad_obstacles_are_straightened_with_the_lanes_of_the_map():
 @needs_recordings
 def test_openacc_gaps_to_the_vehicle_ahead_are_kept():
     path = recording("samples", "openacc_zalazone_noACC_part40_head.csv")
-    table = openacc.read(path)[0].table
+    table = next(openacc.read(path)).table
     raw = pd.read_csv(path, skiprows=5)
     chain = table[table["recording"].str.endswith("-1")]
     third, fourth = (chain[chain["vehicle"].str.startswith(f"{place}-")].set_index("t") for place in (3, 4))
@@ -169,7 +169,7 @@ def _levelx(folder: Path) -> Path:
 
 def test_levelx_a_curved_road_becomes_a_straight_one(tmp_path):
     path = _levelx(tmp_path)
-    assert levelx.read(path)[0].planar
+    assert next(levelx.read(path)).planar
     table = import_recordings("exid", [path]).table
     assert table["recording"].nunique() == 1
     assert sorted(table["lane"].unique()) == [0, 1]
@@ -233,6 +233,15 @@ def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
         import_recordings("csv", [good, tmp_path / "bad.csv"])
 
 
+def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path):
+    good = _plain(tmp_path / "1.csv")
+    (tmp_path / "2.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))
+    parts = each_of("map", [tmp_path])
+    assert next(parts).vehicles == 2
+    with pytest.raises(InputError, match=r"`t` in row \d+ of .*2\.csv must be a number, got 'when'"):
+        next(parts)
+
+
 def test_the_help_names_every_format():
     result = CliRunner().invoke(main, ["humans", "import", "--help"])
     assert all(form in result.output for form in FORMATS)
@@ -254,7 +263,7 @@ SETS = "<commonRoad timeStepSize='0.1'><dynamicObstacle id='7'><type>car</type>{
 def test_commonroads_sets_and_binary_files_are_refused_in_words(tmp_path, name, inside, sentence):
     (tmp_path / name).write_text(SETS.format(STATE + inside))
     with pytest.raises(InputError, match=sentence):
-        commonroad.read(tmp_path / name)
+        list(commonroad.read(tmp_path / name))
 
 
 def test_commonroads_obstacles_that_are_left_out_are_counted_by_why(tmp_path):

@@ -40,12 +40,13 @@ def test_95_per_cent_intervals_of_a_sum_hold_it_in_95_of_100(known, drives):
 
 
 @pytest.mark.campaign
-def test_a_distribution_fitted_to_events_puts_rare_collisions_too_high():
+def test_95_per_cent_intervals_of_a_sum_hold_it_where_the_distribution_is_fitted_to_events():
     """A KDE with bandwidth h widens what is met by sqrt(1 + h^2), and brings what lies z deviations away nearer by it.
 
     With 100, 400 and 600 events and Scott's h collisions are met 1.47, 1.56 and 1.63 times as often as in truth, their
-    sum 1.53 times. An interval of the fitted distribution cannot know of that: it errs to the upper side.
+    sum 1.53 times: the estimate errs to the upper side. The interval holds the narrow form as well, which these
+    normal parameters have.
     """
-    below, _, mean = held("fitted", 200, 100)
-    assert below == 0
+    below, above, mean = held("fitted", 200, 100)
+    assert 100 - below - above >= least(100)
     assert mean == pytest.approx(1.53, abs=0.1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -25,7 +25,7 @@ from sumo_eval.drivers.recorded.recordings import Recordings, canonical, read_cs
 from sumo_eval.drivers.recorded.straighten import straighten
 from sumo_eval.errors import InputError, unknown
 
-READERS: Final[dict[str, Callable[[Path], list[Found]]]] = {
+READERS: Final[dict[str, Callable[[Path], Iterator[Found]]]] = {
     "highd": highd.read,
     "ind": levelx.read,
     "exid": levelx.read,
@@ -46,7 +46,21 @@ FORMATS: Final = (*READERS, OWN)
 
 
 def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
-    """Read files or folders of one format. All of them or none: the first mistake is an InputError."""
+    """Read files or folders of one format into one table. All of them or none: the first mistake is an InputError."""
+    parts = list(each_of(form, paths))
+    names = [name for part in parts for name in part.table["recording"].unique()]
+    double = {name for name in names if names.count(name) > 1}
+    if double:
+        raise InputError(f"Recordings must have different names, got {sorted(double)[0]!r} twice.")
+    table = pd.concat([part.table for part in parts], ignore_index=True)
+    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
+    return Recordings(table, notes)
+
+
+def each_of(form: str, paths: Sequence[Path]) -> Iterator[Recordings]:
+    """The recordings in files or folders of one format, one file after the other: who wants them one at a time holds no
+    other. The first mistake that is come to is an InputError.
+    """
     if form not in FORMATS:
         raise unknown("format of recordings", form, FORMATS)
     if not paths:
@@ -58,16 +72,8 @@ def import_recordings(form: str, paths: Sequence[Path]) -> Recordings:
                     f"{path} is a folder. Of the format `{OWN}`, name every table that `sumo-eval humans import` "
                     f"wrote; other formats are {', '.join(READERS)}."
                 )
-        parts = [read_csv(path) for path in paths]
-    else:
-        parts = [_canonical(found) for path in paths for found in READERS[form](path)]
-    names = [name for part in parts for name in part.table["recording"].unique()]
-    double = {name for name in names if names.count(name) > 1}
-    if double:
-        raise InputError(f"Recordings must have different names, got {sorted(double)[0]!r} twice.")
-    table = pd.concat([part.table for part in parts], ignore_index=True)
-    notes = tuple(dict.fromkeys(note for part in parts for note in part.notes))
-    return Recordings(table, notes)
+        return (read_csv(path) for path in paths)
+    return (_canonical(found) for path in paths for found in READERS[form](path))
 
 
 def _canonical(found: Found) -> Recordings:

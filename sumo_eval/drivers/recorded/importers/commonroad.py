@@ -7,6 +7,7 @@ described by sets) are left out.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,9 @@ _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "positio
 """What states have that are sets, in place of exact values."""
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recording of a file, or of every .xml file of a folder."""
-    return [_read_one(file) for file in files_in(path, "*.xml")]
+    return (_read_one(file) for file in files_in(path, "*.xml"))
 
 
 def _read_one(path: Path) -> Found:

@@ -5,6 +5,7 @@ The class is the most probable of six. The motorway is curved, so the samples ar
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,9 @@ _NUMBERS = (
 )  # fmt: skip
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recording of a file, or of every trajectories_*.csv of a folder."""
-    return [_read_one(file) for file in files_in(path, "trajectories_*.csv")]
+    return (_read_one(file) for file in files_in(path, "trajectories_*.csv"))
 
 
 def _read_one(path: Path) -> Found:

@@ -8,6 +8,7 @@ recording of its own, with the lanes of the file's lane markings.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ _TRACKS = ("frame", "id", "x", "y", "width", "height", "xVelocity", "yVelocity",
 _UPPER = 1  # drivingDirection of the vehicles that drive to the left
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recordings of a tracks file, or of every `*_tracks.csv` of a folder."""
-    return [found for file in files_in(path, "*_tracks.csv") for found in _read_one(file)]
+    return (found for file in files_in(path, "*_tracks.csv") for found in _read_one(file))
 
 
 def _read_one(path: Path) -> list[Found]:

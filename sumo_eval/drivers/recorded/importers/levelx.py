@@ -7,6 +7,7 @@ samples are straightened along the paths that vehicles drive.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_ta
 _TRACKS = ("trackId", "frame", "xCenter", "yCenter", "heading", "width", "length", "xVelocity", "yVelocity")
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recordings of a tracks file, or of every `*_tracks.csv` of a folder."""
-    return [_read_one(file) for file in files_in(path, "*_tracks.csv")]
+    return (_read_one(file) for file in files_in(path, "*_tracks.csv"))
 
 
 def _read_one(path: Path) -> Found:

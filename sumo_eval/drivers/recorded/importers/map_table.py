@@ -6,6 +6,7 @@ Needed: `vehicle`, `t`, `x`, `y`. Known: `recording`, `heading` (rad, counter-cl
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,9 @@ LENGTH, WIDTH = 4.5, 1.8  # m, of a car, where the table has no bodies
 _KNOWN = ("heading", "heading_deg", "speed", "acceleration", "length", "width")
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recordings of a file, or of every .csv file of a folder."""
-    return [_read_one(file) for file in files_in(path, "*.csv*")]
+    return (_read_one(file) for file in files_in(path, "*.csv*"))
 
 
 def _read_one(path: Path) -> Found:

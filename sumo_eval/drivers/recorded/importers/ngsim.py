@@ -8,6 +8,7 @@ smoothed positions.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -37,9 +38,9 @@ _NEEDED = (
 _CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recordings of a file of either layout, or of every .csv and .txt file of a folder."""
-    return [_read_one(file) for file in files_in(path, "*.[ct][sx][vt]")]
+    return (_read_one(file) for file in files_in(path, "*.[ct][sx][vt]"))
 
 
 def _read_one(path: Path) -> Found:

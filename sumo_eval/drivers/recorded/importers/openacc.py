@@ -9,6 +9,7 @@ IVS_k - length. Lateral positions are those of a point on a curved track and are
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,9 @@ LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
 _HEAD_ROWS = 5
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recordings of a file, or of every .csv file of a folder."""
-    return [_read_one(file) for file in files_in(path, "*.csv")]
+    return (_read_one(file) for file in files_in(path, "*.csv"))
 
 
 def _read_one(path: Path) -> Found:

@@ -42,14 +42,14 @@ Row = tuple[float, int, float, float, float, float, float, float, int, int]
 _COLUMNS: Final = ("t", "vehicle", "x", "y", "length", "width", "heading", "speed", "type", "subtype")
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recording of a file, or of every one in a folder."""
     if not path.exists():
         raise InputError(f"There is no file or folder {path}.")
     files = [path] if path.is_file() else sorted(each for each in path.iterdir() if each.name.endswith(ENDINGS))
     if not files:
         raise InputError(f"Folder {path} must hold files that end in {', '.join(ENDINGS)}, got none.")
-    return [_read_one(file) for file in files]
+    return (_read_one(file) for file in files)
 
 
 def _read_one(path: Path) -> Found:

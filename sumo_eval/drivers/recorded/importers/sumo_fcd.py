@@ -6,6 +6,7 @@ are SUMO's default passenger car's unless the caller says otherwise.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,9 @@ BODIES = {"truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "mot
 _NEEDED = ("x", "y", "angle", "speed")
 
 
-def read(path: Path) -> list[Found]:
+def read(path: Path) -> Iterator[Found]:
     """The recording of an .xml or .csv file, or of every one in a folder."""
-    return [_read_one(file) for file in files_in(path, "*.[xc][ms][lv]")]
+    return (_read_one(file) for file in files_in(path, "*.[xc][ms][lv]"))
 
 
 def _read_one(path: Path) -> Found:
