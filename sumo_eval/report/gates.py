@@ -49,12 +49,18 @@ class GateResult:
 
 
 def judge(new: Evaluation, comparison: Comparison | None, settings: GateSettings) -> tuple[GateResult, ...]:
-    """Every limit of a gate, for every ADS and logical scenario it is about. comparison None: there is no base."""
+    """Every limit of a gate, for every ADS and logical scenario it is about. comparison None: there is no base.
+
+    A limit on missed requirements in all scenarios is about those that have some, if any has.
+    """
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
+    requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
     results: list[GateResult] = []
     for score in new.scores:
         for limit in settings.limit:
-            if limit.ads in (None, score.ads) and limit.scenario in (None, score.scenario):
+            everywhere = limit.scenario is None and limit.quantity == "requirements_missed" and requiring
+            scenarios = requiring if everywhere else {limit.scenario or score.scenario}
+            if limit.ads in (None, score.ads) and score.scenario in scenarios:
                 results += _judge(limit, score, compared.get((score.ads, score.scenario)), settings.confidence)
     return tuple(results)
 

@@ -31,6 +31,22 @@ def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> N
     assert all(result.passed for result in results)
 
 
+def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(evaluation: Evaluation) -> None:
+    limit = LimitSettings("requirements_missed", at_most=0.0)
+    first, *others = evaluation.scores
+    assert any(score.scenario != first.scenario for score in others)
+    some = tuple(
+        replace(score, requirements_missed=0 if score.scenario == first.scenario else None)
+        for score in evaluation.scores
+    )
+    results = judge(replace(evaluation, scores=some), None, GateSettings(limit=(limit,)))
+    assert {result.scenario for result in results} == {first.scenario}
+    assert all(result.passed for result in results)
+    named = replace(limit, scenario=next(score.scenario for score in others if score.scenario != first.scenario))
+    assert failed(judge(replace(evaluation, scores=some), None, GateSettings(limit=(named,)))), "it has none to miss"
+    assert failed(judge(evaluation, None, GateSettings(limit=(limit,)))), "no scenario has any: a mistake of the file"
+
+
 def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) -> None:
     case = pick(evaluation, collided=False)
     bad = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
