@@ -70,16 +70,16 @@ def record_rounds(
     folder: Path,
     *,
     resume: bool = False,
-    shard: tuple[int, int] = (1, 1),
+    shard: tuple[int, int] | None = None,
     progress: Progress = quiet,
     stopping: Stopping = never,
 ) -> Recorded:
     """Simulate an evaluation into a run folder, and where a scenario is sampled in rounds, one round after the other.
 
     Each round is scored before the next one is chosen. A run that was stopped goes on in the round in which it was.
-    shard: which share i of n is simulated; an evaluation in rounds has no shares.
+    shard: which share i of n is simulated, if not all; an evaluation in rounds has no shares.
     """
-    from sumo_eval.record.facts import in_rounds, record_facts
+    from sumo_eval.record.facts import WHOLE, in_rounds, record_facts
     from sumo_eval.scoring.zones import find_zones
 
     adaptive = any(entry.sampling.method == "adaptive" for entry in settings.scenario)
@@ -87,8 +87,9 @@ def record_rounds(
         settings = in_rounds(settings, folder if resume else None)
     zones = partial(find_zones, settings, source, folder)  # which scores need, and driving does not
     recorded = record_facts(
-        settings, source, folder, resume=resume, shard=shard, progress=progress, stopping=stopping, meanwhile=zones
-    )
+        settings, source, folder, resume=resume, shard=shard or WHOLE, progress=progress, stopping=stopping,
+        meanwhile=zones,
+    )  # fmt: skip
     while adaptive and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
         settings = further
         recorded = record_facts(
