@@ -79,12 +79,11 @@ def ideal_braking(me: Any, others: Any, known: Any, p: Any, scenario: Any, time:
             began = min(began, known[j].noticed)
     for j in range(len(others)):
         other = others[j]
+        closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
+        called = closes and time > began
         if known[j].meets > 0.0:
             beside = abs(other.x - me.x) < me.half_length + other.half_length + _TURNED
-            called = me.along > known[j].speed or beside
-        else:
-            closes = other.x > me.x and me.along > other.along and lateral_overlap(me, other) > 0.0
-            called = closes and time > began
+            called = called or me.along > known[j].speed or beside
         if called:
             begins = min(begins, known[j].noticed)
     return -float(switched(level, p.deceleration, begins - time, scenario.vehicle.brake_jerk, scenario.step))
@@ -117,7 +116,8 @@ class IdealBraking(Compiled):
     It knows what the others will do (`foresight`). From the first change of state that it can see of a vehicle that it
     would touch if it kept its speed, it brakes as hard as the road allows, until it is neither faster than that vehicle
     will ever be again nor beside it; it never drives faster again. Where keeping its speed touches nobody, it keeps
-    it: braking may only then cause a contact. Once slower it brakes, besides, while it closes on anybody in its path.
+    it: braking may only then cause a contact. Once slower it brakes, besides, while it closes on anybody in its path:
+    who keeps his speed leaves earlier, and what others do later than that is not foreseen.
 
     What a vehicle ahead hides it does not know, and therefore keeps a safe distance to that vehicle (`safe_gap`, with
     its own brakes and the time that they need): as long as it is nearer it brakes as hard. Without that, whoever opens

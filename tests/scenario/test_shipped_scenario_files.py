@@ -38,7 +38,7 @@ CONTENT = {
     "lane_change_rear": ("df8955c844dd9cf0", "bdfe51a8635e39a7", "eb7ec39ca4e1aaac"),
     "lane_keeping_disturbed": ("0325beb5fa86f477", "e3b0c44298fc1c14", "f778d1e2594a9068"),
     "lane_keeping_disturbed?radius=250": ("0325beb5fa86f477", "e3b0c44298fc1c14", "fa5d7d2bc422662f"),
-    "oncoming_in_lane": ("e7a1da05287ba454", "e3b0c44298fc1c14", "4fc43d760d82e29a"),
+    "oncoming_in_lane": ("10454619fb095d87", "e3b0c44298fc1c14", "126a9d1985585955"),
     "overtaken_and_cut_off": ("b2460f07397be0f4", "c78fa3fc99a0fbae", "35737b9e7c31b1be"),
     "partially_blocked_lane": ("fdb243e3312ddb0a", "8bf4f911e5c9732b", "c2fabe5fe0c0be94"),
     "pedestrian_along": ("df9c4328571c4d45", "8bf4f911e5c9732b", "e29392bba97abfca"),
