@@ -500,9 +500,8 @@ def test_what_a_reason_says_to_run_a_block_is_there() -> None:
 def tell() -> None:
     """Print how every block and every command is treated."""
     for block in BLOCKS:
-        print(
-            f"{treated(block):8} {block.language or '-':7} {block.place}  {MARKED.get(block.language) or why_only_read(block)}"
-        )
+        why = MARKED.get(block.language) or why_only_read(block)
+        print(f"{treated(block):8} {block.language or '-':7} {block.place}  {why}")
     commands = [words for block in BLOCKS for words in block.commands()]
     how = Counter(why_not_run(words) or ("run" if is_quick(words) else "run alike") for words in commands)
     print(Counter(treated(block) for block in BLOCKS), how)
