@@ -1,0 +1,38 @@
+"""A case ends when the ego has stood for 2 s: in no scenario that ships would somebody have touched it later.
+
+`pytest -m campaign tests/campaign/test_standstill.py`: 150 points of each, driven to that end and on to the time limit.
+"""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sumo_eval.cosim import simulate_many
+from sumo_eval.scenario import catalogue
+from sumo_eval.settings import SimulationSettings
+
+SHARE = float(os.environ.get("SUMO_EVAL_CAMPAIGN_SHARE", "1"))
+SETTINGS = SimulationSettings(end_when_decided=True)
+WAITING = replace(SETTINGS, standstill_time=SETTINGS.time_limit)
+
+
+def touched(use: str, ads: str, count: int, settings: SimulationSettings) -> list[bool]:
+    logical = catalogue.load(use)
+    points = logical.from_shares(np.random.default_rng(7).random((8 * count, len(logical.names))))
+    cases = list(logical.concretes(points[logical.feasible(points)][:count]))
+    return [recording.collision is not None for recording in simulate_many(cases, ads, settings)]
+
+
+@pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
+def test_nobody_touches_later_who_lets_others_turn_across_his_path(ads: str) -> None:
+    assert touched("turn_across_path", ads, 10, SETTINGS) == touched("turn_across_path", ads, 10, WAITING)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("ads", ["ideal_braking", "idm"])
+@pytest.mark.parametrize("use", sorted(catalogue.SCENARIOS))
+def test_nobody_touches_later_who_has_stood_for_two_seconds(use: str, ads: str) -> None:
+    count = max(5, round(150 * SHARE))
+    assert touched(use, ads, count, SETTINGS) == touched(use, ads, count, WAITING)
