@@ -1,29 +1,29 @@
 """How near what `sumo-eval learn` fits comes to people who neither fitted it nor chose it. Prints a table of
 docs/recordings.md.
 
-    python tools/held_out.py LEARNED [vehicle | recording]
+    python tools/held_out.py LEARNED [vehicle | recording | SEED]
 
-LEARNED: a folder that `learn` wrote. Each fifth of the vehicles (or each recording) is held out once; on the others the
-model is chosen as `learn` chooses it, on inner folds of vehicles, and fitted; the held-out events are put into it. The
-Kolmogorov distance is that of all held-out events together from the distributions that predicted them. Beside it stands
-the distance that as many events of the true distribution would exceed in one case of twenty, 1.36 / sqrt(n).
+LEARNED: a folder that `learn` wrote. Each fifth of the vehicles (or each recording) is held out once; SEED, a number,
+deals the vehicles out at random into as many parts as there are recordings, each of as many vehicles: what recordings
+of the same people would give. On the others the model is chosen as `learn` chooses it, on inner folds of vehicles, and
+fitted; the held-out events are put into it. The Kolmogorov distance is that of all held-out events together from the
+distributions that predicted them. Beside it stands the distance that as many events of the true distribution would
+exceed in one case of twenty.
 """
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from sumo_eval.rates.intervals import kolmogorov
+from sumo_eval.rates.intervals import kolmogorov, kolmogorov_by_chance
 from sumo_eval.rates.learned import FOLDS, choose_model, fold_of, marginal_shares
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint
-
-CHANCE = 1.36  # over sqrt(n): the Kolmogorov distance's 95 % point
 
 
 def nested(path: Path, by: str) -> str:
@@ -33,7 +33,7 @@ def nested(path: Path, by: str) -> str:
     names, rows = list(logical.names), who[list(logical.names)].to_numpy()
     low, high = tuple(logical.low.tolist()), tuple(logical.high.tolist())
     inner = fold_of(who)
-    outer = inner if by == "vehicle" else pd.factorize(who["recording"])[0]
+    outer = inner if by == "vehicle" else parts_of(who, None if by == "recording" else int(by))
     logs, shares, chosen = [], [], []
     for fold in np.unique(outer):
         train, test = outer != fold, outer == fold
@@ -52,8 +52,19 @@ def nested(path: Path, by: str) -> str:
     most = max(far, key=lambda name: far[name])
     return (
         f"| {path.stem} | {len(together)} | {np.concatenate(logs).mean():.2f} | {far[most]:.3f} ({most}) | "
-        f"{np.median(list(far.values())):.3f} | {CHANCE / math.sqrt(len(together)):.3f} | {', '.join(chosen)} |"
+        f"{np.median(list(far.values())):.3f} | {kolmogorov_by_chance(len(together)):.3f} | {', '.join(chosen)} |"
     )
+
+
+def parts_of(who: pd.DataFrame, seed: int | None) -> NDArray[np.intp]:
+    """The number of each event's recording; with a seed, that of another vehicle, all a vehicle's events together."""
+    of_event = pd.factorize(who["recording"])[0]
+    if seed is None:
+        return of_event
+    _, first, vehicle = np.unique(
+        who["recording"].astype(str) + "/" + who["ego"].astype(str), return_index=True, return_inverse=True
+    )
+    return np.random.default_rng(seed).permutation(of_event[first])[vehicle]
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,14 @@ from sumo_eval.cli.exit_status import DONE, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.errors import InputError
+
+NAMED = 3  # files; what more are called is told by the first and the last
+
+
+def called(recordings: Sequence[Path]) -> str:
+    """What files are called in sentences, however many there are."""
+    names = [path.name for path in recordings]
+    return ", ".join(names) if len(names) <= NAMED else f"{len(names)} files, {names[0]} to {names[-1]}"
 
 
 @click.command(epilog="Example: sumo-eval learn people.csv.gz --out learned")
@@ -39,7 +48,7 @@ def learn(recordings: tuple[Path, ...], out: Path | None, form: str) -> None:
     out = out or out_folder.default("learned")
     out_folder.ready(out)
     parts = each_of(form, recordings)
-    source = ", ".join(path.name for path in recordings)
+    source = called(recordings)
     with Progress() as progress:
         lesson = learned_from(parts, out, source, lambda what, done: progress(what, done, max(done, 1)))
     say(sentences(lesson))

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from sumo_eval.errors import InputError
+from sumo_eval.rates.intervals import kolmogorov_by_chance
 from sumo_eval.rates.learned import Learnt, Lesson
 from sumo_eval.rates.page import Chart, Fold, Piece, Table, Text, interval, table, write_parts
 from sumo_eval.rates.scenes import SCENES
@@ -91,6 +92,7 @@ def _plain_class(learnt: Learnt) -> dict[str, Any]:
                 "lower_end_interval": list(learnt.ends[item.name][0]),
                 "upper_end_interval": list(learnt.ends[item.name][1]),
                 "kolmogorov_held_out": learnt.models[0].kolmogorov[item.name],
+                "kolmogorov_by_chance": kolmogorov_by_chance(len(learnt.replay)),
             }
             for j, item in enumerate(learnt.logical.parameters)
         },
@@ -123,7 +125,8 @@ def sentences(lesson: Lesson) -> list[str]:
         best = learnt.models[0]
         said.append(
             f"{line}; {len(learnt.replay)} fitted ({best.model}), held out {best.log_likelihood:z.2f} nats an event, "
-            f"Kolmogorov distance at most {max(best.kolmogorov.values()):.3f}, replay error "
+            f"Kolmogorov distance at most {max(best.kolmogorov.values()):.3f} (by chance "
+            f"{kolmogorov_by_chance(len(learnt.replay)):.3f}), replay error "
             f"{float(np.median(learnt.replay[:, 2])):.2f} m (median)."
         )
     return said
@@ -139,14 +142,17 @@ def parts(lesson: Lesson) -> list[Piece]:
         rows.append(
             (name, met.events, f"{learnt.rate[0]:.3g}", interval(*learnt.rate[1:]), len(learnt.replay),
              "" if best is None else f"{best.log_likelihood:z.2f}",
-             "" if best is None else f"{max(best.kolmogorov.values()):.3f}", replay)
+             "" if best is None else f"{max(best.kolmogorov.values()):.3f}",
+             "" if best is None else f"{kolmogorov_by_chance(len(learnt.replay)):.3f}", replay)
         )  # fmt: skip
     out: list[Piece] = [
         *(Text(note, "note") for note in lesson.notes),
         table(
             ("class", "events", "per vehicle-km", "95 % interval", "fitted", "held-out log-likelihood, nats an event",
-             "Kolmogorov distance, held out", "replay error, m (median)"), rows,
+             "Kolmogorov distance, held out, at most", "by chance", "replay error, m (median)"), rows,
         ),
+        Text("By chance: what as many events exceed in one case of twenty though the distribution is their own. Below "
+             "it, the events do not tell whether the distribution is another."),
         Text("Rates count every event that is no ghost of the tracker, with exact Poisson intervals: events are taken "
              "to come independently. Who was on the road for only a part of an event is counted, but has no "
              "parameters; the fitted ones are taken to stand for them."),

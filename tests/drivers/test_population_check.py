@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
+import pandas as pd
 import pytest
 from drivers.test_reference import write_people
 
 from sumo_eval.drivers.recorded.events import extract_events
-from sumo_eval.drivers.recorded.population_check import Comparison, compare_population
+from sumo_eval.drivers.recorded.population_check import Comparison, compare_population, reached_headway
 from sumo_eval.drivers.recorded.recordings import read_csv
 from sumo_eval.drivers.synthetic.population import draw_population
 from sumo_eval.settings import PopulationSettings
@@ -50,6 +51,11 @@ def test_recorded_and_synthetic_approaches_are_measured_by_the_same_rules(tmp_pa
     assert rows["middle"].words.startswith("differs: the synthetic drivers' values are higher")
     again = {row.name: row for row in compare_population(events, drivers=12, seed=4)}
     assert again["middle"].synthetic == rows["middle"].synthetic
+
+
+def test_who_begins_at_once_or_had_begun_before_the_scenario_counts_alike():
+    changes = pd.DataFrame({"change_onset": [-4.6, 1.0, 5.0, 9.0], "headway_at_onset": [3.9, 3.2, 3.6, 1.4]})
+    assert reached_headway(changes).tolist() == [3.5, 3.5, 3.5, 1.4]
 
 
 def test_too_few_are_not_compared():

@@ -17,10 +17,18 @@ from lxml import etree
 from rates.planted import RANGES, RANK_CORRELATION, TOGETHER, planted, shares_of
 
 from sumo_eval.cli import main
+from sumo_eval.cli.rates import called
 from sumo_eval.drivers.recorded.importing import import_recordings
 from sumo_eval.drivers.recorded.recordings import Recordings, canonical
 from sumo_eval.rates.encounters import LEAD_MOVES, find_encounters
-from sumo_eval.rates.intervals import end_interval, kolmogorov, of_each, rank_correlation, rate_interval
+from sumo_eval.rates.intervals import (
+    end_interval,
+    kolmogorov,
+    kolmogorov_by_chance,
+    of_each,
+    rank_correlation,
+    rate_interval,
+)
 from sumo_eval.rates.learned import learn, measure
 from sumo_eval.rates.scenes import content_of
 from sumo_eval.scenario.catalogue import find
@@ -124,6 +132,12 @@ def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
     assert learnt.rate[2] == pytest.approx(3.689 / lesson.found.kilometres, rel=1e-3)
 
 
+def test_many_files_are_called_by_the_first_and_the_last():
+    hours = [Path(f"week/{number:03d}.csv") for number in range(120)]
+    assert called(hours[:3]) == "000.csv, 001.csv, 002.csv"
+    assert called(hours) == "120 files, 000.csv to 119.csv"
+
+
 def test_a_table_without_motor_vehicles_is_refused_in_a_sentence(tmp_path):
     path = tmp_path / "people.csv"
     rows = [f"r,a,{t / 10:.1f},{t / 10:.1f},0,0.5,0.5,pedestrian" for t in range(30)]
@@ -163,6 +177,12 @@ def test_rank_correlation_of_a_monotone_function_is_one():
     assert rho == pytest.approx(1.0)
     assert low > 0.99
     assert high <= 1.0
+
+
+def test_one_sample_in_twenty_is_further_from_its_own_distribution_than_chance_says():
+    shares = np.random.default_rng(1).uniform(size=(2000, 60))
+    beyond = np.mean([kolmogorov(values) > kolmogorov_by_chance(60) for values in shares])
+    assert 0.03 < beyond < 0.06  # 5 % of very many values, a little less of 60
 
 
 def test_kolmogorov_distance_by_hand():
