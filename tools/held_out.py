@@ -1,7 +1,7 @@
 """How near what `sumo-eval learn` fits comes to people who neither fitted it nor chose it. Prints a table of
 docs/recordings.md.
 
-    python tools/held_out.py LEARNED [vehicle | recording | SEED]
+    python tools/held_out.py LEARNED [vehicle | recording | SEED | apart]
 
 LEARNED: a folder that `learn` wrote. Each fifth of the vehicles (or each recording) is held out once; SEED, a number,
 deals the vehicles out at random into as many parts as there are recordings, each of as many vehicles: what recordings
@@ -9,6 +9,10 @@ of the same people would give. On the others the model is chosen as `learn` choo
 fitted; the held-out events are put into it. The Kolmogorov distance is that of all held-out events together from the
 distributions that predicted them. Beside it stands the distance that as many events of the true distribution would
 exceed in one case of twenty.
+
+apart: no model. Of the first recording and the others the parameter that differs least like random parts of as many
+vehicles: its Kolmogorov distance, the share of such parts in which it is as large, and the share in which some
+parameter is as unlikely.
 """
 
 from __future__ import annotations
@@ -19,11 +23,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.stats import ks_2samp, rankdata
 
 from sumo_eval.rates.intervals import kolmogorov, kolmogorov_by_chance
 from sumo_eval.rates.learned import FOLDS, choose_model, fold_of, marginal_shares
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.scenario.joint import Joint
+
+DRAWS = 2_000  # random parts beside which two recordings are seen
 
 
 def nested(path: Path, by: str) -> str:
@@ -67,7 +74,30 @@ def parts_of(who: pd.DataFrame, seed: int | None) -> NDArray[np.intp]:
     return np.random.default_rng(seed).permutation(of_event[first])[vehicle]
 
 
+def apart(path: Path) -> str:
+    """A row of the table: class, events of both, the least likely parameter, its distance and how often chance has it,
+    and how often chance has a parameter that is as unlikely.
+    """
+    names = list(read_scenario(path).names)
+    who = pd.read_csv(path.with_suffix(".events.csv"))
+
+    def distances(seed: int | None) -> list[float]:
+        first = parts_of(who, seed) == 0
+        return [float(ks_2samp(who[name][first], who[name][~first]).statistic) for name in names]
+
+    real, drawn = np.array(distances(None)), np.array([distances(seed) for seed in range(DRAWS)])
+    likely = (drawn >= real - 1e-12).mean(axis=0)
+    as_large = 1.0 - (rankdata(drawn, "min", axis=0) - 1.0) / DRAWS
+    least = int(np.argmin(likely))
+    first = parts_of(who, None) == 0
+    return (
+        f"| {path.stem} | {first.sum()}, {(~first).sum()} | {names[least]} | {real[least]:.3f} | "
+        f"{100.0 * likely[least]:.1f} % | {100.0 * np.mean(as_large.min(axis=1) <= likely[least] + 1e-12):.1f} % |"
+    )
+
+
 if __name__ == "__main__":
     for path in sorted(Path(sys.argv[1]).glob("*.toml")):
         if path.with_suffix(".events.csv").exists():
-            print(nested(path, sys.argv[2] if len(sys.argv) > 2 else "vehicle"), flush=True)
+            by = sys.argv[2] if len(sys.argv) > 2 else "vehicle"
+            print(apart(path) if by == "apart" else nested(path, by), flush=True)
