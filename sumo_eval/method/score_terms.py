@@ -131,7 +131,7 @@ def excess(severity: ArrayLike, ideal: ArrayLike) -> FloatArray:
     severity: U_i, m/s, 0 without contact. ideal: Ug_i, m/s, 0 where the ideal vehicle avoids.
     """
     beyond = np.asarray(severity, dtype=np.float64) - np.asarray(ideal, dtype=np.float64)
-    return np.where(np.isnan(beyond), np.nan, np.maximum(beyond, 0.0))
+    return np.asarray(np.maximum(beyond, 0.0))  # which is nan where one of both is
 
 
 def avoided_share(

@@ -161,7 +161,8 @@ def _avoided_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings:
     if score.avoided_share is None:
         yield "", "A not computed", -1.0, _NONE
         return
-    losses, there = avoided_share_losses(case_terms(cases, settings.method)), OutcomeColumns.of(cases)
+    there = OutcomeColumns.of(cases)
+    losses = avoided_share_losses(case_terms(cases, settings.method, there))
     groups = (
         ("collisions that the ADS caused: doing nothing has none", there.caused),
         ("collisions that the ideal vehicle avoids", there.avoidable & ~there.caused),

@@ -57,9 +57,12 @@ class CaseTerms:
     voids: BoolArray
 
 
-def case_terms(cases: Sequence[CaseResult], method: MethodSettings) -> CaseTerms:
-    """The terms of cases, in their order; of kept rows nothing but their columns is read."""
-    read, there = arrays(cases, *_FIELDS), OutcomeColumns.of(cases)
+def case_terms(cases: Sequence[CaseResult], method: MethodSettings, there: OutcomeColumns | None = None) -> CaseTerms:
+    """The terms of cases, in their order; of kept rows nothing but their columns is read. there: what became of these
+    cases, where that has been read.
+    """
+    there = OutcomeColumns.of(cases) if there is None else there
+    read = arrays(cases, *_FIELDS)
     hit, ideal, unreacting, exposure, weight, index, likeness = (
         np.ascontiguousarray(read[name], dtype=np.float64) for name in _FIELDS
     )

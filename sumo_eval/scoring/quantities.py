@@ -298,10 +298,10 @@ def combine(
     people: whether there is anybody to compare with; where not, nothing is missing without D and H.
     """
     notes = list(notes)
-    terms = case_terms(cases, method)
+    there = OutcomeColumns.of(cases)
+    terms = case_terms(cases, method, there)
     values = point_values(terms, method)
     c, d = values["c"], values["d"]
-    there = OutcomeColumns.of(cases)
     tally = _Tally.of(cases, there)
     voiding = tally.voiding
     missing = Counter(tally.missing)

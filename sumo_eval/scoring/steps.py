@@ -16,7 +16,7 @@ from sumo_eval.method.plausibility import Quantiles
 from sumo_eval.method.severity import Severity
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.kept_results import KeptResults
-from sumo_eval.record.points import choose_points
+from sumo_eval.record.points import choose_points, kept_zones
 from sumo_eval.record.progress import Progress
 from sumo_eval.record.spread import Spread
 from sumo_eval.record.store import Fact, Store
@@ -50,7 +50,7 @@ from sumo_eval.scoring.quantities import (
     tabulate,
 )
 from sumo_eval.scoring.requirements import with_counts, with_requirements
-from sumo_eval.scoring.zones import zones_key, zones_of_entry
+from sumo_eval.scoring.zones import zones_key
 from sumo_eval.settings import EvaluationSettings, ScenarioSettings
 
 POINTS_AT_ONCE = 512
@@ -95,9 +95,10 @@ class Scoring:
     ) -> tuple[ZoneResult, list[ScenarioResult], list[ScoreIntervals | None]]:
         settings, store, method = self.settings, self.store, self.settings.method
         logical, points = choose_points(entry, self.source, settings)
-        zones = zones_of_entry(entry, logical, settings, self.source, self.kept)  # step 1: safe and hazardous zones
+        key = zones_key(entry, settings, self.source)
+        zones = kept_zones(logical, method.zones, self.kept, key)  # step 1: safe and hazardous zones
         known = survey(  # step 2: the ADSs in every concrete scenario
-            logical, zones, zones_key(entry, settings, self.source), store, settings, self.kept, self.progress
+            logical, zones, key, store, settings, self.kept, self.progress
         )
         if points.stands_for is not None:
             known = replace(known, weights=known.weights * points.stands_for[: known.points])

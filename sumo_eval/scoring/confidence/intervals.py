@@ -24,7 +24,6 @@ ADS's, whoever else is evaluated.
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import overload
@@ -45,6 +44,7 @@ LEVEL = 0.95
 REPLICATES = 2_000
 AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
 DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
+POINTS_IN_CACHE = 8_000  # that are looked at together, with some arrays of their coordinates: half a megabyte
 EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
 SMALLEST = 4  # points that are split in halves
 _FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
@@ -112,6 +112,31 @@ class Strata(Sequence[IntArray]):
     def __init__(self, order: IntArray, ends: IntArray) -> None:
         self._order, self._ends = order, ends
 
+    @classmethod
+    def of(cls, groups: Sequence[IntArray]) -> Strata:
+        """These lists, which may be strata already."""
+        if isinstance(groups, Strata):
+            return groups
+        order = np.concatenate([np.empty(0, dtype=np.intp), *groups])
+        return cls(order, np.cumsum([len(group) for group in groups], dtype=np.intp))
+
+    @property
+    def sizes(self) -> IntArray:
+        """How many places each list has, (g,)."""
+        return np.diff(self._ends, prepend=0)
+
+    def of_size(self, size: int) -> IntArray:
+        """The lists of one size, (k, size), in their order."""
+        sizes = self.sizes
+        places: IntArray = self._order[(self._ends - sizes)[sizes == size][:, None] + np.arange(size)]
+        return places
+
+    def numbers(self) -> IntArray:
+        """The number of the list that each place stands in, (n,)."""
+        found = np.empty(self.points, dtype=np.intp)
+        found[self._order] = np.repeat(np.arange(len(self._ends)), self.sizes)
+        return found
+
     @property
     def points(self) -> int:
         """How many points they have together."""
@@ -145,12 +170,12 @@ def strata(unit: FloatArray, method: str) -> Strata:
     Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
     down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
     """
-    order = np.arange(len(unit))
-    if method not in EVEN:
-        return Strata(order, np.array([len(unit)]))
-    ends = array("q")
-    _halve(order, unit, 0, ends)
-    return Strata(order, np.frombuffer(ends, dtype=np.int64).astype(np.intp))
+    order, sizes = np.arange(len(unit)), np.array([len(unit)])
+    while method in EVEN and (split := sizes >= SMALLEST).any():
+        _sort_along_widest(order, sizes, unit)
+        half = np.where(split, sizes // 2, sizes)
+        sizes = np.column_stack([half, sizes - half])[np.column_stack([np.ones_like(split), split])]
+    return Strata(order, np.cumsum(sizes))
 
 
 def of_one_number(stratum: IntArray) -> Strata:
@@ -159,33 +184,33 @@ def of_one_number(stratum: IntArray) -> Strata:
     return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
 
 
-def _halve(rows: IntArray, unit: FloatArray, first: int, ends: array[int]) -> None:
-    """Put places in the order of their halves, in place. first: where they begin among all; ends: takes each end."""
-    if len(rows) < SMALLEST:
-        ends.append(first + len(rows))
-        return
-    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
-    rows[:] = rows[np.argsort(unit[rows, axis], kind="stable")]
-    half = len(rows) // 2
-    _halve(rows[:half], unit, first, ends)
-    _halve(rows[half:], unit, first + half, ends)
+def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
+    """Put the places of each list that will be halved in their order across its widest side. order: list behind list.
+
+    Lists of one size are sorted together, as many as stay in a cache: a million points have half a million lists.
+    """
+    firsts = np.cumsum(sizes) - sizes
+    for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
+        for same in _some_at_a_time(firsts[sizes == size], size):
+            here = same[:, None] + np.arange(size)
+            rows = order[here]
+            points = unit[rows]
+            axis = np.argmax(np.ptp(points, axis=1), axis=1)
+            along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
+            order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
 
 
-def _points(groups: Sequence[IntArray]) -> int:
-    """How many points lists have together."""
-    return groups.points if isinstance(groups, Strata) else sum(map(len, groups))
+def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
+    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE` allows."""
+    some = max(POINTS_IN_CACHE // size, 1)
+    for first in range(0, len(lists), some):
+        yield lists[first : first + some]
 
 
 def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
     """Groups of more than one point by their size: (size, places (g, size))."""
-    sizes = np.fromiter(map(len, groups), dtype=np.intp, count=len(groups))
-    found = []
-    for size in sorted(set(np.unique(sizes).tolist()) - {0, 1}):
-        same = np.empty((int(np.count_nonzero(sizes == size)), size), dtype=np.intp)
-        for row, group in enumerate(group for group in groups if len(group) == size):
-            same[row] = group
-        found.append((size, same))
-    return found
+    found = Strata.of(groups)
+    return [(size, found.of_size(size)) for size in np.unique(found.sizes).tolist() if size > 1]
 
 
 def draw_counts(
@@ -199,7 +224,7 @@ def draw_counts(
     From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
     variance of a mean is right for groups of two as well. A group of one stands in every replicate.
     """
-    counts = np.ones((replicates, _points(groups)))
+    counts = np.ones((replicates, Strata.of(groups).points))
     for size, same in same_sizes(groups) if sizes is None else sizes:
         some = max(DRAWN_AT_ONCE // same.size, 1)  # replicates: the numbers of a stream are the same, however many
         for first in range(0, replicates, some):
@@ -220,16 +245,17 @@ class Balance:
     def of(cls, groups: Sequence[IntArray], unit: FloatArray) -> Balance | None:
         """Of groups of points, (n, k) in the unit box; None where a trend cannot be told from chance."""
         n, k = unit.shape
-        if n - len(groups) < 2 * k:
+        sizes = Strata.of(groups).sizes
+        if n - len(sizes) < 2 * k:
             return None
-        trend, sizes, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
-        trend = trend[:, sizes > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
-        spread = float(sum(len(rows) for rows in groups if len(rows) > 1))  # of a group of s: G = s/(s - 1) (1 - 1/s)
-        lost = sum(
-            len(rows) / (len(rows) - 1) * float(np.sum(np.square(trend[rows] - trend[rows].mean(axis=0))))
-            for rows in groups
-            if len(rows) > 1
-        )
+        trend, extent, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
+        trend = trend[:, extent > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
+        spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
+        by_group = np.zeros(len(sizes))
+        for size, same in same_sizes(groups):
+            squares = [_squares_about_mean(trend[some]) for some in _some_at_a_time(same, size)]
+            by_group[sizes == size] = size / (size - 1) * np.concatenate(squares)
+        lost = sum(map(float, by_group[sizes > 1]))
         return cls(trend, math.sqrt(spread / (spread - lost)))
 
     def __call__(self, counts: FloatArray) -> FloatArray:
@@ -239,6 +265,12 @@ class Balance:
         errors *= self.scale
         errors += 1.0
         return np.maximum(errors, 0.0, out=errors)
+
+
+def _squares_about_mean(places: FloatArray) -> FloatArray:
+    """Sum of squared distances of the places of each group from their mean, (g,) of (g, s, r)."""
+    squares = np.square(places - places.mean(axis=1, keepdims=True))
+    return np.asarray(squares.reshape(len(places), -1).sum(axis=1))
 
 
 def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -> FloatArray:
@@ -270,7 +302,8 @@ def score_intervals(
     box, (n, k), where they are balanced over it (`balanced`).
     """
     stream = random_stream(seed, "intervals", scenario)
-    n = _points(groups)
+    groups = Strata.of(groups)
+    n = groups.points
     parts: list[list[_Replicates]] = [[] for _ in judged]
     at_once = max(AT_ONCE // max(n, 1), 1)
     draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
@@ -476,9 +509,7 @@ def _intervals(
 
 def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
     """Degrees of freedom of each score's error: points that have a part in it, less one in each group."""
-    group = np.empty(_points(groups), dtype=np.intp)
-    for number, rows in enumerate(groups):
-        group[rows] = number
+    group = Strata.of(groups).numbers()
 
     def free(part: BoolArray) -> int:
         places = group[one.points[part]]

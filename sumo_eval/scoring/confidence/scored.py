@@ -67,11 +67,12 @@ def with_intervals(
     groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
     judged, which = [], []
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
-        terms = case_terms(cases, settings.method)
+        outcomes = OutcomeColumns.of(cases)
+        terms = case_terms(cases, settings.method, outcomes)
         if np.count_nonzero(terms.evaluated) >= LEAST:
             which.append(number)
-            hazardous = ~OutcomeColumns.of(cases).safe
-            judged.append(Judged(score.ads, terms, np.array(places[number], dtype=np.intp), hazardous, drivers[number]))
+            at = np.array(places[number], dtype=np.intp)
+            judged.append(Judged(score.ads, terms, at, ~outcomes.safe, drivers[number]))
     if not judged:
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None

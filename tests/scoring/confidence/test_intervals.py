@@ -11,6 +11,7 @@ from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.scoring.case_terms import CaseTerms
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
 from sumo_eval.scoring.confidence.intervals import (
+    Balance,
     Judged,
     balanced,
     draw_counts,
@@ -227,6 +228,20 @@ def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():
     plain, even = (np.abs(each @ unit / 64.0 - unit.mean(axis=0)).mean() for each in (counts, found))
     assert even < 0.6 * plain  # not 0: no point stands in a replicate less than never
     assert found.min() == 0.0
+
+
+@pytest.mark.parametrize("n", [40, 333, 1001])
+def test_law_what_balances_draws_is_summed_group_by_group_in_their_order(n):
+    """To the bit, for groups of two and three, of tens, and lists of them."""
+    unit = np.random.default_rng(n).random((n, 3))
+    for groups in (strata(unit, "sobol"), of_one_number(np.arange(n) % 7), list(strata(unit, "sobol"))):
+        balance = Balance.of(groups, unit)
+        free, lost = 0.0, 0.0
+        for rows in (group for group in groups if len(group) > 1):
+            free += len(rows)
+            about = balance.trend[rows] - balance.trend[rows].mean(axis=0)
+            lost += len(rows) / (len(rows) - 1) * float(np.sum(np.square(about)))
+        assert balance.scale == math.sqrt(free / (free - lost))
 
 
 def test_balance_leaves_the_variance_of_what_has_no_trend():
