@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
@@ -40,7 +39,6 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
 SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500  # where the criticality of each point is searched: 3 ms a point
-HALVINGS = 8  # of a cell of it, to find where a constraint begins to hold
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
 FINE_CELLS = 720  # along y, to find where a constraint begins to hold
@@ -379,7 +377,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None for one parameter.
 
     size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last parameter fastest.
-    margin: a signed byte for each point (`possible_margin`), below 0 where a constraint rules it out.
+    possible: a byte for each point, 0 where a constraint rules it out.
     """
     logical = zones.logical
     k = len(logical.parameters)
@@ -396,42 +394,8 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
         "size": size,
         "gp": _levels(zones.predicted(rows)),
         "exact": _levels(exact_target(logical, rows, zones.settings)),
-        "margin": packed_bytes(possible_margin(logical, size).tobytes()),
+        "possible": packed_bytes(logical.feasible(rows).astype(np.uint8).tobytes()),
     }
-
-
-def possible_margin(logical: LogicalScenario, size: int) -> NDArray[np.int8]:
-    """How far each point of the lattice is from what a constraint rules out, the last parameter fastest.
-
-    In sixteenths of a cell of the lattice, along the axis on which that is nearest, 8 cells at the most; negative where
-    the point itself is ruled out. Between two points the edge of a linear constraint is where a linear margin is 0.
-    """
-    k, ticks = len(logical.parameters), np.linspace(0.0, 1.0, size)
-    unit = np.stack(np.meshgrid(*[ticks] * k, indexing="ij"), axis=-1)
-
-    def holds(points: FloatArray) -> BoolArray:
-        return logical.feasible(np.clip(logical.from_unit(points), logical.low, logical.high))
-
-    possible = holds(unit.reshape(-1, k)).reshape((size,) * k)
-    nearest = np.full(possible.shape, np.inf)
-    for axis in range(k):
-        ends = np.take(unit, range(size - 1), axis), np.take(unit, range(1, size), axis)
-        first = np.take(possible, range(size - 1), axis)
-        crossed = first != np.take(possible, range(1, size), axis)
-        low, high, begins = ends[0][crossed], ends[1][crossed], first[crossed]
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            same = (holds(middle) == begins)[:, None]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        edges = np.full(crossed.shape, np.nan)
-        edges[crossed] = 0.5 * (low + high)[:, axis]
-        edges, near = np.moveaxis(edges, axis, -1), np.moveaxis(nearest, axis, -1)
-        before = np.maximum.accumulate(np.where(np.isnan(edges), -np.inf, edges), axis=-1)
-        after = np.minimum.accumulate(np.where(np.isnan(edges), np.inf, edges)[..., ::-1], axis=-1)[..., ::-1]
-        near[..., 1:] = np.minimum(near[..., 1:], ticks[1:] - before)
-        near[..., :-1] = np.minimum(near[..., :-1], after - ticks[:-1])
-    steps = np.clip(np.round(16.0 * (size - 1) * nearest), 1, 127)
-    return np.where(possible, steps, -steps).astype(np.int8).ravel()
 
 
 def slice_points(logical: LogicalScenario, view: View, panel: int, x: FloatArray, y: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ const sumoMaps = (() => {
     });
   }
 
-  /** Zones of the slice: { x, y, gp, exact, impossible }; null where it has none. */
+  /** Zones of the slice: { x, y, gp, exact, impossible or possible }; null where it has none. */
   function zones(scenario, view, panels, panel) {
     const given = scenario.view, k = scenario.parameters.length;
     const own = view.x === given.x && view.y === given.y && view.panel === given.panel;
@@ -69,7 +69,7 @@ const sumoMaps = (() => {
   function unpackedLattice(scenario) {
     scenario.lattice.read ??= {
       gp: sumoEval.decodeLevels(scenario.lattice.gp), exact: sumoEval.decodeLevels(scenario.lattice.exact),
-      margin: Int8Array.from(atob(scenario.lattice.margin), (letter) => letter.charCodeAt(0)),
+      possible: Uint8Array.from(atob(scenario.lattice.possible), (letter) => letter.charCodeAt(0)),
     };
     return scenario.lattice.read;
   }
@@ -93,36 +93,16 @@ const sumoMaps = (() => {
           : [[at + whole * strides[j], weight * (1 - part)], [at + (whole + 1) * strides[j], weight * part]]));
       });
       const mean = (values) => corners.reduce((sum, [at, weight]) => sum + weight * values[at], 0);
-      return [mean(read.gp) / 32000, mean(read.exact) / 32000, mean(read.margin)];
+      return [mean(read.gp) / 32000, mean(read.exact) / 32000, mean(read.possible)];
     };
-    const gp = [], exact = [], margin = [];
+    const gp = [], exact = [], possible = [];
     for (const y of ys) {
       const row = xs.map((x) => of(held.map((place_, j) => (j === view.x ? place(j, x) : j === view.y ? place(j, y) : place_))));
       gp.push(row.map((one) => one[0]));
       exact.push(row.map((one) => one[1]));
-      margin.push(row.map((one) => one[2]));
+      possible.push(row.map((one) => one[2]));
     }
-    return { x: xs, y: ys, gp, exact, impossible: ruledOut(xs, ys, margin) };
-  }
-
-  /** Polygons where a margin (rows over y of values over x) is negative: a strip between each two neighbouring x. */
-  function ruledOut(xs, ys, margin) {
-    const runs = xs.map((_, i) => {
-      const found = [];
-      ys.forEach((y, r) => {
-        const value = margin[r][i], before = r ? margin[r - 1][i] : NaN;
-        const edge = r ? y - (y - ys[r - 1]) * value / (value - before) : y;
-        if (value < 0 && !(before < 0)) found.push([edge, y]);
-        if (value < 0) found.at(-1)[1] = y;
-        else if (before < 0) found.at(-1)[1] = edge;
-      });
-      return found;
-    });
-    // Where a run begins or ends between two columns there is nothing to slope to: the strip keeps the left run.
-    return xs.slice(1).flatMap((x, i) => runs[i].map(([a, b], r) => {
-      const [c, d] = (runs[i + 1].length === runs[i].length ? runs[i + 1] : runs[i])[r];
-      return [[xs[i], a], [x, c], [x, d], [xs[i], b], [xs[i], a]];
-    }));
+    return { x: xs, y: ys, gp, exact, possible };
   }
 
   // --- controls ------------------------------------------------------------------------------------------------------

@@ -251,6 +251,11 @@
         ...corners, type: "scatter", mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
         fillcolor: impossible, fillpattern: { shape: "/", size: 7, solidity: 0.16, fgcolor: C("--hatch"), bgcolor: impossible },
       });
+    } else if (zones.possible?.some((row) => row.some((share) => share < 0.5))) {
+      traces.push({
+        ...shared, contours: { start: 0.5, end: 0.5, size: 1, coloring: "fill", showlines: false }, zmin: 0, zmax: 1, z: zones.possible.map((row) => row.map((share) => 1 - share)),
+        colorscale: [[0, "rgba(0,0,0,0)"], [0.5, "rgba(0,0,0,0)"], [0.5, impossible], [1, impossible]],
+      });
     }
     const frame = { x: [xLow, xHigh, xHigh, xLow, xLow], y: [yLow, yLow, yHigh, yHigh, yLow] };
     return [...traces, { ...frame, type: "scatter", mode: "lines", hoverinfo: "skip", line: { color: C("--axis"), width: 1 } }];
