@@ -126,6 +126,7 @@ def _told(
         f"{name} {low:z.4g}" + ("" if low == high else f" to {high:z.4g}") + logical.parameters[k].behind
         for k, (name, (low, high)) in zip(narrow, ranges.items(), strict=True)
     )
-    inside_words = f"{alike} of all {count(int(inside.sum()), 'case')} there"
+    there = int(inside.sum())
+    inside_words = "the only case there" if there == 1 else f"{alike} of all {count(there, 'case')} there"
     words = f"{where}: {inside_words}" if where else f"anywhere in the space: {inside_words}"
-    return FailureGroup(ads, kind, places, ranges, alike, int(inside.sum()), words)
+    return FailureGroup(ads, kind, places, ranges, alike, there, words)

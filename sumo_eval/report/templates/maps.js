@@ -12,6 +12,11 @@ const sumoMaps = (() => {
   const short = (value) => String(+value.toPrecision(6));
   const words = (name) => name.replaceAll("_", " ");
   const levelsOf = (scenario, k) => [...new Set(scenario.cases.map((item) => item.values[k]))].sort((a, b) => a - b);
+  /** Whether a slice is at one of the parameter's values: where these are few and most are taken by several points. */
+  const isStepped = (scenario, k) => {
+    const number = levelsOf(scenario, k).length, points = new Set(scenario.cases.map((item) => item.values.join())).size;
+    return number <= MOST_LEVELS && (number === 1 || 2 * number <= points);
+  };
   const close = (a, b) => Math.abs(a - b) <= 1e-9 * Math.max(1, Math.abs(a), Math.abs(b));
 
   /** The view that a map opens with; `at` holds the slice: parameter -> { value, half, all }. */
@@ -20,9 +25,8 @@ const sumoMaps = (() => {
     const view = { x, y, panel, at: {} };
     const worst = scenario.cases.reduce((best, item) => ((item.aLost ?? -1) > (best?.aLost ?? -1) ? item : best), scenario.cases[0] ?? null);
     scenario.parameters.forEach((parameter, k) => {
-      const levels = levelsOf(scenario, k);
       const given = scenario.view.slice[k] ?? worst?.values[k] ?? (parameter.low + parameter.high) / 2;
-      view.at[k] = { value: given, half: levels.length > MOST_LEVELS ? 0.25 : 0, all: false };
+      view.at[k] = { value: given, half: isStepped(scenario, k) ? 0 : 0.25, all: false };
     });
     return view;
   }
@@ -146,7 +150,7 @@ const sumoMaps = (() => {
   /** A slider for each parameter that is no axis. */
   function sliders(scenario, view, holder, changed) {
     holder.replaceChildren(...sliced(scenario, view).map((k) => {
-      const parameter = scenario.parameters[k], at = view.at[k], levels = levelsOf(scenario, k), stepped = levels.length <= MOST_LEVELS;
+      const parameter = scenario.parameters[k], at = view.at[k], levels = levelsOf(scenario, k), stepped = isStepped(scenario, k);
       const row = document.createElement("div"), range = document.createElement("input"), said = document.createElement("output");
       row.className = "slider";
       row.dataset.slice = parameter.name;

@@ -373,12 +373,19 @@ const sumoReplay = (() => {
     }
     const car = (t, fill, label) => {
       context.font = `600 10px ${FONT}`;
-      const written = label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12;
-      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null, written);
-      if (written) {
-        context.fillStyle = "#fff";
-        context.fillText(label, px(at(t, "x", time)), py(at(t, "y", time)) + 3.5);
+      const inside = label && context.measureText(label).width <= t.length * scale - 6 && t.width * scale >= 12;
+      drawBody(context, t, time, ([x, y]) => [px(x), py(y)], fill, label === null, inside);
+      if (!label) return;
+      // A name that does not fit on the body stands above it, on paper of its own where lines of the road go by.
+      const [x, y, half] = [px(at(t, "x", time)), py(at(t, "y", time)), context.measureText(label).width / 2];
+      const place = Math.min(Math.max(x, half + 2), width - half - 2), over = y - t.width * scale / 2 - 4;
+      if (!inside) {
+        if (x + half < 0 || x - half > width) return;
+        context.fillStyle = paper.ground;
+        context.fillRect(place - half - 2, over - 9, 2 * half + 4, 12);
       }
+      context.fillStyle = inside ? "#fff" : paper.ink;
+      context.fillText(label, inside ? x : place, inside ? y + 3.5 : over);
     };
     for (const ghost of scene.ghosts) if (time <= duration(ghost)) car(ghost, COLOURS.ghost, null);
     for (const [name, actor] of view.actors) car(actor, COLOURS.actor, name);

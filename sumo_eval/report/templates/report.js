@@ -161,7 +161,8 @@
       }
       sumoMaps.sliders(scenario, view, sliceBar, () => draw());
       panels = sumoMaps.panelsOf(scenario, view);
-      for (const { plot } of plots) Plotly.purge(plot);
+      // Plotly may still be at work on its margins, and finds nothing to work on in a plot that is gone.
+      for (const { plot, drawn } of plots) Promise.resolve(drawn).finally(() => Plotly.purge(plot));
       plots = [];
       const columns = second && second !== first() ? 2 : 1;
       outer.classList.toggle("two-ads", columns === 2);
@@ -200,11 +201,12 @@
       if (plots.some(({ plot }) => !plot.isConnected)) return;
       const shownZones = new Map();
       const sides = [first(), second];
-      for (const { plot, panel, column } of plots) {
+      for (const one of plots) {
+        const { plot, panel, column } = one;
         if (what.zones && !shownZones.has(panel)) shownZones.set(panel, sumoMaps.zones(scenario, view, panels, panel));
         const shows = (item) => passes(item) && sumoMaps.shows(scenario, view, panels, panel, item);
         const fresh = !plot.data;
-        Plotly.react(plot, what.traces(scenario, view, sides[column], shows, shownZones.get(panel), scenarioIndex), layout(...mapAxes(scenario, view, what.rangeOf), { dragmode: false }), CONFIG);
+        one.drawn = Plotly.react(plot, what.traces(scenario, view, sides[column], shows, shownZones.get(panel), scenarioIndex), layout(...mapAxes(scenario, view, what.rangeOf), { dragmode: false }), CONFIG);
         if (fresh) plot.on("plotly_click", (event) => onPick(scenarioIndex, event));
       }
       const own = scenario.cases.filter((item) => item.ads === first());
