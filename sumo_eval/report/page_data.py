@@ -35,13 +35,12 @@ from sumo_eval.scenario.concrete import ConcreteScenario, Road
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.road.reference_line import knots_of
 from sumo_eval.scoring.kept_rows import arrays, keys_by_place, parameters_of
-from sumo_eval.trajectory import BoolArray, FloatArray
+from sumo_eval.trajectory import FloatArray
 
 LATTICE_POINTS = 32_000  # about, of the lattice of a whole space
 SEARCHED_CELLS, SEARCHED_LATTICE_POINTS = 16, 1_500  # where the criticality of each point is searched: 3 ms a point
 LEAST_LATTICE, MOST_LATTICE = 4, 73  # points on each axis of it
 MAP_CELLS = 72  # cells on each axis of a zone map's background
-FINE_CELLS = 720  # along y, to find where a constraint begins to hold
 MOST_PANELS = 12  # more values than this of the first parameter are gathered in GATHERED_PANELS panels
 GATHERED_PANELS = 6
 SLICE_WORTH_SHOWING = 0.1  # share of the cases; a slice with fewer shows all cases projected onto it
@@ -356,9 +355,10 @@ def telling_slice(view: View, cases: Sequence[CaseResult]) -> dict[int, float]:
 
 
 def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELLS) -> dict[str, Any]:
-    """The zones at the corners of cells over x and y (y slowest), and the polygons that constraints rule out.
+    """The zones at the corners of cells over x and y (y slowest).
 
     gp, exact: what the GP learnt and the closed form, int16 of 32000 y: 0 is the boundary, above it is safe.
+    rooms: that of each constraint; impossible is where one of them is below 0.
     """
     logical = zones.logical
     ticks = np.linspace(0.0, 1.0, cells + 1)
@@ -369,7 +369,7 @@ def zone_map(zones: ZonePartition, view: View, panel: int, cells: int = MAP_CELL
         "y": [0.0] if view.y is None else _axis(logical, view.y, ticks),
         "gp": _levels(zones.predicted(rows)),
         "exact": _levels(exact_target(logical, rows, zones.settings)),
-        "impossible": [] if view.y is None else _impossible(logical, view, panel, ticks),
+        "rooms": rooms_of(logical, rows),
     }
 
 
@@ -377,7 +377,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
     """The zones on a lattice over the whole space, from which the page draws any slice; None for one parameter.
 
     size: points on each axis, the ends included. gp, exact: int16 as in `zone_map`, the last parameter fastest.
-    possible: a byte for each point, 0 where a constraint rules it out.
+    rooms: that of each constraint, likewise.
     """
     logical = zones.logical
     k = len(logical.parameters)
@@ -394,7 +394,7 @@ def lattice(zones: ZonePartition) -> dict[str, Any] | None:
         "size": size,
         "gp": _levels(zones.predicted(rows)),
         "exact": _levels(exact_target(logical, rows, zones.settings)),
-        "possible": packed_bytes(logical.feasible(rows).astype(np.uint8).tobytes()),
+        "rooms": rooms_of(logical, rows),
     }
 
 
@@ -417,27 +417,20 @@ def _axis(logical: LogicalScenario, column: int, unit: FloatArray) -> list[float
     return [round(value, 6) for value in (parameter.low + unit * (parameter.high - parameter.low)).tolist()]
 
 
-def _impossible(logical: LogicalScenario, view: View, panel: int, x: FloatArray) -> list[list[list[float]]]:
-    """Polygons [[x, y], ...] of points that a constraint rules out: a strip between each two neighbouring x."""
-    assert view.y is not None
-    y = np.linspace(0.0, 1.0, FINE_CELLS + 1)
-    holds = logical.feasible(slice_points(logical, view, panel, x, y).reshape(-1, len(logical.parameters)))
-    columns = [_runs(~column, y) for column in holds.reshape(len(y), len(x)).T]
-    low, span = logical.low, logical.high - logical.low
-    polygons = []
-    for left, right, x0, x1 in zip(columns[:-1], columns[1:], x[:-1], x[1:], strict=True):
-        # Where a run begins or ends between two columns there is nothing to slope to: the strip keeps the left run.
-        for (a, b), (c, d) in zip(left, right if len(right) == len(left) else left, strict=True):
-            corners = np.array([(x0, a), (x1, c), (x1, d), (x0, b), (x0, a)])
-            corners = low[[view.x, view.y]] + corners * span[[view.x, view.y]]
-            polygons.append(np.round(corners, 3).tolist())
-    return polygons
+def rooms_of(logical: LogicalScenario, rows: FloatArray) -> list[str]:
+    """Each constraint's room at points (n, k), int16 of 32000 the largest: below 0 at those that it rules out.
 
-
-def _runs(flags: BoolArray, ticks: FloatArray) -> list[tuple[float, float]]:
-    """Where flags are set without a break: first and last tick of each run."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(float(ticks[begin]), float(ticks[end - 1])) for begin, end in edges.reshape(-1, 2)]
+    One that only says yes or no has a room of 1 or -1.
+    """
+    values, found = logical.columns(rows), []
+    for constraint in logical.constraints:
+        holds = np.broadcast_to(constraint.holds(values), len(rows))
+        room = np.ones(len(rows)) if constraint.room is None else np.abs(constraint.room(values))
+        room = np.broadcast_to(np.nan_to_num(room, nan=0.0, posinf=0.0), len(rows))
+        # What is at the limit or not a number is still on the side that the constraint says.
+        steps = np.round(room / max(float(room.max()), 1e-300) * 31_999.0) + 1.0
+        found.append(packed_bytes(np.where(holds, steps, -steps).astype("<i2").tobytes()))
+    return found
 
 
 def _levels(y: FloatArray) -> str:

@@ -232,7 +232,7 @@ class _Builder:
     def _constraint(self, item: ConstraintTable, definitions: Definitions) -> Constraint:
         expression = checked_names(condition(item.require, self.where), self.known, self.where)
         holds = Condition(expression, definitions.needed_by(expression))
-        return Constraint(item.about or f"one where {item.require}", holds)
+        return Constraint(item.about or f"one where {item.require}", holds, holds.room)
 
     def _parameter(self, item: ParameterTable) -> Parameter:
         owner = f"parameter `{item.name}` of {self.where}"

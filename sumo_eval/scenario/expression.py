@@ -111,6 +111,11 @@ class Expression:
         except KeyError as error:
             raise unknown(f"name in expression `{self.text}`:", str(error.args[0]), sorted(values)) from None
 
+    def room(self, values: Mapping[str, ArrayLike]) -> Any:
+        """How far a condition is from its limit, in the unit of what it compares: below 0 where it does not hold."""
+        with np.errstate(all="ignore"):
+            return np.asarray(_compiled_room(self.text)(values))
+
     def at(self, values: Mapping[str, float]) -> Any:
         """The value at one point, given as plain floats: the number (or truth) that `value` has there, faster."""
         try:
@@ -235,6 +240,36 @@ _Work = Callable[[Mapping[str, Any]], Any]
 def _compiled(text: str, kind: int) -> _Work:
     """The expression as nested functions of the values by name. kind: `_ARRAYS` or `_FLOATS`."""
     return _work(_tree(text), kind)
+
+
+@lru_cache(maxsize=64)
+def _compiled_room(text: str) -> _Work:
+    return _work(_room(_tree(text)), _ARRAYS)
+
+
+def _room(node: ast.expr) -> ast.expr:
+    """A condition as a number that is below 0 where it does not hold: the least room of those that must all hold."""
+    match node:
+        case ast.UnaryOp(operand=operand):
+            return ast.UnaryOp(ast.USub(), _room(operand))
+        case ast.BoolOp(op=op, values=values):
+            return _one_of("min" if isinstance(op, ast.And) else "max", [_room(value) for value in values])
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            sides = [left, *others]
+            return _one_of("min", [_between(*pair) for pair in zip(ops, sides[:-1], sides[1:], strict=True)])
+    raise AssertionError(ast.dump(node))  # `_is_condition` knows no other
+
+
+def _between(op: ast.cmpop, left: ast.expr, right: ast.expr) -> ast.expr:
+    less, more = (right, left) if isinstance(op, ast.Gt | ast.GtE) else (left, right)
+    room: ast.expr = ast.BinOp(more, ast.Sub(), less)
+    if isinstance(op, ast.Eq | ast.NotEq):
+        room = ast.Call(ast.Name("abs"), [room], [])
+    return ast.UnaryOp(ast.USub(), room) if isinstance(op, ast.Eq) else room
+
+
+def _one_of(function: str, parts: list[ast.expr]) -> ast.expr:
+    return parts[0] if len(parts) == 1 else ast.Call(ast.Name(function), parts, [])
 
 
 def _work(node: ast.expr, kind: int) -> _Work:

@@ -75,10 +75,14 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """Which points of the box exist. `holds` takes the values by name (broadcasting arrays) and says True or False."""
+    """Which points of the box exist. `holds` takes the values by name (broadcasting arrays) and says True or False.
+
+    room: how far a point is from the constraint's limit, below 0 where it does not hold; None where that is not known.
+    """
 
     about: str
     holds: Callable[[Values], BoolArray]
+    room: Callable[[Values], FloatArray] | None = None
 
 
 @dataclass(frozen=True, slots=True)

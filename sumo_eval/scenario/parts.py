@@ -92,6 +92,10 @@ class Condition:
             return np.asarray(self.expression.at(point))
         return np.asarray(self.expression.value(self.definitions.extend(values)), dtype=np.bool_)
 
+    def room(self, values: Values) -> FloatArray:
+        """How far it is from its limit: below 0 where it does not hold."""
+        return np.asarray(self.expression.room(self.definitions.extend(values)), dtype=np.float64)
+
 
 @dataclass(frozen=True, slots=True)
 class Exposure:

@@ -280,6 +280,32 @@ def test_more_than_three_parameters_are_slices_to_choose(report: Path, tmp_path:
 
 
 @needs_chromium
+def test_on_a_slice_of_ones_own_what_cannot_be_is_hatched_up_to_its_limit_and_holds_no_case(opened: Page) -> None:
+    card = f"""document.querySelector('[data-map="{builders.SCENARIOS.index("front_vehicle_cut_out")}"]')"""
+    pick = f"""(which, value) => {{ const axis = {card}.querySelector(`[data-axis=${{which}}]`);
+        axis.value = value; axis.dispatchEvent(new Event('change')); }}"""
+    opened.run(f"{card}.scrollIntoView()")
+    opened.wait(f"{card}.querySelector('.plot')?.data")
+    opened.run(f"(() => {{ const pick = {pick}; pick('panel', ''); pick('x', 0); pick('y', 1); }})()")
+    slider = f"{card}.querySelector('.slider input')"
+    opened.run(f"(() => {{ {slider}.value = 0; {slider}.dispatchEvent(new Event('input', {{ bubbles: true }})); }})()")
+    traces = opened.run(f"""[...{card}.querySelector('.plot').data].filter((trace) => trace.type === 'scatter')
+        .map(({{ x, y, name, fillpattern }}) => ({{ x, y, name, pattern: fillpattern?.shape }}))""")
+    opened.run(f"(() => {{ const pick = {pick}; pick('x', 1); pick('y', 2); pick('panel', 0); }})()")
+    (hatched,) = [trace for trace in traces if trace.get("pattern") == "/"]
+    corners = [(x, y) for x, y in zip(hatched["x"], hatched["y"], strict=True) if x is not None]
+    # gap = 20 m: slower than the ego, and 6.5 m + 1.3 s * (ego_speed - obstacle_speed) <= gap
+    slower = [x - y for x, y in corners]
+    assert all(d <= 1e-2 or d >= (20.0 - 6.5) / 1.3 - 1e-2 for d in slower)
+    assert min(abs(d) for d in slower) < 1e-2
+    assert min(abs(d - (20.0 - 6.5) / 1.3) for d in slower) < 1e-2
+    cases = [(x, y) for trace in traces if trace.get("name") in ("no contact", "collision")
+             for x, y in zip(trace["x"], trace["y"], strict=True)]  # fmt: skip
+    assert cases
+    assert all(1e-2 < x - y < (20.0 - 6.5) / 1.3 for x, y in cases)
+
+
+@needs_chromium
 def test_a_second_ads_stands_beside_the_first_and_the_filter_holds_for_both(
     opened: Page, evaluation: Evaluation
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 from dataclasses import replace
@@ -13,6 +14,7 @@ from typing import Any
 from urllib.parse import unquote
 
 import builders
+import numpy as np
 import pytest
 from packed_pages import unpacked
 
@@ -21,7 +23,7 @@ from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.report import sent_drives
 from sumo_eval.report.html import term, write_report
 from sumo_eval.report.page import template
-from sumo_eval.report.page_data import choose_view, telling_slice
+from sumo_eval.report.page_data import choose_view, rooms_of, telling_slice
 from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sections import Beside, ranking_content
 from sumo_eval.report.words import GLOSSARY, count, unevaluated
@@ -244,6 +246,18 @@ def test_a_map_with_slices_opens_where_most_collisions_are(evaluation: Evaluatio
     hits = [replace(case, collided=case.values["p2"] == 1.0 and case.values["p3"] == 0.0) for case in calm]
     assert telling_slice(view, hits) == {2: 1.0, 3: 0.0}
     assert telling_slice(choose_view(space(3), calm), calm) == {}
+
+
+@pytest.mark.parametrize("name", ["front_vehicle_cut_out", "curve_braking", "oncoming_in_lane"])
+def test_law_a_map_is_told_the_room_of_each_constraint_and_the_least_says_what_is_possible(name: str) -> None:
+    logical = catalogue.load(name)
+    rows = logical.from_unit(np.random.default_rng(1).random((500, len(logical.parameters))))
+    told = [np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(logical, rows)]
+    assert ((np.min(told, axis=0) >= 0) == logical.feasible(rows)).all()
+    said = replace(logical, constraints=tuple(replace(one, room=None) for one in logical.constraints))
+    plain = [np.frombuffer(base64.b64decode(packed), dtype="<i2") for packed in rooms_of(said, rows)]
+    assert set(np.abs(plain).ravel().tolist()) == {32_000}
+    assert ((np.min(plain, axis=0) >= 0) == logical.feasible(rows)).all()
 
 
 def test_zones_stand_with_their_boundary_errors(page: str) -> None:

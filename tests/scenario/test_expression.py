@@ -127,3 +127,19 @@ def test_odd_text_is_one_sentence_that_can_be_shown(text: str) -> None:
     with pytest.raises(InputError) as caught:
         Expression(text)
     str(caught.value).encode("utf-8")
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "a < b", "a <= b", "a > b", "a >= b", "a == b", "a != b", "not a < b", "a < b <= c", "a < b and b < c",
+        "a < b or c < a", "not (a == b or b > c)",
+    ],
+)  # fmt: skip
+def test_law_a_condition_has_room_where_it_holds_and_none_where_it_does_not(rule):
+    values = dict(zip("abc", np.random.default_rng(1).integers(-2, 3, (3, 200)).astype(float), strict=True))
+    expression = Expression(rule)
+    holds, room = expression.value(values), expression.room(values)
+    assert np.all(holds[room > 0.0])
+    assert not np.any(holds[room < 0.0])
+    assert np.any(room)

@@ -7,6 +7,8 @@ const sumoMaps = (() => {
   const MOST_PANELS = 12;
   const GATHERED = 6;
   const CELLS = 72;
+  const FINE = 4; // parts of a cell, along y, between which an area's edge is sought
+  const HALVINGS = 6; // of a cell, along x, to where an area begins
   const THICKNESS = [0.05, 0.1, 0.25, 0.5]; // shares of a parameter's range to each side
 
   const short = (value) => String(+value.toPrecision(6));
@@ -57,56 +59,136 @@ const sumoMaps = (() => {
     });
   }
 
-  /** Zones of the slice: { x, y, gp, exact, impossible or possible }; null where it has none. */
+  /** Zones of the slice: { x, y, gp, exact, impossible: polygons [[x, y], ...] }; null where it has none. */
   function zones(scenario, view, panels, panel) {
     const given = scenario.view, k = scenario.parameters.length;
     const own = view.x === given.x && view.y === given.y && view.panel === given.panel;
+    const held = heldValues(scenario, view, panels, panel);
     if (own && sliced(scenario, view).every((j) => !view.at[j].all && close(view.at[j].value, given.fixed[j] ?? NaN))) {
-      const map = scenario.maps[panel];
-      const rows = (levels) => Array.from({ length: map.y.length }, (_, r) => Array.from(levels.subarray(r * map.x.length, (r + 1) * map.x.length), (level) => level / 32000));
-      return { x: map.x, y: map.y, gp: rows(sumoEval.decodeLevels(map.gp)), exact: rows(sumoEval.decodeLevels(map.exact)), impossible: map.impossible };
+      const map = scenario.maps[panel], width = map.x.length;
+      const rows = (levels) => Array.from({ length: map.y.length }, (_, r) => Array.from(levels.subarray(r * width, (r + 1) * width), (level) => level / 32000));
+      const exactly = held.every((values) => values.length === 1) || !scenario.lattice;
+      const grids = exactly ? [map.rooms.map((packed) => rows(sumoEval.decodeLevels(packed)))] : latticeRooms(scenario, view, held);
+      return { x: map.x, y: map.y, gp: rows(sumoEval.decodeLevels(map.gp)), exact: rows(sumoEval.decodeLevels(map.exact)), impossible: view.y === null ? [] : areas(scenario, view, grids) };
     }
     if (k < 2 || !scenario.lattice || sliced(scenario, view).some((j) => view.at[j].all)) return null;
-    return latticeZones(scenario, view, panels[panel]);
+    return { ...latticeZones(scenario, view, panels[panel]), impossible: areas(scenario, view, latticeRooms(scenario, view, held)) };
+  }
+
+  /** Values of each parameter that is no axis, at which a case would be drawn on this panel: the middle and both ends. */
+  function heldValues(scenario, view, panels, panel) {
+    return scenario.parameters.map(({ low, high }, j) => {
+      const within = (value) => Math.min(Math.max(value, low), high);
+      if (j === view.x || j === view.y) return [low];
+      if (j === view.panel) {
+        const here = panels[panel], middle = (other) => (other === undefined ? here : (here + other) / 2);
+        const apart = levelsOf(scenario, j).every((value) => panels.some((one) => close(one, value)));
+        return apart ? [here] : [middle(panels[panel - 1]), here, middle(panels[panel + 1])];
+      }
+      const { value, half } = view.at[j], reach = half * (high - low);
+      return reach ? [within(value - reach), value, within(value + reach)] : [value];
+    });
   }
 
   function unpackedLattice(scenario) {
     scenario.lattice.read ??= {
       gp: sumoEval.decodeLevels(scenario.lattice.gp), exact: sumoEval.decodeLevels(scenario.lattice.exact),
-      possible: Uint8Array.from(atob(scenario.lattice.possible), (letter) => letter.charCodeAt(0)),
+      rooms: scenario.lattice.rooms.map((packed) => sumoEval.decodeLevels(packed)),
     };
     return scenario.lattice.read;
   }
 
+  /** Where a value lies on an axis of the lattice: the point below it, and the share of the way to the next. */
+  function latticePlace(scenario, j, value) {
+    const { low, high } = scenario.parameters[j], { size } = scenario.lattice;
+    const at = Math.min(Math.max((value - low) / (high - low), 0), 1) * (size - 1), whole = Math.min(Math.floor(at), size - 2);
+    return [whole, at - whole];
+  }
+
+  /** Points of the lattice around a place, and their weights: [[number, weight], ...]. */
+  function latticeCorners(scenario, places) {
+    const { size } = scenario.lattice, k = places.length;
+    let corners = [[0, 1]];
+    places.forEach(([whole, part], j) => {
+      const stride = size ** (k - 1 - j);
+      corners = corners.flatMap(([at, weight]) => (part === 0 ? [[at + whole * stride, weight]]
+        : [[at + whole * stride, weight * (1 - part)], [at + (whole + 1) * stride, weight * part]]));
+    });
+    return corners;
+  }
+
   /** Between the points of the lattice everything is interpolated along each parameter. */
   function latticeZones(scenario, view, panelValue) {
-    const { size } = scenario.lattice, read = unpackedLattice(scenario), k = scenario.parameters.length;
-    const place = (j, value) => {
-      const { low, high } = scenario.parameters[j];
-      const at = Math.min(Math.max((value - low) / (high - low), 0), 1) * (size - 1), whole = Math.min(Math.floor(at), size - 2);
-      return [whole, at - whole];
-    };
+    const read = unpackedLattice(scenario);
+    const place = (j, value) => latticePlace(scenario, j, value);
     const axis = (j) => Array.from({ length: CELLS + 1 }, (_, i) => scenario.parameters[j].low + (scenario.parameters[j].high - scenario.parameters[j].low) * i / CELLS);
     const [xs, ys] = [axis(view.x), axis(view.y)];
     const held = scenario.parameters.map((_, j) => (j === view.x || j === view.y ? null : place(j, j === view.panel ? panelValue : view.at[j].value)));
-    const strides = Array.from({ length: k }, (_, j) => size ** (k - 1 - j));
-    const of = (places) => {
-      let corners = [[0, 1]];
-      places.forEach(([whole, part], j) => {
-        corners = corners.flatMap(([at, weight]) => (part === 0 ? [[at + whole * strides[j], weight]]
-          : [[at + whole * strides[j], weight * (1 - part)], [at + (whole + 1) * strides[j], weight * part]]));
-      });
-      const mean = (values) => corners.reduce((sum, [at, weight]) => sum + weight * values[at], 0);
-      return [mean(read.gp) / 32000, mean(read.exact) / 32000, mean(read.possible)];
-    };
-    const gp = [], exact = [], possible = [];
+    const gp = [], exact = [];
     for (const y of ys) {
-      const row = xs.map((x) => of(held.map((place_, j) => (j === view.x ? place(j, x) : j === view.y ? place(j, y) : place_))));
+      const row = xs.map((x) => {
+        const corners = latticeCorners(scenario, held.map((place_, j) => (j === view.x ? place(j, x) : j === view.y ? place(j, y) : place_)));
+        return [read.gp, read.exact].map((values) => corners.reduce((sum, [at, weight]) => sum + weight * values[at], 0) / 32000);
+      });
       gp.push(row.map((one) => one[0]));
       exact.push(row.map((one) => one[1]));
-      possible.push(row.map((one) => one[2]));
     }
-    return { x: xs, y: ys, gp, exact, possible };
+    return { x: xs, y: ys, gp, exact };
+  }
+
+  /** For every choice of the values held: each constraint's room over the two axes, rows of y. */
+  function latticeRooms(scenario, view, held) {
+    const { size } = scenario.lattice, k = scenario.parameters.length, { rooms } = unpackedLattice(scenario);
+    const [across, up] = [view.x, view.y].map((j) => size ** (k - 1 - j));
+    const steps = Array.from({ length: size }, (_, i) => i);
+    let choices = [[]];
+    for (const values of held) choices = choices.flatMap((choice) => values.map((value) => [...choice, value]));
+    return choices.map((choice) => {
+      const corners = latticeCorners(scenario, choice.map((value, j) => latticePlace(scenario, j, value)));
+      return rooms.map((levels) => steps.map((r) => steps.map((c) => corners.reduce((sum, [at, weight]) => sum + weight * levels[at + r * up + c * across], 0))));
+    });
+  }
+
+  /** Areas of a map in which no point of the slice is possible: polygons [[x, y], ...].
+   *  grids: for each choice of what is held, each constraint's room at the points of a grid, rows of y.
+   *  Constraints are taken apart: the room of one mostly is straight between points of the grid, the least of two is not.
+   */
+  function areas(scenario, view, grids) {
+    if (!grids[0].length) return [];
+    const [columns, rows] = [grids[0][0][0].length - 1, grids[0][0].length - 1];
+    const between = (last, share) => { const whole = Math.min(Math.floor(share * last), last - 1); return [whole, share * last - whole]; };
+    function room(x, y) {
+      const [c, right] = between(columns, x), [r, above] = between(rows, y);
+      return Math.max(...grids.map((rooms) => Math.min(...rooms.map((grid) => (
+        (1 - above) * ((1 - right) * grid[r][c] + right * grid[r][c + 1]) + above * ((1 - right) * grid[r + 1][c] + right * grid[r + 1][c + 1]))))));
+    }
+    /** Stretches of y, from 0 to 1, that are impossible at an x. */
+    function stretches(x) {
+      const found = [], number = CELLS * FINE;
+      let before = NaN;
+      for (let i = 0; i <= number; i += 1) {
+        const now = room(x, i / number);
+        if (now < 0 && !(before < 0)) found.push([before >= 0 ? (i - now / (now - before)) / number : 0, 1]);
+        if (now >= 0 && before < 0) found.at(-1)[1] = (i - now / (now - before)) / number;
+        before = now;
+      }
+      return found;
+    }
+    const [xs, ys] = [view.x, view.y].map((j) => (share) => scenario.parameters[j].low + (scenario.parameters[j].high - scenario.parameters[j].low) * share);
+    const polygons = [];
+    /** Between two x, a strip for each stretch; where a stretch begins or ends between them, halves, as far as it is worth it. */
+    function strips(x0, left, x1, right, halvings) {
+      if (left.length === right.length) {
+        left.forEach(([a, b], i) => polygons.push([[x0, a], [x1, right[i][0]], [x1, right[i][1]], [x0, b], [x0, a]].map(([x, y]) => [xs(x), ys(y)])));
+      } else if (halvings) {
+        const x = (x0 + x1) / 2, middle = stretches(x);
+        strips(x0, left, x, middle, halvings - 1);
+        strips(x, middle, x1, right, halvings - 1);
+      }
+    }
+    const all = Array.from({ length: CELLS + 1 }, (_, i) => stretches(i / CELLS));
+    for (let i = 0; i < CELLS; i += 1) strips(i / CELLS, all[i], (i + 1) / CELLS, all[i + 1], HALVINGS);
+    return polygons;
   }
 
   // --- controls ------------------------------------------------------------------------------------------------------

@@ -243,7 +243,7 @@
       { ...shared, ...filled, zmin: -1, zmax: 1, z: zones.exact, colorscale: [[0, hazardous], [0.5, hazardous], [0.5, safe], [1, safe]] },
       { ...shared, z: zones.gp, contours: { start: 0, end: 0, size: 1, coloring: "none" }, line: { color: C("--ink"), width: 1.8 } },
     ];
-    if (zones.impossible?.length) {
+    if (zones.impossible.length) {
       const corners = { x: [], y: [] };
       for (const polygon of zones.impossible) {
         corners.x.push(...polygon.map((corner) => corner[0]), null);
@@ -252,11 +252,6 @@
       traces.push({
         ...corners, type: "scatter", mode: "lines", fill: "toself", hoverinfo: "skip", line: { width: 0 },
         fillcolor: impossible, fillpattern: { shape: "/", size: 7, solidity: 0.16, fgcolor: C("--hatch"), bgcolor: impossible },
-      });
-    } else if (zones.possible?.some((row) => row.some((share) => share < 0.5))) {
-      traces.push({
-        ...shared, contours: { start: 0.5, end: 0.5, size: 1, coloring: "fill", showlines: false }, zmin: 0, zmax: 1, z: zones.possible.map((row) => row.map((share) => 1 - share)),
-        colorscale: [[0, "rgba(0,0,0,0)"], [0.5, "rgba(0,0,0,0)"], [0.5, impossible], [1, impossible]],
       });
     }
     const frame = { x: [xLow, xHigh, xHigh, xLow, xLow], y: [yLow, yLow, yHigh, yHigh, yLow] };
