@@ -88,7 +88,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
             ax.set_visible(False)
         present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases}]
         _legend_of_map(figure, present)
-        note = textwrap.fill(view.note, LONGEST_LINE if width == "page" else LONGEST_LINE // 2)
+        note = _in_lines(view.note, figure)
         figure.suptitle("\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", note))), fontsize="medium")
     return figure
 
@@ -120,6 +120,16 @@ def _zones(ax: Axes, zones: ZonePartition, view: View, panel: int) -> None:
         ax.set_ylim(other.low, other.high)
 
 
+def _columns(figure: Figure) -> int:
+    """Columns of a legend that fit below it."""
+    return 2 if figure.get_figwidth() < 5.0 else 4
+
+
+def _in_lines(words: str, figure: Figure) -> str:
+    """Words above a figure, broken where it ends."""
+    return textwrap.fill(words, LONGEST_LINE * _columns(figure) // 4)
+
+
 def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -137,7 +147,7 @@ def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
             Line2D([], [], linestyle="", marker=marker, markerfacecolor=look.colour, markeredgecolor=INK,
                    markeredgewidth=0.3, label=look.words)
         )  # fmt: skip
-    figure.legend(handles=handles, loc="outside lower center", ncols=2 if figure.get_figwidth() < 5.0 else 4)
+    figure.legend(handles=handles, loc="outside lower center", ncols=_columns(figure))
 
 
 def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case: str | None, width: str) -> Figure:
@@ -173,7 +183,7 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
                 ax.set_aspect("equal")  # a bend keeps its radius
         axes[-1].set_xlabel(label("x", "m"))
         figure.colorbar(image, ax=axes, label="field strength S", extend="max")
-        figure.suptitle(f"{row.case}\n{scene.words}", fontsize=7.0)
+        figure.suptitle(f"{row.case}\n{_in_lines(scene.words, figure)}", fontsize=7.0)
     return figure
 
 
@@ -205,8 +215,8 @@ def trajectories(
 
 
 def _name_the_scene(figure: Figure, scene: Scene) -> None:
-    figure.legend(loc="outside lower center", ncols=4)
-    figure.suptitle(f"{scene.scenario.replace('_', ' ')}: {scene.words}", fontsize=7.0)
+    figure.legend(loc="outside lower center", ncols=_columns(figure))
+    figure.suptitle(_in_lines(f"{scene.scenario.replace('_', ' ')}: {scene.words}", figure), fontsize=7.0)
 
 
 def _name_the_grey(ax: Axes, people: bool, others: bool) -> None:
