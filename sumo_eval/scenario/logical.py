@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from html import escape
 from numbers import Real
 from typing import Protocol
@@ -82,7 +82,7 @@ class Constraint:
 
     about: str
     holds: Callable[[Values], BoolArray]
-    room: Callable[[Values], FloatArray] | None = None
+    room: Callable[[Values], FloatArray] | None = field(default=None, compare=False)  # it follows from `holds`
 
 
 @dataclass(frozen=True, slots=True)
