@@ -24,7 +24,6 @@ from sumo_eval.report.html import write_report
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
 from sumo_eval.results import CasesMissing, DrivesLeftOut, Evaluation, NotComputed, ReferenceMissing
-from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -54,9 +53,13 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
     return sumo_eval.evaluate(small("ideal_braking", "idm", "lane_changer", "no_reaction"), out)
 
 
-def test_the_ideal_vehicle_scores_c_1_in_each_shipped_scenario(tmp_path: Path) -> None:
+def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(tmp_path: Path) -> None:
+    names = [
+        "curve_cut_in",
+        "cut_in",
+        "r157_cut_out",
+    ]  # it hits somebody at corners of these alone; golden files: others
     corners = SamplingSettings(method="grid", levels=2)
-    names = sorted(name for name, logical in SCENARIOS.items() if logical.approach is not None)  # golden files: others
     everywhere = EvaluationSettings(
         name="everywhere",
         scenario=tuple(ScenarioSettings(name, sampling=corners) for name in names),
@@ -66,8 +69,7 @@ def test_the_ideal_vehicle_scores_c_1_in_each_shipped_scenario(tmp_path: Path) -
         method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),  # C asks the criterion
     )
     scores = sumo_eval.evaluate(everywhere, tmp_path / "run").scores
-    assert {score.scenario: score.c for score in scores} == dict.fromkeys(names, 1.0)
-    assert sum(score.collisions > 0 for score in scores) >= 2, "there is something to be ideal at"
+    assert {score.scenario: (score.c, score.collisions > 0) for score in scores} == dict.fromkeys(names, (1.0, True))
 
 
 def test_the_ideal_vehicle_scores_c_1_in_every_scenario(done: Evaluation) -> None:
