@@ -66,6 +66,13 @@ def actor(name: str, gap: float, speed: float, y: float = 0.0) -> Actor:
     return Actor(name, Start(50.0 + 4.5 + gap, y, speed))
 
 
+def drawn_cases(name: str, count: int, seed: int) -> list[ConcreteScenario]:
+    """Concrete scenarios at possible points of a shipped scenario, drawn at random."""
+    logical = catalogue.load(name)
+    points = logical.from_shares(np.random.default_rng(seed).random((8 * count, len(logical.names))))
+    return list(logical.concretes(points[logical.feasible(points)][:count]))
+
+
 def grid(logical: LogicalScenario) -> np.ndarray:
     """The feasible points of a space at its own steps."""
     axes = [np.arange(p.low, p.high + 1e-9, p.step) for p in logical.parameters]

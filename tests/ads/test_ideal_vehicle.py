@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from road_scenes import actor, case
+from road_scenes import actor, case, drawn_cases
 
 from sumo_eval.ads.foresight import evasion, first_meeting, foresee
 from sumo_eval.ads.known_answers import IdealBraking, safe_gap
@@ -32,19 +32,13 @@ def severity(recording) -> float:
     return 0.0 if hit is None else float(impact_severity(hit.ego_velocity, hit.other_velocity, hit.overlap))
 
 
-def drawn(name: str, count: int, seed: int = 5):
-    logical = catalogue.load(name)
-    points = logical.from_shares(np.random.default_rng(seed).random((8 * count, len(logical.names))))
-    return list(logical.concretes(points[logical.feasible(points)][:count]))
-
-
 def severities(cases, ads: str, settings=SETTINGS) -> np.ndarray:
     return np.array([severity(recording) for recording in simulate_many(cases, ads, settings)])
 
 
 def assert_nobody_is_gentler(name: str, count: int, ads: tuple[str, ...]) -> None:
     """Nobody can be gentler than who touches nobody, so the others drive the points where the ideal vehicle hits."""
-    cases = drawn(name, count)
+    cases = drawn_cases(name, count, seed=5)
     ideal = severities(cases, "ideal_braking")
     hit = np.flatnonzero(ideal > 0.0)
     cases, ideal = [cases[row] for row in hit], ideal[hit]
@@ -154,7 +148,7 @@ def test_it_only_brakes_where_braking_will_do_or_the_lane_is_not_free():
 
 
 def test_in_the_papers_cut_out_it_brakes_everywhere():
-    assert all(path_of(concrete)[1] == 0.0 for concrete in drawn("front_vehicle_cut_out", 60))
+    assert all(path_of(concrete)[1] == 0.0 for concrete in drawn_cases("front_vehicle_cut_out", 60, seed=5))
 
 
 def lateness(first: float):
@@ -168,7 +162,7 @@ def lateness(first: float):
 
 
 def test_six_drivers_of_known_order_have_six_c_in_cut_out():
-    cases = drawn("front_vehicle_cut_out", 150, seed=8)
+    cases = drawn_cases("front_vehicle_cut_out", 150, seed=8)
     ideal, nothing = severities(cases, "ideal_braking"), severities(cases, "no_reaction")
     hit = np.flatnonzero(nothing > 0.0)[:40]
     cases, ideal = [cases[row] for row in hit], ideal[hit]

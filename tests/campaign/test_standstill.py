@@ -6,8 +6,8 @@
 import os
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from road_scenes import drawn_cases
 
 from sumo_eval.cosim import simulate_many
 from sumo_eval.scenario import catalogue
@@ -19,9 +19,7 @@ WAITING = replace(SETTINGS, standstill_time=SETTINGS.time_limit)
 
 
 def touched(use: str, ads: str, count: int, settings: SimulationSettings) -> list[bool]:
-    logical = catalogue.load(use)
-    points = logical.from_shares(np.random.default_rng(7).random((8 * count, len(logical.names))))
-    cases = list(logical.concretes(points[logical.feasible(points)][:count]))
+    cases = drawn_cases(use, count, seed=7)
     return [recording.collision is not None for recording in simulate_many(cases, ads, settings)]
 
 

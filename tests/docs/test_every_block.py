@@ -208,6 +208,10 @@ def form(words: list[str]) -> tuple[str, ...]:
     return (words[0], kind, *sorted({word for word in words if word.startswith("--")} - {"--keep"}))
 
 
+FIRST_RUN = ("run", "", "--out")
+"""The form of what the fixture `small_run` runs."""
+
+
 def dear_forms() -> dict[tuple[str, ...], tuple[str, list[str]]]:
     """The first command of every form among those that take long: form -> its page and words."""
     found: dict[tuple[str, ...], tuple[str, list[str]]] = {}
@@ -216,7 +220,7 @@ def dear_forms() -> dict[tuple[str, ...], tuple[str, list[str]]]:
             taken = block.language in ("sh", "text", "yaml") and "parquet" not in words  # test_exchange.py has that
             if taken and not is_quick(words) and not why_not_run(words):
                 found.setdefault(form(words), (block.page, words))
-    del found[("run", "", "--out")]  # the fixture runs it
+    del found[FIRST_RUN]
     return found
 
 
@@ -464,10 +468,10 @@ def treated(block: Block) -> str:
         return "marked"
     if block.language == "python" or "read -r briefing" in block.text or drivable(block) or is_gate(block):
         return "run"
-    runs = [words for words in block.commands() if not why_not_run(words)]
-    if any("--gate" in words for words in runs) and block.language == "yaml":
-        return "alike"
-    runs = [words for words in runs if block.language in ("sh", "text") or form(words) in DEAR]
+    shell = block.language in ("sh", "text")
+    runs = [
+        words for words in block.commands() if not why_not_run(words) and (shell or form(words) in (FIRST_RUN, *DEAR))
+    ]
     themselves = [is_quick(words) or (block.page, words) in DEAR.values() for words in runs]
     return "run" if any(themselves) else "alike" if runs else "read"
 
