@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sumo_eval.errors import InputError, must_be
-from sumo_eval.method.criticality import ideal_impact_speed, max_inverse_ttc, searched_criticality
+from sumo_eval.method.criticality import Profile, ideal_impact_speed, max_inverse_ttc, searched_criticality
 from sumo_eval.method.encounter import encounter
 from sumo_eval.scenario import Approach, LogicalScenario, Parameter
 from sumo_eval.scenario.concrete import braked_distance, braked_speed
@@ -577,17 +577,9 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
         )
     )  # fmt: skip
     for rows in (slice(start, start + SEARCHED_AT_ONCE) for start in range(0, n, SEARCHED_AT_ONCE)):
-        speed, brakes = other[rows, None], slowing[rows, None] > 0.0
-        strength = np.where(brakes, slowing[rows, None], 1.0)
-
-        def lead_speed(time: FloatArray, speed: FloatArray = speed, brakes: BoolArray = brakes,
-                       strength: FloatArray = strength) -> FloatArray:  # fmt: skip
-            return np.where(brakes, braked_speed(speed, strength, time), speed)
-
-        def lead_distance(time: FloatArray, speed: FloatArray = speed, brakes: BoolArray = brakes,
-                          strength: FloatArray = strength) -> FloatArray:  # fmt: skip
-            return np.where(brakes, braked_distance(speed, strength, time), speed * time)
-
+        lead_speed, lead_distance = _steady(other[rows, None])
+        if np.any(slowing[rows] > 0.0):
+            lead_speed, lead_distance = _braking(other[rows, None], slowing[rows, None])
         inverse[rows], impact[rows] = searched_criticality(
             ego[rows],
             gap[rows],
@@ -599,6 +591,21 @@ def _searched(approach: Approach, n: int, settings: ZoneSettings) -> tuple[Float
             passing_length=approach.passing_length,
         )
     return inverse, impact
+
+
+def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
+    """Speed and distance at times of others who keep their speed, (n, 1)."""
+    return lambda time: speed, lambda time: speed * time
+
+
+def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
+    """The same of others of whom those with a deceleration above 0 brake from the start on, (n, 1)."""
+    brakes = slowing > 0.0
+    strength = np.where(brakes, slowing, 1.0)
+    return (
+        lambda time: np.where(brakes, braked_speed(speed, strength, time), speed),
+        lambda time: np.where(brakes, braked_distance(speed, strength, time), speed * time),
+    )
 
 
 def exact_target(logical: LogicalScenario, points: FloatArray, settings: ZoneSettings) -> FloatArray:
@@ -880,7 +887,7 @@ class _DangerSearch:
         points = points[self.logical.feasible(points)]
         unit = self.logical.to_unit(points)
         nearest = self.zone_index[self.zone_tree.query(unit)[1]]
-        return np.asarray(points[(self.surface.value(unit) <= 0.0) & (nearest == zone)])
+        return np.asarray(points[self.surface.at_most_zero(unit) & (nearest == zone)])
 
     def _worst(self, points: FloatArray) -> FloatArray:
         inverse, impact, gap = _criticality(self.logical, points, self.settings)

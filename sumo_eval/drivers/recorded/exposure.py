@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sumo_eval.errors import InputError, must_be, unknown
 from sumo_eval.scenario.logical import LogicalScenario, Values, uniform_exposure
@@ -48,6 +47,8 @@ class RecordedExposure:
         """Which points (m, k) lie within `SUPPORT` kernel deviations of at least one event."""
         kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
         whiten = np.linalg.inv(np.linalg.cholesky(kernel))
+        from scipy.spatial import cKDTree
+
         distance, _ = cKDTree(self.points @ whiten.T).query(np.asarray(points) @ whiten.T)
         return np.asarray(distance <= SUPPORT)
 
