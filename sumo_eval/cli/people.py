@@ -162,14 +162,14 @@ def population(
     tables: tuple[Path, ...], drivers: int, seed: int, recording: str | None, changes: tuple[str, ...], out: Path | None
 ) -> None:
     """Compare the synthetic population with the people in imported TABLES."""
-    from sumo_eval.cli.named_values import named_values
+    from sumo_eval.cli.named_values import named_texts
     from sumo_eval.drivers.recorded.events import extract_events
     from sumo_eval.drivers.recorded.importing import OWN, import_recordings
     from sumo_eval.drivers.recorded.population_check import compare_population
     from sumo_eval.settings.config import population_from
     from sumo_eval.studies.tables import comparison_lines, write_rows
 
-    people = population_from(named_values(changes, "--set"))
+    people = population_from(named_texts(changes, "--set"))
     recordings = import_recordings(OWN, tables)
     found = extract_events(recordings if recording is None else recordings.only(recording))
     with Progress() as progress:

@@ -599,7 +599,7 @@ def _steady(speed: FloatArray) -> tuple[Profile, Profile]:
 
 
 def _braking(speed: FloatArray, slowing: FloatArray) -> tuple[Profile, Profile]:
-    """The same of others of whom those with a deceleration above 0 brake from the start on, (n, 1)."""
+    """Speed and distance at times of others, of whom those that decelerate brake from the start on, (n, 1)."""
     brakes = slowing > 0.0
     strength = np.where(brakes, slowing, 1.0)
     return (

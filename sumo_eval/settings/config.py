@@ -73,7 +73,7 @@ def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
     return settings
 
 
-def population_from(content: Mapping[str, float]) -> PopulationSettings:
+def population_from(content: Mapping[str, float | str]) -> PopulationSettings:
     """A synthetic population that differs in what is named. Raises InputError for what there is not, or cannot be."""
     return _validated(content, PopulationSettings, "the population")
 

@@ -20,6 +20,10 @@ class PopulationSettings(Checked):
     )
     reaction_scale: Annotated[float, Positive, About("factor on everybody's reaction time")] = 1.0
     lane_change_scale: Annotated[float, Positive, About("factor on the duration of everybody's lane changes")] = 1.1
+    onset: Annotated[
+        Literal["recorded", "limits"],
+        About("headway and TTC at which they pass: people's own, or the limits by which they begin where people do"),
+    ] = "recorded"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, replace
 
-import pandas as pd
 import pytest
 from drivers.test_reference import write_people
 
 from sumo_eval.drivers.recorded.events import extract_events
-from sumo_eval.drivers.recorded.population_check import Comparison, compare_population, reached_headway
+from sumo_eval.drivers.recorded.population_check import Comparison, compare_population
 from sumo_eval.drivers.recorded.recordings import read_csv
-from sumo_eval.drivers.synthetic.population import draw_population
+from sumo_eval.drivers.synthetic.population import (
+    HEADWAY_LIMIT,
+    ONSET_HEADWAY,
+    ONSET_TTC,
+    TTC_LIMIT,
+    draw_population,
+)
 from sumo_eval.settings import PopulationSettings
 
 
@@ -34,6 +40,23 @@ def test_the_headway_scale_changes_the_headway_and_nothing_else():
         assert asdict(after.idm) | {"headway": 0} == asdict(before.idm) | {"headway": 0}
 
 
+def test_the_limits_of_the_onset_keep_everybodys_rank_and_everything_else():
+    """Who turns the wheel early among people's own onsets does so among the limits, and no other draw moves."""
+    own, limits = (draw_population(60, 3, PopulationSettings(onset=name)) for name in ("recorded", "limits"))
+    for name, recorded, limit in (
+        ("onset_headway", ONSET_HEADWAY, HEADWAY_LIMIT),
+        ("onset_ttc", ONSET_TTC, TTC_LIMIT),
+    ):
+        ranks = [(math.log(getattr(driver, name)) - recorded.mu) / recorded.sigma for driver in own]
+        assert [(math.log(getattr(driver, name)) - limit.mu) / limit.sigma for driver in limits] == pytest.approx(ranks)
+        assert all(limit.low <= getattr(driver, name) <= limit.high for driver in limits)
+    for before, after in zip(own, limits, strict=True):
+        assert asdict(after) | {"onset_headway": 0, "onset_ttc": 0} == asdict(before) | {
+            "onset_headway": 0,
+            "onset_ttc": 0,
+        }
+
+
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])
 def test_the_share_who_overtake_is_the_one_asked_for(share, expected):
     people = draw_population(10, 7, PopulationSettings(overtake_share=share))
@@ -51,11 +74,6 @@ def test_recorded_and_synthetic_approaches_are_measured_by_the_same_rules(tmp_pa
     assert rows["middle"].words.startswith("differs: the synthetic drivers' values are higher")
     again = {row.name: row for row in compare_population(events, drivers=12, seed=4)}
     assert again["middle"].synthetic == rows["middle"].synthetic
-
-
-def test_who_begins_at_once_or_had_begun_before_the_scenario_counts_alike():
-    changes = pd.DataFrame({"change_onset": [-4.6, 1.0, 5.0, 9.0], "headway_at_onset": [3.9, 3.2, 3.6, 1.4]})
-    assert reached_headway(changes).tolist() == [3.5, 3.5, 3.5, 1.4]
 
 
 def test_too_few_are_not_compared():

@@ -68,8 +68,14 @@ changes last 1.1 times as long as they are drawn below. Measured as people's are
 quick; the factor was chosen on each half of the recording and holds on the other (docs/humans.md).
 """
 
-ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which the lane change begins
-ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which it begins
+ONSET_HEADWAY = LogNormal(0.866, 0.395, 1.0, 5.5)  # s, headway at which people's lane changes begin
+ONSET_TTC = LogNormal(2.345, 0.399, 4.5, 25.0)  # s, TTC at which they begin
+HEADWAY_LIMIT = LogNormal(0.680, 0.317, 0.98, 3.88)  # s
+TTC_LIMIT = LogNormal(2.366, 0.433, 4.27, 27.6)  # s
+"""A driver begins to pass where he comes below the first of two limits, his headway or his TTC. These are the limits by
+which he then begins where people do, most likely of all (`tools/onsets.py`); the two above are where people begin, and
+taken for limits they would make everybody begin too early.
+"""
 LANE_CHANGE_10_90 = LogNormal(1.628, 0.193, 3.3, 8.0)  # s, from 10 % to 90 % of the offset
 
 
@@ -132,8 +138,8 @@ def draw_driver(index: int, seed: int, settings: PopulationSettings = AS_RECORDE
         reaction_time=settings.reaction_scale * _draw(stream, REACTION),
         lane_offset=_draw_normal(stream, 0.0, LANE_OFFSET_DEVIATION, -LANE_OFFSET_BOUND, LANE_OFFSET_BOUND),
         overtakes=_overtakes(index, seed, settings.overtake_share),
-        onset_headway=_draw(stream, ONSET_HEADWAY),
-        onset_ttc=_draw(stream, ONSET_TTC),
+        onset_headway=_limit(_draw(stream, ONSET_HEADWAY), ONSET_HEADWAY, HEADWAY_LIMIT, settings),
+        onset_ttc=_limit(_draw(stream, ONSET_TTC), ONSET_TTC, TTC_LIMIT, settings),
         lane_change_10_90=settings.lane_change_scale * _draw(stream, LANE_CHANGE_10_90),
     )
 
@@ -148,6 +154,13 @@ def _overtakes(index: int, seed: int, share: float) -> bool:
     """
     phase = random_stream(seed, "inclination").uniform()
     return share >= 1.0 or bool((phase + index * share) % 1.0 < share)
+
+
+def _limit(drawn: float, recorded: LogNormal, limit: LogNormal, settings: PopulationSettings) -> float:
+    """The limit that lies among all limits where `drawn` lies among what is recorded: every other draw stays."""
+    if settings.onset == "recorded":
+        return drawn
+    return math.exp(limit.mu + limit.sigma * (math.log(drawn) - recorded.mu) / recorded.sigma)
 
 
 def _with_headway(idm: IdmParameters, scale: float) -> IdmParameters:
