@@ -13,7 +13,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.settings import PopulationSettings
 from sumo_eval.settings.config import SUITES, settings_from
 
-FROZEN = {"2026.1": "b9528fe14c9a19fa"}
+FROZEN = {"2026.1": "f660e94226140e0c"}
 
 
 def asked(**more: Any) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def test_a_suite_brings_its_scenarios_seed_and_drivers() -> None:
         "front_vehicle_low_speed", "front_vehicle_cut_out", "front_vehicle_braking", "cut_in",
     ]  # fmt: skip
     assert (settings.seed, settings.drivers.count) == (20261, 6)
-    assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0)
+    assert settings.drivers.population == PopulationSettings(0.771, 1.0, 1.0, 1.0, "recorded")
 
 
 def test_a_suite_says_everything_of_its_drivers_so_that_no_default_moves_its_scores() -> None:
