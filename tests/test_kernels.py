@@ -66,12 +66,17 @@ def digest(ads: str) -> str:
 # -- what may stand in a kernel ----------------------------------------------------------------------------------------
 
 
+MARKS = ("kernel", "rows", "compiled_rows")
+
+
 def kernels_of(path: Path) -> list[ast.FunctionDef]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    text = path.read_text(encoding="utf-8")
+    if not any(f"@{mark}" in text for mark in MARKS):
+        return []
+    tree = ast.parse(text)
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    marks = {"kernel", "rows", "compiled_rows"}
     return [
-        it for it in functions if any(isinstance(mark, ast.Name) and mark.id in marks for mark in it.decorator_list)
+        it for it in functions if any(isinstance(mark, ast.Name) and mark.id in MARKS for mark in it.decorator_list)
     ]
 
 
