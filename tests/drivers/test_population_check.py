@@ -9,7 +9,7 @@ import pytest
 from drivers.test_reference import write_people
 
 from sumo_eval.drivers.recorded.events import extract_events
-from sumo_eval.drivers.recorded.population_check import Comparison, compare_population
+from sumo_eval.drivers.recorded.population_check import Comparison, _from_further_back, compare_population
 from sumo_eval.drivers.recorded.recordings import read_csv
 from sumo_eval.drivers.synthetic.population import (
     HEADWAY_LIMIT,
@@ -18,6 +18,7 @@ from sumo_eval.drivers.synthetic.population import (
     TTC_LIMIT,
     draw_population,
 )
+from sumo_eval.scenario import catalogue
 from sumo_eval.settings import PopulationSettings
 
 
@@ -55,6 +56,19 @@ def test_the_limits_of_the_onset_keep_everybodys_rank_and_everything_else():
             "onset_headway": 0,
             "onset_ttc": 0,
         }
+
+
+@pytest.mark.parametrize("onset", ["recorded", "limits"])
+def test_a_compared_approach_begins_before_anybody_has_a_reason_to_overtake(onset):
+    here = catalogue.load("front_vehicle_low_speed").concrete(ego_speed=30.0, lead_speed=15.0)
+    there = _from_further_back(here)
+    gap, closing = there.actors[0].start.x - there.ego.x - 4.5, 15.0
+    for driver in draw_population(300, 1, PopulationSettings(onset=onset)):
+        assert gap > driver.onset_headway * 30.0
+        assert gap > driver.onset_ttc * closing
+    # 27.6 s * 15 m/s = 414 m, of which 414 - 3.5 s * 30 m/s = 309 m are closed at 15 m/s while the ego drives 618 m.
+    assert gap == pytest.approx(414.0, abs=0.5)
+    assert there.road.length - there.ego.x == pytest.approx(618.0 + 2_500.0, abs=1.0)
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])

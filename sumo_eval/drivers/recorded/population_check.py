@@ -18,7 +18,14 @@ from scipy import stats
 from sumo_eval.drivers.recorded.events import Events, extract_events
 from sumo_eval.drivers.recorded.recordings import Recordings
 from sumo_eval.drivers.synthetic.driver import synthetic_reference
-from sumo_eval.drivers.synthetic.population import AS_RECORDED, draw_driver
+from sumo_eval.drivers.synthetic.population import (
+    AS_RECORDED,
+    HEADWAY_LIMIT,
+    ONSET_HEADWAY,
+    ONSET_TTC,
+    TTC_LIMIT,
+    draw_driver,
+)
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -35,8 +42,8 @@ QUANTITIES = {
 }
 """What is compared: name -> words."""
 
-NOBODY = 4.0, 28.0
-"""s, headway and TTC above which no driver begins a lane change (`population.HEADWAY_LIMIT`, `TTC_LIMIT`)."""
+NOBODY = max(ONSET_HEADWAY.high, HEADWAY_LIMIT.high), max(ONSET_TTC.high, TTC_LIMIT.high)
+"""s, headway and TTC above which no driver begins a lane change, whatever `[drivers.population] onset` says."""
 
 FURTHER = 2_500.0
 """m that are driven after the gap of 3.5 s, as of half the people of DLR Highway Traffic: of their lane changes every
