@@ -13,7 +13,7 @@ OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
 PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 # What pip does after installing, but on every core, and not for the packages' own tests and tools.
-COMPILE_INSTALLED = $(BIN)/python -m compileall -j 0 -qq -x '/(tests|tools|validators|plotly|statsmodels)/' $(VENV)/lib/python3*/site-packages 2>/dev/null || true
+COMPILE_INSTALLED = $(BIN)/python -m compileall -j 0 -qq -x '/(tests|tools|validators)/' $(VENV)/lib/python3*/site-packages 2>/dev/null || true
 
 IN_PARALLEL = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 

@@ -11,9 +11,9 @@ whichever is first; both are log-normal among drivers. Of each recording and of 
   s the closing speed over his own, both at the start, the density of u is f(u) G(u/s) + F(u) g(u/s)/s, over the
   probability F(w) G(w/s) that he is among the recorded at all: he has not left the lane where the gap is 3.5 s, so he
   turned the wheel at less than w = 3.5 s + (`SHOWS` + `LEAVES`) s. F, f are of headways, G, g of TTCs;
-- how far drivers with these limits and with those that ship are from each recording's people and from all: Kolmogorov
-  distances of headway and TTC at the onset, without a simulator, at constant speeds and for drivers who are seen where
-  these people were.
+- how far drivers with these limits, and with either of `[drivers.population] onset`, are from each recording's people
+  and from all: Kolmogorov distances of headway and TTC at the onset, without a simulator, at constant speeds and for
+  drivers who are seen where these people were.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import pandas as pd
 from scipy import optimize, stats
 
 from sumo_eval.drivers.recorded.events import RULES
+from sumo_eval.drivers.recorded.population_check import through_the_gap
 from sumo_eval.drivers.synthetic.population import HEADWAY_LIMIT, ONSET_HEADWAY, ONSET_TTC, TTC_LIMIT, LogNormal
 from sumo_eval.trajectory import FloatArray
 
@@ -75,10 +76,7 @@ def distances(limits: Limits, people: pd.DataFrame) -> tuple[float, float]:
     share = stream.choice(shares(people), DRAWN)
     headway = np.exp(stream.normal(limits.headway, limits.headway_deviation, DRAWN))
     ttc = np.exp(stream.normal(limits.ttc, limits.ttc_deviation, DRAWN))
-    shows, leaves = (
-        stream.normal(SHOWS, SHOWS_DEVIATION, DRAWN),
-        stream.normal(LEAVES, LEAVES_DEVIATION, DRAWN),
-    )
+    shows, leaves = stream.normal(SHOWS, SHOWS_DEVIATION, DRAWN), stream.normal(LEAVES, LEAVES_DEVIATION, DRAWN)
     onset = np.maximum(headway, ttc * share) - shows * share
     seen = (onset - leaves * share < RULES.approach_headway) & (onset > 0.0)
     return (
@@ -93,13 +91,13 @@ def of(headway: LogNormal, ttc: LogNormal) -> Limits:
 
 
 if __name__ == "__main__":
-    found = pd.read_csv(Path(sys.argv[1]))
-    found = found[(found["start_kind"] == "range_crossing") & (found["lane"] == 0)]
+    found = through_the_gap(pd.read_csv(Path(sys.argv[1])))
     found = found[found["outcome"] == "lane_change"].dropna(subset=["headway_at_onset", "ttc_at_onset"])
     groups = {**{str(name): people for name, people in found.groupby("recording")}, "all": found}
     limits = {name: most_likely(people) for name, people in groups.items()}
-    limits |= {"that ship": of(HEADWAY_LIMIT, TTC_LIMIT), "onset = recorded": of(ONSET_HEADWAY, ONSET_TTC)}
+    limits |= {"`limits`": of(HEADWAY_LIMIT, TTC_LIMIT), "`recorded`, as they ship": of(ONSET_HEADWAY, ONSET_TTC)}
     print("| limits of | headway, s | TTC, s | " + " | ".join(f"{n}, {len(p)}" for n, p in groups.items()) + " |")
+    print("|---" * (3 + len(groups)) + "|")
     for name, one in limits.items():
         medians = f"{math.exp(one.headway):.2f} ({one.headway:.3f}, {one.headway_deviation:.3f})"
         medians += f" | {math.exp(one.ttc):.2f} ({one.ttc:.3f}, {one.ttc_deviation:.3f})"

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 import pytest
 from drivers.test_reference import write_people
 
+from sumo_eval.cli.named_values import named_texts
 from sumo_eval.drivers.recorded.events import extract_events
 from sumo_eval.drivers.recorded.population_check import Comparison, _from_further_back, compare_population
 from sumo_eval.drivers.recorded.recordings import read_csv
@@ -18,8 +19,10 @@ from sumo_eval.drivers.synthetic.population import (
     TTC_LIMIT,
     draw_population,
 )
+from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import PopulationSettings
+from sumo_eval.settings.config import population_from
 
 
 @pytest.mark.parametrize(
@@ -69,6 +72,25 @@ def test_a_compared_approach_begins_before_anybody_has_a_reason_to_overtake(onse
     # 27.6 s * 15 m/s = 414 m, of which 414 - 3.5 s * 30 m/s = 309 m are closed at 15 m/s while the ego drives 618 m.
     assert gap == pytest.approx(414.0, abs=0.5)
     assert there.road.length - there.ego.x == pytest.approx(618.0 + 2_500.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ("onset=limit", "Did you mean `limits`?"),
+        ("onset=3", "`onset` in the population must be 'recorded' or 'limits', got 3.0."),
+        ("reaction_scale=fast", "`reaction_scale` in the population must be a number, got 'fast'."),
+        ("onset=", "--set must have the form NAME=VALUE with a number or a word, got 'onset='."),
+        ("onset", "--set must have the form NAME=VALUE with a number or a word, got 'onset'."),
+    ],
+)
+def test_a_setting_on_the_command_line_is_a_number_or_a_word_and_a_wrong_one_is_one_sentence(given, sentence):
+    assert population_from(named_texts(["onset=limits", "reaction_scale=2"], "--set")) == PopulationSettings(
+        onset="limits", reaction_scale=2.0
+    )
+    with pytest.raises(InputError) as caught:
+        population_from(named_texts([given], "--set"))
+    assert sentence in str(caught.value)
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.3, 3), (0.5, 5), (1.0, 10)])

@@ -1,6 +1,6 @@
 """Exposure p_i: how often a concrete scenario is met on the road, from recorded events or as declared.
 
-scipy.stats and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
+scipy and the recordings' pandas take 1 s to import; they are, where an exposure needs them.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ class RecordedExposure:
 
     def supported(self, points: FloatArray) -> BoolArray:
         """Which points (m, k) lie within `SUPPORT` kernel deviations of at least one event."""
-        kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
-        whiten = np.linalg.inv(np.linalg.cholesky(kernel))
         from scipy.spatial import cKDTree
 
+        kernel = np.atleast_2d(np.cov(self.points.T)) * self.factor**2
+        whiten = np.linalg.inv(np.linalg.cholesky(kernel))
         distance, _ = cKDTree(self.points @ whiten.T).query(np.asarray(points) @ whiten.T)
         return np.asarray(distance <= SUPPORT)
 

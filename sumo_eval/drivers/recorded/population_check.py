@@ -91,7 +91,7 @@ def compare_population(
     nobody approaches.
     """
     approaches = events.tables["approach"]
-    theirs = _through_the_gap(approaches)
+    theirs = through_the_gap(approaches)
     recorded = _measured(theirs, events.lane_changes)
 
     shipped = catalogue.load("front_vehicle_low_speed")
@@ -113,11 +113,11 @@ def compare_population(
         made.append(approach)
         changes.append(change)
         progress(index + 1, drivers)
-    approaches = _through_the_gap(pd.concat(made, ignore_index=True))
+    approaches = through_the_gap(pd.concat(made, ignore_index=True))
     return _table(recorded, _measured(approaches, pd.concat(changes, ignore_index=True)), theirs, approaches)
 
 
-def _through_the_gap(approaches: pd.DataFrame) -> pd.DataFrame:
+def through_the_gap(approaches: pd.DataFrame) -> pd.DataFrame:
     """Those in the right lane whose gap passes through 3.5 s."""
     return approaches[(approaches["start_kind"] == "range_crossing") & (approaches["lane"] == 0)]
 
