@@ -66,7 +66,8 @@ from sumo_eval.scenario import catalogue
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.assessment import assess
 from sumo_eval.scoring.confidence.drivers import driver_deviations
-from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals, strata
+from sumo_eval.scoring.confidence.intervals import REPLICATES, Judged, score_intervals
+from sumo_eval.scoring.confidence.resamples import strata
 from sumo_eval.scoring.kept_rows import Chunk, KeptRows, encode_rows
 from sumo_eval.scoring.quantities import combine
 from sumo_eval.scoring.steps import POINTS_AT_ONCE

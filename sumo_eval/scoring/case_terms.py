@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.method import score_terms
 from sumo_eval.method.collision_avoidance import collision_loss
@@ -56,6 +57,10 @@ class CaseTerms:
     likeness: FloatArray
     voids: BoolArray
 
+    def part(self, rows: NDArray[np.intp] | slice) -> CaseTerms:
+        """Those of some of the cases."""
+        return CaseTerms(*(getattr(self, item.name)[rows] for item in fields(self)))
+
 
 def case_terms(cases: Sequence[CaseResult], method: MethodSettings, there: OutcomeColumns | None = None) -> CaseTerms:
     """The terms of cases, in their order; of kept rows nothing but their columns is read. there: what became of these
@@ -93,12 +98,18 @@ def ratios(severity: FloatArray, ideal: FloatArray, method: MethodSettings) -> F
 
 
 def scores_of(
-    terms: CaseTerms, counts: score_terms.Counts, method: MethodSettings, hits: score_terms.Counts | None = None
+    terms: CaseTerms,
+    counts: score_terms.Counts,
+    method: MethodSettings,
+    hits: score_terms.Counts | None = None,
+    *,
+    exposed: bool | None = None,
 ) -> dict[str, FloatArray]:
     """Every score of `SCORES` in each sample, (m,), nan where it does not exist. counts: (m, n), see `score_terms`.
 
     hits: how often each case's collision stands in each sample, (m, n), which C is made of; then a sample without the
-    collisions in the safe zone that leave no D has one. Without hits that is a fact of all cases.
+    collisions in the safe zone that leave no D has one. Without hits that is a fact of all cases. exposed: whether any
+    case has an exposure, where these are not all of them.
     """
     drawn = counts if hits is None else hits
     c = score_terms.collision_avoidance(terms.ratio, terms.weight, terms.collided, terms.evaluated, drawn)
@@ -110,7 +121,7 @@ def scores_of(
     weight = np.nan_to_num(terms.weight)
     avoided = score_terms.avoided_share(u, ideal, unreacting, weight, counts)
     by_exposure = np.full(d.shape, np.nan)
-    if terms.exposure.any():
+    if terms.exposure.any() if exposed is None else exposed:
         by_exposure = score_terms.avoided_share(terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts)
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
     contact = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)

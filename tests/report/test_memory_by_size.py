@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from sumo_eval.scoring import kept_rows
-from sumo_eval.scoring.confidence import intervals
+from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
 MANY, MOST = 1_000_000, 500.0  # cases, and MB that they may take
@@ -39,8 +39,8 @@ SIZES = tool()
 def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is held at any number of cases is made small, so that a few of them fill it already."""
     monkeypatch.setattr(kept_rows, "_HELD", 2)
-    monkeypatch.setattr(intervals, "AT_ONCE", 4_000)
-    monkeypatch.setattr(intervals, "DRAWN_AT_ONCE", 2_000)
+    monkeypatch.setattr(resamples, "AT_ONCE", 4_000)
+    monkeypatch.setattr(resamples, "DRAWN_AT_ONCE", 2_000)
 
 
 @pytest.fixture(scope="module")

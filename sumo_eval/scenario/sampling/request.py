@@ -62,7 +62,7 @@ class Drawn:
     """What a method answers: points (n, k), possible or not. exposure: (n,) how much each counts; None: the scenario's
     own exposure. notes: sentences about what it could not do as asked. stands_for: (n,) how many points of an even
     sample each stands for; None: one. stratum: (n,) points with one number may stand for each other; None: the method
-    says it (`sumo_eval.scoring.confidence.intervals.strata`).
+    says it (`sumo_eval.scoring.confidence.resamples.strata`).
     """
 
     points: FloatArray

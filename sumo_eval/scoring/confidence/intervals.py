@@ -1,6 +1,6 @@
 """Intervals of every score from two sources: which points were driven, and which drivers H and D compare with.
 
-A bootstrap. Each replicate draws the points anew (`draw_counts`), the same ones for every ADS, and adds to D and H an
+A bootstrap. Each replicate draws the points anew (`resamples`), the same ones for every ADS, and adds to D and H an
 error of the drivers' own size, which a jackknife over drivers has measured (`sumo_eval.scoring.confidence.drivers`).
 What was never seen is counted too: a sample in which k of n hazardous points hold a collision is no proof that other
 points hold none. The end of an interval on the bad side therefore carries e unseen collisions, e from an exponential
@@ -11,7 +11,7 @@ the chance that an evaluation of as many points sees any.
 
 Points of a method that leaves no part of the space out are balanced over it: their mean place is the box's, so what a
 score's terms owe to a trend along a parameter is no error of theirs. Replicates are balanced in the same way
-(`balanced`), but for the few cases that collided, which no method spreads: C is a mean over them, and a collision in
+(`Balance`), but for the few cases that collided, which no method spreads: C is a mean over them, and a collision in
 the safe zone leaves no D, so a replicate without any of these has one, and S with it.
 
 The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
@@ -23,36 +23,27 @@ ADS's, whoever else is evaluated.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.method.score_terms import excess, ordering_score, paper_score
+from sumo_eval.method.score_terms import Counts, excess, once, ordering_score, paper_score
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
+from sumo_eval.scoring.confidence.resamples import IntArray, Resampled, Strata, resamples
 from sumo_eval.settings import MethodSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 LEVEL = 0.95
 REPLICATES = 2_000
-AT_ONCE = 2_000_000  # cases in replicates that are held at a time: 16 MB a table, and 1,000 cases with all replicates
-DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
-POINTS_IN_CACHE = 8_000  # that are looked at together, with some arrays of their coordinates: half a megabyte
-EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
-SMALLEST = 4  # points that are split in halves
-_FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
 SCORED = tuple(name for name in SCORES if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # more is worse
-
-IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +63,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """One ADS in one scenario. points: which of the scenario's points each case is, (n,). hazardous: (n,).
+    """One ADS in one scenario. points: which of the scenario's points each case is, (n,), none twice. hazardous: (n,).
     drivers: what the choice of drivers does to its D and H.
     """
 
@@ -102,190 +93,6 @@ class ScoreIntervals:
     same_drives: int | None = None
 
 
-class Strata(Sequence[IntArray]):
-    """Points that a replicate exchanges for each other, by their places: lists that lie one behind the other.
-
-    A list is made when it is asked for: half a million arrays of two places each are ten times what they hold. order:
-    all places, (n,). ends: where each list ends in it, (g,).
-    """
-
-    def __init__(self, order: IntArray, ends: IntArray) -> None:
-        self._order, self._ends = order, ends
-
-    @classmethod
-    def of(cls, groups: Sequence[IntArray]) -> Strata:
-        """These lists, which may be strata already."""
-        if isinstance(groups, Strata):
-            return groups
-        order = np.concatenate([np.empty(0, dtype=np.intp), *groups])
-        return cls(order, np.cumsum([len(group) for group in groups], dtype=np.intp))
-
-    @property
-    def sizes(self) -> IntArray:
-        """How many places each list has, (g,)."""
-        return np.diff(self._ends, prepend=0)
-
-    def of_size(self, size: int) -> IntArray:
-        """The lists of one size, (k, size), in their order."""
-        sizes = self.sizes
-        places: IntArray = self._order[(self._ends - sizes)[sizes == size][:, None] + np.arange(size)]
-        return places
-
-    def numbers(self) -> IntArray:
-        """The number of the list that each place stands in, (n,)."""
-        found = np.empty(self.points, dtype=np.intp)
-        found[self._order] = np.repeat(np.arange(len(self._ends)), self.sizes)
-        return found
-
-    @property
-    def points(self) -> int:
-        """How many points they have together."""
-        return len(self._order)
-
-    def __len__(self) -> int:
-        return len(self._ends)
-
-    def __iter__(self) -> Iterator[IntArray]:
-        first = 0
-        for end in map(int, self._ends):
-            yield self._order[first:end]
-            first = end
-
-    @overload
-    def __getitem__(self, place: int) -> IntArray: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[IntArray]: ...
-
-    def __getitem__(self, place: int | slice) -> IntArray | Sequence[IntArray]:
-        if isinstance(place, slice):
-            return [self[one] for one in range(*place.indices(len(self)))]
-        one = range(len(self))[place]
-        return self._order[int(self._ends[one - 1]) if one else 0 : int(self._ends[one])]
-
-
-def strata(unit: FloatArray, method: str) -> Strata:
-    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in the unit box.
-
-    Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
-    down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
-    """
-    order, sizes = np.arange(len(unit)), np.array([len(unit)])
-    while method in EVEN and (split := sizes >= SMALLEST).any():
-        _sort_along_widest(order, sizes, unit)
-        half = np.where(split, sizes // 2, sizes)
-        sizes = np.column_stack([half, sizes - half])[np.column_stack([np.ones_like(split), split])]
-    return Strata(order, np.cumsum(sizes))
-
-
-def of_one_number(stratum: IntArray) -> Strata:
-    """The places of each number in `stratum`, (n,), in the order of the numbers."""
-    order = np.argsort(stratum, kind="stable")
-    return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
-
-
-def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
-    """Put the places of each list that will be halved in their order across its widest side. order: list behind list.
-
-    Lists of one size are sorted together, as many as stay in a cache: a million points have half a million lists.
-    """
-    firsts = np.cumsum(sizes) - sizes
-    for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
-        for same in _some_at_a_time(firsts[sizes == size], size):
-            here = same[:, None] + np.arange(size)
-            rows = order[here]
-            points = unit[rows]
-            axis = np.argmax(np.ptp(points, axis=1), axis=1)
-            along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
-            order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
-
-
-def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
-    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE` allows."""
-    some = max(POINTS_IN_CACHE // size, 1)
-    for first in range(0, len(lists), some):
-        yield lists[first : first + some]
-
-
-def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
-    """Groups of more than one point by their size: (size, places (g, size))."""
-    found = Strata.of(groups)
-    return [(size, found.of_size(size)) for size in np.unique(found.sizes).tolist() if size > 1]
-
-
-def draw_counts(
-    groups: Sequence[IntArray],
-    replicates: int,
-    stream: np.random.Generator,
-    sizes: Sequence[tuple[int, IntArray]] | None = None,
-) -> FloatArray:
-    """How often each point stands in each replicate, (m, n). sizes: `same_sizes` of the groups, where that is known.
-
-    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
-    variance of a mean is right for groups of two as well. A group of one stands in every replicate.
-    """
-    counts = np.ones((replicates, Strata.of(groups).points))
-    for size, same in same_sizes(groups) if sizes is None else sizes:
-        some = max(DRAWN_AT_ONCE // same.size, 1)  # replicates: the numbers of a stream are the same, however many
-        for first in range(0, replicates, some):
-            rows = slice(first, min(first + some, replicates))
-            drawn = stream.multinomial(size - 1, np.full(size, 1.0 / size), (rows.stop - first, len(same)))
-            counts[rows, same.ravel()] = (drawn * (size / (size - 1))).reshape(rows.stop - first, -1)
-    return counts
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Balance:
-    """What `balanced` does to every draw from the same groups. trend: (n, r), orthonormal. scale: of what is left."""
-
-    trend: FloatArray
-    scale: float
-
-    @classmethod
-    def of(cls, groups: Sequence[IntArray], unit: FloatArray) -> Balance | None:
-        """Of groups of points, (n, k) in the unit box; None where a trend cannot be told from chance."""
-        n, k = unit.shape
-        sizes = Strata.of(groups).sizes
-        if n - len(sizes) < 2 * k:
-            return None
-        trend, extent, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
-        trend = trend[:, extent > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
-        spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
-        by_group = np.zeros(len(sizes))
-        for size, same in same_sizes(groups):
-            squares = [_squares_about_mean(trend[some]) for some in _some_at_a_time(same, size)]
-            by_group[sizes == size] = size / (size - 1) * np.concatenate(squares)
-        lost = sum(map(float, by_group[sizes > 1]))
-        return cls(trend, math.sqrt(spread / (spread - lost)))
-
-    def __call__(self, counts: FloatArray) -> FloatArray:
-        """The draws (m, n), balanced."""
-        errors = counts - 1.0
-        errors -= (errors @ self.trend) @ self.trend.T
-        errors *= self.scale
-        errors += 1.0
-        return np.maximum(errors, 0.0, out=errors)
-
-
-def _squares_about_mean(places: FloatArray) -> FloatArray:
-    """Sum of squared distances of the places of each group from their mean, (g,) of (g, s, r)."""
-    squares = np.square(places - places.mean(axis=1, keepdims=True))
-    return np.asarray(squares.reshape(len(places), -1).sum(axis=1))
-
-
-def balanced(counts: FloatArray, groups: Sequence[IntArray], unit: FloatArray) -> FloatArray:
-    """Replicates whose points have the mean place that all points have, (m, n); not below 0.
-
-    counts: drawn from groups, c = 1 + e. unit: the points, (n, k). With R the projection on what is orthogonal to 1 and
-    to the k coordinates, and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the variance of a mean is
-    that of the residuals of its terms from their linear trend, scaled so that terms without a trend keep theirs
-    (balanced sampling: Deville and Tille 2005). With fewer than 2 k degrees of freedom in the groups a trend cannot be
-    told from chance, and the counts stay as they are.
-    """
-    balance = Balance.of(groups, unit)
-    return counts if balance is None else balance(counts)
-
-
 def score_intervals(
     judged: Sequence[Judged],
     groups: Sequence[IntArray],
@@ -299,32 +106,104 @@ def score_intervals(
     progress: Progress = quiet,
 ) -> list[ScoreIntervals]:
     """The intervals of all ADSs in one scenario. groups: of all its points (`strata`). even: its points in the unit
-    box, (n, k), where they are balanced over it (`balanced`).
+    box, (n, k), where they are balanced over it (`Balance`).
     """
-    stream = random_stream(seed, "intervals", scenario)
-    groups = Strata.of(groups)
-    n = groups.points
-    parts: list[list[_Replicates]] = [[] for _ in judged]
-    at_once = max(AT_ONCE // max(n, 1), 1)
-    draws = [_Draws.of(one, seed, scenario, replicates) for one in judged]
-    sizes = same_sizes(groups)
-    balance = None if even is None else Balance.of(groups, even)
-    for first in range(0, replicates, at_once):
-        rows = slice(first, min(first + at_once, replicates))
-        plain = draw_counts(groups, rows.stop - first, stream, sizes)
-        counts = plain if balance is None else balance(plain)
-        for one, drawn, part in zip(judged, draws, parts, strict=True):
-            part.append(_replicates(one, _at(counts, one.points), _at(plain, one.points), drawn.rows(rows), method))
-        progress(f"{scenario}: replicates for the intervals", rows.stop, replicates)
-    return [
-        _intervals(one, _Replicates.joined(part), drawn, groups, method, level)
-        for one, drawn, part in zip(judged, draws, parts, strict=True)
-    ]
+    lists = Strata.of(groups)
+    sums = [_Sums.of(one, lists.points, replicates, method) for one in judged]
+
+    def told(points: int, of: int) -> None:
+        progress(f"{scenario}: replicates for the intervals", points * replicates // of, replicates)
+
+    for part in resamples(lists, replicates, seed, ("intervals", scenario), even=even, done=told):
+        for of_one in sums:
+            of_one.add(part)
+    found = []
+    for one, of_one in zip(judged, sums, strict=True):
+        drawn = _Draws.of(one, seed, scenario, replicates)
+        found.append(_intervals(one, of_one.replicates(drawn), drawn, lists, method, level))
+    return found
 
 
-def _at(counts: FloatArray, points: IntArray) -> FloatArray:
-    """How often the points of an ADS's cases stand, (m, n): the counts themselves where it drove at all points."""
-    return counts if np.array_equal(points, np.arange(counts.shape[1])) else counts[:, points]
+class _Terms:
+    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers with one 0 each."""
+
+    def __init__(self) -> None:
+        self.asked: list[FloatArray] = []
+
+    def __matmul__(self, terms: FloatArray, /) -> FloatArray:
+        self.asked.append(terms)
+        return np.zeros(1)
+
+    def sums(self, counts: FloatArray) -> FloatArray:
+        """What counts (m, n) would have answered, (m, k) for k terms."""
+        return np.asarray(counts @ np.column_stack(self.asked))
+
+
+class _Known:
+    """In the place of counts whose sums are known already, (m, k): answers with them in their order."""
+
+    def __init__(self, sums: FloatArray) -> None:
+        self._left = iter(sums.T)
+
+    def __matmul__(self, _terms: FloatArray, /) -> FloatArray:
+        return next(self._left)
+
+
+class _Sums:
+    """All sums over cases that the scores of one ADS's replicates are made of, added up part by part of the cases.
+
+    Every score is a function of sums over cases, and of which terms hangs on nothing that is drawn. So the terms of a
+    part of the cases are made once for all replicates, and the scores once of the sums. exposed: whether any case has
+    an exposure. rows: which case stands at each of the scenario's points, (p,), -1 where none does; None where the
+    cases are the points.
+    """
+
+    def __init__(self, one: Judged, rows: IntArray | None, replicates: int, method: MethodSettings) -> None:
+        self._terms, self._rows, self._method = one.terms, rows, method
+        self._exposed, self._stake = bool(one.terms.exposure.any()), AtStake.of(one, method)
+        nobody, asked, hits = slice(0, 0), _Terms(), _Terms()
+        self._ask(nobody, asked, hits)
+        self._balanced = np.zeros((replicates, len(asked.asked)))
+        self._drawn = np.zeros((replicates, len(hits.asked)))
+
+    @classmethod
+    def of(cls, one: Judged, points: int, replicates: int, method: MethodSettings) -> _Sums:
+        """Nothing added yet. points: how many the scenario has."""
+        if np.array_equal(one.points, np.arange(points)):
+            return cls(one, None, replicates, method)
+        rows = np.full(points, -1)
+        rows[one.points] = np.arange(len(one.points))
+        return cls(one, rows, replicates, method)
+
+    def add(self, part: Resampled) -> None:
+        """Add the cases at some of the points."""
+        counts, drawn, rows = part.counts, part.drawn, part.places
+        if self._rows is not None:
+            there = self._rows[part.places] >= 0
+            counts, drawn, rows = counts[:, there], drawn[:, there], self._rows[part.places[there]]
+        asked, hits = _Terms(), _Terms()
+        self._ask(rows, asked, hits)
+        self._balanced += asked.sums(counts)
+        self._drawn += hits.sums(drawn)
+
+    def replicates(self, drawn: _Draws) -> _Replicates:
+        """The scores of all replicates, once all points have been added."""
+        plain, losses = self._ask(slice(0, 0), _Known(self._balanced), _Known(self._drawn))
+        better = _with_drivers(plain, drawn.index, drawn.likeness, self._method)
+        worse = dict(better)
+        for name, lost in losses.items():
+            moved = lost.of(drawn.unseen)
+            worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
+        return _Replicates(better, _summed(worse, self._method), plain)
+
+    def _ask(
+        self, rows: IntArray | slice, counts: Counts, hits: Counts
+    ) -> tuple[dict[str, FloatArray], dict[str, UnseenLoss]]:
+        """Scores of these cases, and what unseen collisions would cost them: which sums are asked for, and in which
+        order, is the same for any cases.
+        """
+        scores = scores_of(self._terms.part(rows), counts, self._method, hits, exposed=self._exposed)
+        return scores, self._stake.part(rows).losses(counts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -340,9 +219,6 @@ class _Draws:
         unseen = random_stream(seed, "intervals", "unseen", scenario, one.ads).standard_exponential(replicates)
         deviates = driver_deviates(one.drivers, seed, replicates)
         return cls(unseen, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
-
-    def rows(self, rows: slice) -> _Draws:
-        return _Draws(self.unseen[rows], self.index[rows], self.likeness[rows])
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
@@ -367,27 +243,6 @@ class _Replicates:
     better: Mapping[str, FloatArray]
     worse: Mapping[str, FloatArray]
     points_only: Mapping[str, FloatArray]
-
-    @classmethod
-    def joined(cls, parts: Sequence[_Replicates]) -> _Replicates:
-        def join(kind: str) -> dict[str, FloatArray]:
-            tables = [getattr(part, kind) for part in parts]
-            return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-
-        return cls(join("better"), join("worse"), join("points_only"))
-
-
-def _replicates(
-    one: Judged, counts: FloatArray, plain_counts: FloatArray, drawn: _Draws, method: MethodSettings
-) -> _Replicates:
-    terms = one.terms
-    plain = scores_of(terms, counts, method, plain_counts)
-    better = _with_drivers(plain, drawn.index, drawn.likeness, method)
-    worse = dict(better)
-    for name, lost in unseen_losses(one, counts, method).items():
-        moved = lost.of(drawn.unseen)
-        worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
-    return _Replicates(better, _summed(worse, method), plain)
 
 
 def _with_drivers(
@@ -428,31 +283,65 @@ class UnseenLoss:
         return np.asarray(chance * self.whole, dtype=np.float64)
 
 
-def unseen_losses(one: Judged, counts: FloatArray, method: MethodSettings) -> dict[str, UnseenLoss]:
-    """By score. A free point is a hazardous one without a collision (any evaluated one, if none is hazardous).
+@dataclass(frozen=True, slots=True, eq=False)
+class AtStake:
+    """What unseen collisions could cost the scores of an ADS, case by case.
 
-    An unseen collision is as hard there as that of `no_reaction`. A, regret: it loses max(0, U0 - Ug). C: evaluations
-    that see any have Ug/U0, the others 1; after a collision that was seen, C is a mean over collisions, which unseen
-    ones do not lower for sure.
+    A free point is a hazardous one without a collision (any evaluated one, if none is hazardous). An unseen collision
+    is as hard there as that of `no_reaction`. points: how many hazardous ones there are. stake: max(0, U0 - Ug), 0
+    where it is not known. free: flags. weight, exposure: of each case, every known one the same where all are 0. hit: 1
+    - Ug/U0 of the free points, None after a collision. All (n,).
     """
-    terms = one.terms
-    stake = excess(terms.unreacting, terms.ideal)
-    known = terms.evaluated & np.isfinite(stake)
-    among = known & one.hazardous if (known & one.hazardous).any() else known
-    found: dict[str, UnseenLoss] = {}
-    if not among.any():
+
+    points: int
+    stake: FloatArray
+    free: BoolArray
+    weight: FloatArray
+    exposure: FloatArray
+    hit: FloatArray | None
+
+    @classmethod
+    def of(cls, one: Judged, method: MethodSettings) -> AtStake:
+        """Of all cases of an ADS."""
+        terms = one.terms
+        stake = excess(terms.unreacting, terms.ideal)
+        known = terms.evaluated & np.isfinite(stake)
+        among = known & one.hazardous if (known & one.hazardous).any() else known
+        free = among & ~terms.collided
+        hit = None
+        if not terms.collided.any():
+            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
+        weight, exposure = (_weights(weights, known) for weights in (terms.weight, terms.exposure))
+        return cls(int(among.sum()), np.where(known, stake, 0.0), free, weight, exposure, hit)
+
+    def part(self, rows: IntArray | slice) -> AtStake:
+        """Of some of the cases."""
+        return AtStake(
+            self.points,
+            self.stake[rows],
+            self.free[rows],
+            self.weight[rows],
+            self.exposure[rows],
+            None if self.hit is None else self.hit[rows],
+        )
+
+    def losses(self, counts: Counts) -> dict[str, UnseenLoss]:
+        """By score. A, regret: an unseen collision loses max(0, U0 - Ug). C: evaluations that see any have Ug/U0, the
+        others 1; after a collision that was seen, C is a mean over collisions, which unseen ones do not lower for sure.
+        """
+        found: dict[str, UnseenLoss] = {}
+        if not self.points:
+            return found
+        stake, free = self.stake, self.free
+        for name, weight in (("avoided_share", self.weight), ("avoided_share_exposure", self.exposure)):
+            whole = _ratio(counts @ (weight * stake * free), counts @ (weight * stake))
+            found[name] = UnseenLoss(self.points, whole)
+        weight = self.weight
+        found["regret"] = UnseenLoss(self.points, _ratio(counts @ (weight * stake * free), counts @ weight))
+        if self.hit is not None:
+            whole = _ratio(counts @ (weight * self.hit), counts @ (weight * free))
+            found["c"] = UnseenLoss(self.points, whole, first_takes_all=True)
         return found
-    points, free = int(among.sum()), among & ~terms.collided
-    stake = np.where(known, stake, 0.0)
-    for name, weights in (("avoided_share", terms.weight), ("avoided_share_exposure", terms.exposure)):
-        weight = _weights(weights, known)
-        found[name] = UnseenLoss(points, _ratio(counts @ (weight * stake * free), counts @ (weight * stake)))
-    weight = _weights(terms.weight, known)
-    found["regret"] = UnseenLoss(points, _ratio(counts @ (weight * stake * free), counts @ weight))
-    if not terms.collided.any():
-        hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
-        found["c"] = UnseenLoss(points, _ratio(counts @ (weight * hit), counts @ (weight * free)), first_takes_all=True)
-    return found
 
 
 def _weights(weights: FloatArray, known: BoolArray) -> FloatArray:
@@ -476,8 +365,7 @@ def _intervals(
     values = point_values(one.terms, method)
     free = _freedom(one, groups)
     limits = {}
-    once = np.ones((1, len(one.points)))
-    unseen = {} if one.terms.collided.any() else unseen_losses(one, once, method)
+    unseen = {} if one.terms.collided.any() else AtStake.of(one, method).losses(once(len(one.points)))
     for name in SCORED:
         value = values[name]
         if value is None:

@@ -15,7 +15,8 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import capacity_of_cells, size_of_next, size_of_round, spread
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import CaseTerms, case_terms, point_values
-from sumo_eval.scoring.confidence.intervals import LEVEL, IntArray
+from sumo_eval.scoring.confidence.intervals import LEVEL
+from sumo_eval.scoring.confidence.resamples import IntArray
 from sumo_eval.settings import MethodSettings, SamplingSettings
 from sumo_eval.trajectory import FloatArray
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sumo_eval.errors import must_be
-from sumo_eval.scoring.confidence.intervals import AT_ONCE, REPLICATES, Interval
+from sumo_eval.scoring.confidence.intervals import REPLICATES, Interval
+from sumo_eval.scoring.confidence.resamples import AT_ONCE
 from sumo_eval.trajectory import FloatArray
 
 

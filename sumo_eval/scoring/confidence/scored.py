@@ -14,16 +14,8 @@ from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.results import CaseResult, ScenarioResult, columns
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
-from sumo_eval.scoring.confidence.intervals import (
-    EVEN,
-    SCORED,
-    IntArray,
-    Judged,
-    ScoreIntervals,
-    of_one_number,
-    score_intervals,
-    strata,
-)
+from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals
+from sumo_eval.scoring.confidence.resamples import EVEN, IntArray, of_one_number, strata
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import FloatArray

@@ -1,26 +1,19 @@
 """Intervals hold what they promise, on a problem whose answer is known, and follow from worked numbers."""
 
 import math
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sumo_eval.drivers.synthetic.population import draw_driver
-from sumo_eval.scoring.case_terms import CaseTerms
+from sumo_eval.scoring.case_terms import CaseTerms, scores_of
+from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
-from sumo_eval.scoring.confidence.intervals import (
-    Balance,
-    Judged,
-    balanced,
-    draw_counts,
-    of_one_number,
-    same_sizes,
-    score_intervals,
-    strata,
-)
+from sumo_eval.scoring.confidence.intervals import AtStake, Judged, score_intervals
+from sumo_eval.scoring.confidence.resamples import of_one_number, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
+from sumo_eval.settings.random_streams import random_stream
 
 METHOD = MethodSettings()
 
@@ -151,116 +144,15 @@ def test_an_interval_of_a_mean_is_students():
     assert found.sources["s"]["drivers"] == 0.0
 
 
-def halves(rows, unit):
-    """The rule of `strata`, said plainly."""
-    if len(rows) < 4:
-        return [rows.tolist()]
-    axis = int(np.argmax(np.ptp(unit[rows], axis=0)))
-    order = rows[np.argsort(unit[rows, axis], kind="stable")]
-    return [*halves(order[: len(rows) // 2], unit), *halves(order[len(rows) // 2 :], unit)]
-
-
-@pytest.mark.parametrize("n", [1, 3, 4, 5, 31, 200, 1001])
-def test_law_strata_are_the_halves_of_halves_in_their_order(n):
-    unit = np.round(np.random.default_rng(n).random((n, 3)), 1)  # with equal places
-    groups, plain = strata(unit, "sobol"), halves(np.arange(n), unit)
-    assert [group.tolist() for group in groups] == plain
-    assert [group.tolist() for group in groups[-2:]] == plain[-2:]
-    assert groups[-1].tolist() == plain[-1]
-    for size, same in same_sizes(groups):
-        assert same.tolist() == [group for group in plain if len(group) == size]
-    numbers = np.floor(unit[:, 0] * 3)
-    assert [group.tolist() for group in of_one_number(numbers)] == [
-        np.flatnonzero(numbers == one).tolist() for one in np.unique(numbers)
-    ]
-
-
-def test_law_strata_hold_two_numbers_a_point():
-    n = 20_000
-    unit = np.random.default_rng(1).random((n, 4))
-    tracemalloc.start()
-    try:
-        groups = strata(unit, "sobol")
-        held = tracemalloc.get_traced_memory()[0]
-    finally:
-        tracemalloc.stop()
-    assert len(groups) > n / 3
-    assert held < 16 * n + 10_000, "bytes"
-
-
-def test_points_of_an_even_sample_stand_only_for_their_neighbours():
-    unit = np.column_stack([np.repeat(np.arange(8) / 8, 4), np.tile(np.arange(4) / 4, 8)])
-    groups = strata(unit, "grid")
-    assert sorted(np.concatenate(groups).tolist()) == list(range(32))
-    assert {len(group) for group in groups} == {2}
-    assert max(float(np.ptp(unit[group], axis=0).max()) for group in groups) <= 0.25
-    assert [group.tolist() for group in strata(unit, "latin_hypercube")] == [list(range(32))]
-
-
-def test_each_replicate_holds_as_many_points_of_every_group_as_the_group_has():
-    groups = [np.array([0, 3]), np.array([1, 2, 4]), np.array([5])]
-    counts = draw_counts(groups, 4_000, np.random.default_rng(1))
-    for group in groups:
-        assert counts[:, group].sum(axis=1) == pytest.approx(np.full(4_000, len(group)))
-    # Of two, one is drawn and counts twice: the mean (a + b)/2 becomes a or b, with the variance (a - b)^2 / 4, which
-    # is s^2 / 2 = ((a - b)^2 / 2) / 2
-    assert set(np.unique(counts[:, [0, 3]])) == {0.0, 2.0}
-    assert np.var(counts[:, [0, 3]] @ np.array([1.0, 5.0]) / 2.0) == pytest.approx(4.0, rel=0.05)
-    assert np.all(counts[:, 5] == 1.0)
-
-
 def test_an_even_sample_of_a_smooth_score_has_a_narrower_interval_than_one_by_chance():
     unit = np.linspace(0.0, 1.0, 60)[:, None]
     even = intervals(judged(), strata(unit, "sobol"))
     assert half(even.limits["d"]) < 0.15 * half(intervals(judged()).limits["d"])
 
 
-def even_sample(n=64):
-    unit = np.column_stack([(np.arange(n) + 0.5) / n, np.arange(n) * 0.618034 % 1.0])
-    groups = strata(unit, "sobol")
-    counts = draw_counts(groups, 4_000, np.random.default_rng(1))
-    return unit, groups, counts
-
-
-def test_replicates_of_an_even_sample_have_the_mean_place_of_its_points():
-    unit, groups, counts = even_sample()
-    found = balanced(counts, groups, unit)
-    plain, even = (np.abs(each @ unit / 64.0 - unit.mean(axis=0)).mean() for each in (counts, found))
-    assert even < 0.6 * plain  # not 0: no point stands in a replicate less than never
-    assert found.min() == 0.0
-
-
-@pytest.mark.parametrize("n", [40, 333, 1001])
-def test_law_what_balances_draws_is_summed_group_by_group_in_their_order(n):
-    """To the bit, for groups of two and three, of tens, and lists of them."""
-    unit = np.random.default_rng(n).random((n, 3))
-    for groups in (strata(unit, "sobol"), of_one_number(np.arange(n) % 7), list(strata(unit, "sobol"))):
-        balance = Balance.of(groups, unit)
-        free, lost = 0.0, 0.0
-        for rows in (group for group in groups if len(group) > 1):
-            free += len(rows)
-            about = balance.trend[rows] - balance.trend[rows].mean(axis=0)
-            lost += len(rows) / (len(rows) - 1) * float(np.sum(np.square(about)))
-        assert balance.scale == math.sqrt(free / (free - lost))
-
-
-def test_balance_leaves_the_variance_of_what_has_no_trend():
-    unit, groups, counts = even_sample()
-    values = np.random.default_rng(2).standard_normal((64, 40))
-    plain, even = (np.var(each @ values, axis=0).mean() for each in (counts, balanced(counts, groups, unit)))
-    assert even == pytest.approx(plain, rel=0.06)
-
-
-def test_a_sample_too_small_to_tell_a_trend_and_a_direction_without_one_are_left_alone():
-    unit, groups, counts = even_sample(5)
-    assert balanced(counts, groups, unit) is counts
-    unit, groups, counts = even_sample()
-    flat = np.column_stack([unit, np.full(64, 0.5)])
-    assert balanced(counts, groups, flat) == pytest.approx(balanced(counts, groups, unit))
-
-
 def test_a_trend_along_a_parameter_is_no_error_of_an_even_sample():
-    unit, groups, _ = even_sample()
+    unit = np.column_stack([(np.arange(64) + 0.5) / 64, np.arange(64) * 0.618034 % 1.0])
+    groups = strata(unit, "sobol")
     one = judged(64, index=unit[:, 1], likeness=unit[:, 1])
     plain, even = (
         score_intervals([one], groups, METHOD, 3, "s", even=each)[0].limits["human_likeness"] for each in (None, unit)
@@ -423,6 +315,44 @@ def test_no_digit_depends_on_who_else_is_judged_or_in_what_order():
         assert found.sources == alone.sources
         assert np.array_equal(found.worse, alone.worse)
     assert intervals(replace(one, ads="renamed")).limits["s_plus"] != alone.limits["s_plus"]
+
+
+# --- part by part -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", ["even", "chance", "numbered"])
+def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, monkeypatch):
+    """The plain twin holds how often every point stands in every replicate, and asks for the scores of all at once."""
+    monkeypatch.setattr(drawing, "AT_ONCE", 3_000)  # 30 points with 100 replicates
+    random = np.random.default_rng(5)
+    unit = random.random((200, 2))
+    groups = {"even": strata(unit, "sobol"), "chance": by_chance(200), "numbered": of_one_number(unit[:, 0] // 0.3)}[
+        how
+    ]
+    even = unit if how == "even" else None
+    at = random.permutation(200)[:170]  # the others could not be driven
+    hit, safe = random.random(170) < 0.2, random.random(170) < 0.4
+    one = judged(
+        170, hazardous=~safe, collided=hit, severity=10.0 * hit, unreacting=np.where(safe, 0.0, 20.0),
+        ratio=np.where(hit, random.random(170), np.nan), weight=1.0 + random.random(170),
+        voids=hit & (at == at[hit][0]), exposure=np.where(at < 60, 0.0, random.random(170)),
+        index=np.where(safe, random.random(170), np.nan), likeness=np.where(safe, random.random(170), np.nan),
+    )  # fmt: skip
+    one = replace(one, points=at)
+    (found,) = score_intervals([one], groups, METHOD, 3, "s", replicates=100, even=even)
+
+    counts, drawn = np.full((100, 200), np.nan), np.full((100, 200), np.nan)
+    for part in resamples(groups, 100, 3, ("intervals", "s"), even=even):
+        assert len(part.places) <= 30
+        assert np.isnan(counts[:, part.places]).all(), "every point once"
+        counts[:, part.places], drawn[:, part.places] = part.counts, part.drawn
+    whole = scores_of(one.terms, counts[:, at], METHOD, drawn[:, at])
+    assert found.better == pytest.approx(whole["s_plus"], rel=1e-12)
+    assert found.better_a == pytest.approx(METHOD.score.a * np.maximum(whole["avoided_share"], 0.0), rel=1e-12)
+    lost = AtStake.of(one, METHOD).losses(counts[:, at])["avoided_share"]
+    unseen = random_stream(3, "intervals", "unseen", "s", "one").standard_exponential(100)
+    worse = np.maximum(whole["avoided_share"] - lost.of(unseen), 0.0)
+    assert found.worse_a == pytest.approx(METHOD.score.a * worse, rel=1e-12)
 
 
 def test_many_cases_are_drawn_in_parts_that_are_one_interval():

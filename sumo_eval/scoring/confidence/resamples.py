@@ -1,0 +1,336 @@
+"""How often each point stands in each replicate of a bootstrap over the points of a scenario.
+
+Points that may stand for each other are a list (`Strata`), and each replicate draws from every list as many points as
+it has. Points of a method that leaves no part of the space out are balanced over it besides (`Balance`).
+
+All replicates of some points are drawn before those of the next ones (`Resamples`): what a replicate costs a point is
+the same among a thousand points and among a million, and no table of all points is ever there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sumo_eval.settings.random_streams import random_stream
+from sumo_eval.trajectory import FloatArray
+
+AT_ONCE = 2_000_000  # points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
+DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
+POINTS_IN_CACHE = 8_000  # that are looked at together, with some arrays of their coordinates: half a megabyte
+EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
+SMALLEST = 4  # points that are split in halves
+_FLAT = 1e-9  # of the box: points that differ by less along a direction have no trend there
+
+IntArray = NDArray[np.intp]
+
+
+class Strata(Sequence[IntArray]):
+    """Points that a replicate exchanges for each other, by their places: lists that lie one behind the other.
+
+    A list is made when it is asked for: half a million arrays of two places each are ten times what they hold. order:
+    all places, (n,). ends: where each list ends in it, (g,).
+    """
+
+    def __init__(self, order: IntArray, ends: IntArray) -> None:
+        self.order, self.ends = order, ends
+
+    @classmethod
+    def of(cls, groups: Sequence[IntArray]) -> Strata:
+        """These lists, which may be strata already."""
+        if isinstance(groups, Strata):
+            return groups
+        order = np.concatenate([np.empty(0, dtype=np.intp), *groups])
+        return cls(order, np.cumsum([len(group) for group in groups], dtype=np.intp))
+
+    @property
+    def sizes(self) -> IntArray:
+        """How many places each list has, (g,)."""
+        return np.diff(self.ends, prepend=0)
+
+    def of_size(self, size: int) -> IntArray:
+        """The lists of one size, (k, size), in their order."""
+        sizes = self.sizes
+        places: IntArray = self.order[(self.ends - sizes)[sizes == size][:, None] + np.arange(size)]
+        return places
+
+    def numbers(self) -> IntArray:
+        """The number of the list that each place stands in, (n,)."""
+        found = np.empty(self.points, dtype=np.intp)
+        found[self.order] = np.repeat(np.arange(len(self.ends)), self.sizes)
+        return found
+
+    @property
+    def points(self) -> int:
+        """How many points they have together."""
+        return len(self.order)
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def __iter__(self) -> Iterator[IntArray]:
+        first = 0
+        for end in map(int, self.ends):
+            yield self.order[first:end]
+            first = end
+
+    @overload
+    def __getitem__(self, place: int) -> IntArray: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[IntArray]: ...
+
+    def __getitem__(self, place: int | slice) -> IntArray | Sequence[IntArray]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        one = range(len(self))[place]
+        return self.order[int(self.ends[one - 1]) if one else 0 : int(self.ends[one])]
+
+
+def strata(unit: FloatArray, method: str) -> Strata:
+    """Points that a replicate exchanges for each other: lists of their places in `unit`, (n, k) in the unit box.
+
+    Points of a method that leaves no part of the space out (`EVEN`) are halved again and again, across the widest side,
+    down to neighbours of two or three: only these may stand for each other. Points of all other methods are one list.
+    """
+    order, sizes = np.arange(len(unit)), np.array([len(unit)])
+    while method in EVEN and (split := sizes >= SMALLEST).any():
+        _sort_along_widest(order, sizes, unit)
+        half = np.where(split, sizes // 2, sizes)
+        sizes = np.column_stack([half, sizes - half])[np.column_stack([np.ones_like(split), split])]
+    return Strata(order, np.cumsum(sizes))
+
+
+def of_one_number(stratum: IntArray) -> Strata:
+    """The places of each number in `stratum`, (n,), in the order of the numbers."""
+    order = np.argsort(stratum, kind="stable")
+    return Strata(order, np.append(np.flatnonzero(np.diff(stratum[order])) + 1, len(order)))
+
+
+def _sort_along_widest(order: IntArray, sizes: IntArray, unit: FloatArray) -> None:
+    """Put the places of each list that will be halved in their order across its widest side. order: list behind list.
+
+    Lists of one size are sorted together, as many as stay in a cache: a million points have half a million lists.
+    """
+    firsts = np.cumsum(sizes) - sizes
+    for size in np.unique(sizes[sizes >= SMALLEST]).tolist():
+        for same in _some_at_a_time(firsts[sizes == size], size):
+            here = same[:, None] + np.arange(size)
+            rows = order[here]
+            points = unit[rows]
+            axis = np.argmax(np.ptp(points, axis=1), axis=1)
+            along = np.take_along_axis(points, axis[:, None, None], axis=2)[:, :, 0]
+            order[here] = np.take_along_axis(rows, np.argsort(along, axis=1, kind="stable"), axis=1)
+
+
+def _some_at_a_time(lists: IntArray, size: int) -> Iterator[IntArray]:
+    """Arrays along their first axis, of lists of one size, at most as many as `POINTS_IN_CACHE` allows."""
+    some = max(POINTS_IN_CACHE // size, 1)
+    for first in range(0, len(lists), some):
+        yield lists[first : first + some]
+
+
+def same_sizes(groups: Sequence[IntArray]) -> list[tuple[int, IntArray]]:
+    """Groups of more than one point by their size: (size, places (g, size))."""
+    found = Strata.of(groups)
+    return [(size, found.of_size(size)) for size in np.unique(found.sizes).tolist() if size > 1]
+
+
+def draw_counts(groups: Sequence[IntArray], replicates: int, stream: np.random.Generator) -> FloatArray:
+    """How often each point stands in each replicate, (m, n).
+
+    From each group of s points s - 1 are drawn with replacement and count s/(s - 1) times (Rao and Wu 1988): so the
+    variance of a mean is right for groups of two as well. A group of one stands in every replicate.
+    """
+    counts = np.ones((replicates, Strata.of(groups).points))
+    for size, same in same_sizes(groups):
+        for rows in _rows_at_a_time(replicates, same.size):
+            number = rows.stop - rows.start
+            drawn = _multinomial(size, (number, len(same)), stream) * (size / (size - 1))
+            counts[rows, same.ravel()] = drawn.reshape(number, -1)
+    return counts
+
+
+def _multinomial(size: int, shape: tuple[int, int], stream: np.random.Generator) -> IntArray | FloatArray:
+    """How often each of `size` is among size - 1 draws, (*shape, size), by the stream's own multinomial numbers.
+
+    Of two they are one number each, above a half or not, which takes a sixth of the time.
+    """
+    if size != 2:
+        return stream.multinomial(size - 1, np.full(size, 1.0 / size), shape)
+    drawn = np.empty((*shape, 2))
+    drawn[..., 0] = stream.random(shape) > 0.5
+    np.subtract(1.0, drawn[..., 0], out=drawn[..., 1])
+    return drawn
+
+
+def _rows_at_a_time(replicates: int, points: int) -> Iterator[slice]:
+    """Replicates that are drawn in one go: the numbers of a stream are the same, however many they are."""
+    some = max(DRAWN_AT_ONCE // points, 1)
+    for first in range(0, replicates, some):
+        yield slice(first, min(first + some, replicates))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """Replicates whose points have the mean place that all points have, not below 0.
+
+    Drawn counts are c = 1 + e. With R the projection on what is orthogonal to 1 and to the k coordinates of the points,
+    and G the covariance of e: c' = 1 + sqrt(tr G / tr(R G)) R e. So the variance of a mean is that of the residuals of
+    its terms from their linear trend, scaled so that terms without a trend keep theirs (balanced sampling: Deville and
+    Tille 2005). trend: what R takes away, (n, r), orthonormal. scale: of what is left.
+    """
+
+    trend: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, groups: Sequence[IntArray], unit: FloatArray) -> Balance | None:
+        """Of groups of points, (n, k) in the unit box; None with fewer than 2 k degrees of freedom in the groups, where
+        a trend cannot be told from chance.
+        """
+        n, k = unit.shape
+        sizes = Strata.of(groups).sizes
+        if n - len(sizes) < 2 * k:
+            return None
+        trend, extent, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
+        trend = trend[:, extent > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
+        spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
+        by_group = np.zeros(len(sizes))
+        for size, same in same_sizes(groups):
+            squares = [_squares_about_mean(trend[some]) for some in _some_at_a_time(same, size)]
+            by_group[sizes == size] = size / (size - 1) * np.concatenate(squares)
+        lost = sum(map(float, by_group[sizes > 1]))
+        return cls(trend, math.sqrt(spread / (spread - lost)))
+
+    def along(self, counts: FloatArray, places: IntArray) -> FloatArray:
+        """The part of e that lies along the trend, (m, r); that of all points is the sum over any parts of them.
+
+        counts: (m, k), of the points at these places.
+        """
+        return np.asarray((counts - 1.0) @ self.trend[places])
+
+    def balanced(self, counts: FloatArray, places: IntArray, along: FloatArray) -> FloatArray:
+        """The counts of these points, (m, k), balanced. along: of all points."""
+        errors = counts - 1.0
+        errors -= along @ self.trend[places].T
+        errors *= self.scale
+        errors += 1.0
+        return np.maximum(errors, 0.0, out=errors)
+
+
+def _squares_about_mean(places: FloatArray) -> FloatArray:
+    """Sum of squared distances of the places of each group from their mean, (g,) of (g, s, r)."""
+    squares = np.square(places - places.mean(axis=1, keepdims=True))
+    return np.asarray(squares.reshape(len(places), -1).sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Resampled:
+    """How often some of the points stand in each replicate. places: which points, (k,). counts: balanced, where the
+    sample is; drawn: as drawn, both (m, k).
+    """
+
+    places: IntArray
+    counts: FloatArray
+    drawn: FloatArray
+
+
+def resamples(
+    groups: Sequence[IntArray],
+    replicates: int,
+    seed: int,
+    name: Sequence[str],
+    *,
+    even: FloatArray | None = None,
+    done: Callable[[int, int], None] = lambda points, of: None,
+) -> Iterator[Resampled]:
+    """All points, some at a time: each stands in one part.
+
+    groups: lists of points that stand for each other. even: the points in the unit box, (n, k), where they are balanced
+    over it. name: of the random stream. done: told how many points have been drawn, and of how many; those of a
+    balanced sample are drawn twice, because what balances them hangs on all of them.
+    """
+    lists = Strata.of(groups)
+    blocks = list(_blocks(lists, max(AT_ONCE // replicates, 1), replicates, seed, name))
+    balance = None if even is None else Balance.of(lists, even)
+    passes = 1 if balance is None or len(blocks) == 1 else 2
+    drawn_points = 0
+
+    def draw(block: _Block) -> FloatArray:
+        nonlocal drawn_points
+        counts = block.draw(replicates)
+        drawn_points += len(block.places)
+        done(drawn_points, passes * lists.points)
+        return counts
+
+    if balance is None:
+        for block in blocks:
+            drawn = draw(block)
+            yield Resampled(block.places, drawn, drawn)
+        return
+    along = np.zeros((replicates, balance.trend.shape[1]))
+    for block in blocks:
+        drawn = draw(block)
+        along += balance.along(drawn, block.places)
+    for block in blocks:
+        drawn = drawn if passes == 1 else draw(block)
+        yield Resampled(block.places, balance.balanced(drawn, block.places, along), drawn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Points that are drawn together.
+
+    places: (k,). groups: the lists that they are, by their place among these. stream: makes their random numbers, the
+    same each time. size, share: of the list that they are a piece of, and how many of
+    those that are drawn from it fall on this piece in each replicate, (m,); None: they are whole lists.
+    """
+
+    places: IntArray
+    groups: Strata
+    stream: Callable[[], np.random.Generator]
+    size: int = 0
+    share: IntArray | None = None
+
+    def draw(self, replicates: int) -> FloatArray:
+        """How often each of these points stands in each replicate, (m, k)."""
+        if self.share is None:
+            return draw_counts(self.groups, replicates, self.stream())
+        stream, k = self.stream(), len(self.places)
+        counts = np.empty((replicates, k))
+        for rows in _rows_at_a_time(replicates, k):
+            np.multiply(
+                stream.multinomial(self.share[rows], np.full(k, 1.0 / k)), self.size / (self.size - 1), out=counts[rows]
+            )
+        return counts
+
+
+def _blocks(lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]) -> Iterator[_Block]:
+    """Points list by list, at most so many together; a longer list in pieces."""
+    number, first, order, ends = 0, 0, lists.order, lists.ends
+
+    def stream(number: int) -> Callable[[], np.random.Generator]:
+        return lambda: random_stream(seed, *name, *([number] if number else []))
+
+    while first < len(order):
+        last = int(np.searchsorted(ends, first + most, side="right"))  # lists that end within reach
+        if (end := int(ends[last - 1]) if last else 0) > first:
+            here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
+            yield _Block(order[first:end], Strata(np.arange(end - first), here), stream(number))
+            number, first = number + 1, end
+            continue
+        size = int(ends[last]) - first
+        pieces = np.array_split(order[first : first + size], -(-size // most))
+        parts = np.array([len(piece) for piece in pieces]) / size
+        shares = random_stream(seed, *name, "pieces", number).multinomial(size - 1, parts, replicates)
+        for piece, share in zip(pieces, shares.T, strict=True):
+            whole = Strata(np.arange(len(piece)), np.array([len(piece)]))
+            yield _Block(piece, whole, stream(number), size, share)
+            number += 1
+        first += size
