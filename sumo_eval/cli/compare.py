@@ -79,6 +79,7 @@ def compare(
 @click.option("--gate", type=click.Path(path_type=Path), help="Limits on changes and values (docs/compare.md).")
 @click.option("--keep", type=click.IntRange(min=1), default=14, show_default=True, help="Nights whose folders stay.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate cases (default: as in the file).")
+@click.option("--resume", is_flag=True, help="Go on with the night that was stopped before its end, if one was.")
 @click.option(
     "--install",
     "recipe",
@@ -86,7 +87,13 @@ def compare(
     help="Run nothing: write the files with which cron, systemd or github runs it.",
 )
 def nightly(
-    evaluation: Path, history: Path, gate: Path | None, keep: int, workers: int | None, recipe: str | None
+    evaluation: Path,
+    history: Path,
+    gate: Path | None,
+    keep: int,
+    workers: int | None,
+    resume: bool,
+    recipe: str | None,
 ) -> None:
     """Evaluate EVALUATION, compare with the last good night, write report, JUnit file and a line of history.
 
@@ -94,11 +101,12 @@ def nightly(
     not be evaluated.
     """
     if recipe is not None:
-        _install(recipe, evaluation, history, gate, workers)
+        _install(recipe, evaluation, history, gate, workers, resume=resume)
         return
     from sumo_eval.record.children import warm_up
 
     warm_up()  # before the imports below, which take a second
+    from sumo_eval.cli.stopping import Stopping
     from sumo_eval.nightly.night import run_night
     from sumo_eval.report.gate_settings import read_gate
     from sumo_eval.report.terminal import closing_lines, comparison_lines, gate_lines
@@ -106,8 +114,8 @@ def nightly(
     settings = read_gate(gate)
     with Progress() as progress:
         result = run_night(
-            evaluation, history, settings, keep=keep, workers=workers,
-            exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress,
+            evaluation, history, settings, keep=keep, workers=workers, resume=resume,
+            exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress, stopping=Stopping,
         )  # fmt: skip
     say((result.night.verdict, *result.notes))
     show_table(result.evaluation)
@@ -120,7 +128,9 @@ def nightly(
     sys.exit(result.night.exit_status)
 
 
-def _install(recipe: str, evaluation: Path, history: Path, gate: Path | None, workers: int | None) -> None:
+def _install(
+    recipe: str, evaluation: Path, history: Path, gate: Path | None, workers: int | None, *, resume: bool
+) -> None:
     """Write the files of a recipe and say what is left to do."""
     import shlex
     import shutil
@@ -129,6 +139,7 @@ def _install(recipe: str, evaluation: Path, history: Path, gate: Path | None, wo
 
     options = [] if gate is None else ["--gate", str(gate if recipe == "github" else gate.resolve())]
     options += [] if workers is None else ["--workers", str(workers)]
+    options += ["--resume"] if resume else []
     found = shutil.which("sumo-eval")
     program = shlex.quote(found) if found else f"{shlex.quote(sys.executable)} -m sumo_eval"
     written = install(recipe, Night(program, evaluation, history, tuple(options)))

@@ -32,6 +32,32 @@ def once(n: int) -> FloatArray:
     return np.ones((1, n))
 
 
+class AskedTerms:
+    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers with one 0 each.
+
+    Every score is a function of sums over cases, and which sums it asks for hangs on no case. So the terms of some of
+    the cases can be made and summed, in however many samples, those of the next ones added, and the score be made of
+    the sums (`KnownSums`): what is in memory does not grow with the cases.
+    """
+
+    def __init__(self) -> None:
+        self.terms: list[FloatArray] = []
+
+    def __matmul__(self, terms: FloatArray, /) -> FloatArray:
+        self.terms.append(terms)
+        return np.zeros(1)
+
+
+class KnownSums:
+    """In the place of counts: answers with sums that are known, (k, m) for k terms, in the order of `AskedTerms`."""
+
+    def __init__(self, sums: FloatArray) -> None:
+        self._left = iter(sums)
+
+    def __matmul__(self, terms: FloatArray, /) -> FloatArray:
+        return next(self._left)
+
+
 def weighted_mean(values: ArrayLike, weights: ArrayLike, counts: Counts) -> FloatArray:
     """sum(w_i v_i) / sum(w_i) in every sample, (m,); nan where the weights add up to 0.
 

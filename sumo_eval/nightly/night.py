@@ -2,29 +2,32 @@
 
 DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has its line, which is
 written last and in one transaction, so nothing half done is ever compared. The history also notes which nights began:
-the folder of one that began and has no line is what a killed night left, and the next start removes it and says so.
-Only what the history knows to be a night of its own is ever removed.
+the folder of one that began and has no line is what a killed night left. The next start goes on with it where it is
+told to, and else removes the folder; it says so. Only what the history knows to be a night of its own is ever removed.
 """
 
 from __future__ import annotations
 
+import errno
 import itertools
 import os
 import shutil
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sumo_eval.errors import InputError, said
-from sumo_eval.evaluation import evaluate, score
+from sumo_eval.errors import InputError, StoppedError, said
+from sumo_eval.evaluation import let_go, record_rounds, score
 from sumo_eval.nightly.history import HISTORY, History, Night, is_begun, open_history
 from sumo_eval.nightly.trend import write_trend
+from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import HeldError, held
-from sumo_eval.record.progress import Progress, quiet
+from sumo_eval.record.progress import Progress, Stopping, never, quiet
+from sumo_eval.record.run_folder import is_run
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare
@@ -64,23 +67,37 @@ def run_night(
     *,
     keep: int = 14,
     workers: int | None = None,
+    resume: bool = False,
     exit_statuses: tuple[int, int, int] = (0, 1, 3),
     progress: Progress = quiet,
+    stopping: Callable[[], AbstractContextManager[Stopping]] = lambda: nullcontext(never),
 ) -> NightResult:
-    """Run a night. keep: newest nights whose folders stay. exit_statuses: good, a gate failed, cases not evaluated."""
+    """Run a night. keep: newest nights whose folders stay. resume: go on with the night that was stopped, if one was.
+    exit_statuses: good, a gate failed, cases not evaluated. stopping: gives, while cases are driven, what says whether
+    to stop.
+    """
     read_evaluation(evaluation)  # a mistake in the file is said before anything is locked, removed or simulated
     _refuse_without_history(history)
     with _only_one(history), open_history(history, create=True) as lines:
         taken = {night.night for night in lines.nights()} | {path.name for path in (history / NIGHTS).glob("*")}
         taken |= lines.stopped()
-        notes = _clear_away(history, lines)
-        _room(history, lines)
+        stopped = _stopped(history, lines) if resume else None
+        notes = _clear_away(history, lines, stopped)
+        _room(history, lines, stopped)
         began, clock = datetime.now(UTC), time.monotonic()
-        name = next(name for name in _names(began) if name not in taken)
+        if stopped is None:
+            name = next(name for name in _names(began) if name not in taken)
+            lines.begin(name)
+            notes += ["No night was stopped before its end; this one began anew."] if resume else []
+        else:
+            name = stopped
+            notes.append(
+                f"Night {name} was stopped before its end and has gone on: what had been recorded was not driven "
+                "again. How long the night took is not known."
+            )
         folder = history / NIGHTS / name
-        lines.begin(name)
         try:
-            done = evaluate(evaluation, folder, workers=workers, progress=progress)
+            done = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
             base, why = _last_good(history, lines, done)
             notes += why
             comparison = None if base is None else compare(base[1], done, gate)
@@ -88,10 +105,15 @@ def run_night(
             write_tables(done)
             write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
             report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
+        except KeyboardInterrupt:
+            raise StoppedError(f"Stopped. The same command with --resume goes on with night {name}.") from None
         except (OSError, sqlite3.Error) as error:
-            shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
+            left = "The same command with --resume goes on."
+            if _full(error):
+                shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
+                left = "What this one had recorded was removed."
             raise InputError(
-                f"The night could not be finished: {said(error)}. Earlier nights are as they were."
+                f"The night could not be finished: {said(error)}. Earlier nights are as they were. {left}"
             ) from error
         good, gate_failed, not_evaluated = exit_statuses
         strict = bool(done.not_evaluated) and done.settings.run.incomplete == "gate"
@@ -99,7 +121,7 @@ def run_night(
             night=name,
             evaluation=done.name,
             folder=f"{NIGHTS}/{name}",
-            wall_time=time.monotonic() - clock,
+            wall_time=None if stopped is not None else time.monotonic() - clock,
             exit_status=gate_failed if failed(gates) or strict else not_evaluated if done.not_evaluated else good,
             base=None if base is None else base[0].night,
             verdict=verdict_of(comparison, gates, done),
@@ -110,6 +132,31 @@ def run_night(
         lines.add(line, done, gates)
         notes += _prune(history, lines, keep)
         return NightResult(line, done, comparison, gates, tuple(notes), report, write_trend(history, lines))
+
+
+def _evaluated(
+    evaluation: Path,
+    folder: Path,
+    workers: int | None,
+    resume: bool,
+    progress: Progress,
+    stopping: Callable[[], AbstractContextManager[Stopping]],
+) -> Evaluation:
+    """The night's cases driven, those that are not recorded yet, and scored."""
+    try:
+        settings, source = resolve(evaluation, folder, resume, workers=workers)
+        with stopping() as asked:
+            record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=asked)
+    except InputError as error:
+        if not resume:
+            raise
+        raise InputError(
+            f"Night {folder.name} has not gone on: {error} It is as it was; without --resume it is removed and another "
+            "one begins."
+        ) from error
+    done = score(folder, progress=progress)
+    let_go(done)
+    return done
 
 
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
@@ -165,8 +212,23 @@ def _refuse_without_history(history: Path) -> None:
         )
 
 
-def _clear_away(history: Path, lines: History) -> list[str]:
-    """Remove what killed nights left. Their cases are not used: nobody knows what stopped them.
+def _full(error: OSError | sqlite3.Error) -> bool:
+    """Whether there is no more room on the disk."""
+    if isinstance(error, OSError):
+        return error.errno in (errno.ENOSPC, errno.EDQUOT)
+    return getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+
+
+def _stopped(history: Path, lines: History) -> str | None:
+    """The newest night that was stopped after it had begun to record, if nothing came after it."""
+    found = [name for name in sorted(lines.stopped()) if is_run(history / NIGHTS / name)]
+    last = max((night.night for night in lines.nights() if not night.imported), default="")
+    return found[-1] if found and found[-1] > last else None
+
+
+def _clear_away(history: Path, lines: History, but: str | None = None) -> list[str]:
+    """Remove what killed nights left. Nobody knows what stopped them, so their cases are used where one is asked to go
+    on with the night (`but`) and nowhere else.
 
     A folder that the history does not know, as a night or as one that began, stays, and is named.
     """
@@ -174,7 +236,7 @@ def _clear_away(history: Path, lines: History) -> list[str]:
     stopped = lines.stopped()
     notes = []
     for path in sorted((history / NIGHTS).glob("*")):
-        if path.resolve() in known:
+        if path.resolve() in known or path.name == but:
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
@@ -207,16 +269,21 @@ def _version(evaluation: Evaluation, package: str) -> str:
     return str(evaluation.manifest.get("versions", {}).get(package, "not known"))
 
 
-def _room(history: Path, lines: History) -> None:
-    """Refuse to begin what would fill the disk."""
+def _room(history: Path, lines: History, stopped: str | None = None) -> None:
+    """Refuse to begin what would fill the disk. stopped: a night that goes on, whose files are there already."""
     finished = [history / night.folder for night in lines.nights() if not night.imported]
     last = next((folder for folder in reversed(finished) if folder.is_dir()), None)
-    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * sum(p.stat().st_size for p in last.rglob("*")))
+    needed = FIRST_NIGHT_ROOM if last is None else int(SPARE * _size(last))
+    needed -= 0 if stopped is None else _size(history / NIGHTS / stopped)
     free = shutil.disk_usage(history).free
     if free < needed:
         raise InputError(
             f"The night was not begun: it may need {needed / 1e6:z.0f} MB in {history}; {free / 1e6:z.0f} MB are free."
         )
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*"))
 
 
 def _last_good(history: Path, lines: History, done: Evaluation) -> tuple[tuple[Night, Evaluation] | None, list[str]]:

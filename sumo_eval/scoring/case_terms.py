@@ -32,6 +32,7 @@ SCORES = (
     "collision_probability",
 )
 """What `scores_of` computes, by the names of `ScenarioResult`."""
+SUMMED_AT_ONCE = 8_192  # cases whose terms are in memory at a time: memory that is touched for the first time costs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +148,18 @@ def avoided_share_losses(terms: CaseTerms) -> FloatArray:
 
 def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | None]:
     """Every score of `SCORES` of the cases themselves; None where it does not exist."""
-    found = scores_of(terms, score_terms.once(len(terms.exposure)), method)
+    n, exposed = len(terms.exposure), bool(terms.exposure.any())
+
+    def scores(rows: slice, counts: score_terms.Counts) -> dict[str, FloatArray]:
+        return scores_of(terms.part(rows), counts, method, counts, exposed=exposed)
+
+    parts = []
+    for first in range(0, max(n, 1), SUMMED_AT_ONCE):
+        rows, asked = slice(first, min(first + SUMMED_AT_ONCE, n)), score_terms.AskedTerms()
+        scores(rows, asked)
+        counts = score_terms.once(rows.stop - rows.start)
+        parts.append([counts @ one for one in asked.terms])
+    found = scores(slice(0, 0), score_terms.KnownSums(np.sum(parts, axis=0)))
     return {name: None if np.isnan(value[0]) else float(value[0]) for name, value in found.items()}
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import json
 import os
 import shutil
 import signal
@@ -17,7 +19,8 @@ import junitparser
 import pytest
 
 from cli.nights import evaluation, plant, sumo_eval
-from sumo_eval.errors import InputError
+from sumo_eval import open_run
+from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import Night, open_history
 from sumo_eval.nightly.night import _clear_away, _prune, run_night
 from sumo_eval.report.gate_settings import GateSettings
@@ -136,6 +139,96 @@ def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> No
     assert f"Night {left.name} was stopped before its end; its unfinished folder was removed." in result.notes
     assert [night.night for night in nights(history)] == [result.night.night]
     assert not left.exists()
+
+
+def stop_after(drives: int, command: list[str], history: Path) -> Path:
+    """Kill a night, and all that it started, once so many drives are recorded; its folder."""
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        deadline = time.monotonic() + 120.0
+        while recorded(history) < drives and time.monotonic() < deadline:
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGKILL)
+    (folder,) = (history / "nights").iterdir()
+    return folder
+
+
+def recorded(history: Path) -> int:
+    """How many drives a night that has no line holds."""
+    for facts in history.glob("nights/*/facts.sqlite"):
+        connection = sqlite3.connect(f"file:{facts}?mode=ro", uri=True)
+        try:
+            return int(connection.execute("SELECT count(*) FROM facts").fetchone()[0])
+        except sqlite3.Error:  # it is being made
+            return 0
+        finally:
+            connection.close()
+    return 0
+
+
+def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(tmp_path: Path) -> None:
+    file, history = evaluation(tmp_path, "{ ego_speed = 12, lead_speed = 8 }"), tmp_path / "history"
+    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
+    left = stop_after(5, command, history)
+    kept = recorded(history)
+    assert nights(history) == []
+
+    done = sumo_eval("nightly", file, "--history", history, "--resume")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"Night {left.name} was stopped before its end and has gone on" in done.stdout.replace("\n", " ")
+    (night,) = nights(history)
+    assert (night.night, night.folder, night.wall_time) == (left.name, f"nights/{left.name}", None)
+    assert "has gone on" in (left / "report.html").read_text()
+    with sqlite3.connect(left / "facts.sqlite") as facts:
+        assert 0 < kept < facts.execute("SELECT count(*) FROM facts").fetchone()[0]
+    assert len(json.loads((left / "manifest.json").read_text())["resumed"]) == 1
+
+    after = sumo_eval("nightly", file, "--history", history, "--resume")
+    assert after.returncode == 0
+    assert "No night was stopped before its end; this one began anew." in after.stdout.replace("\n", " ")
+    assert after.stdout.startswith("THE SAME as")
+    whole = nights(history)[-1]
+    assert whole.base == left.name
+    assert open_run(left).digest() == open_run(history / whole.folder).digest()
+
+
+def test_a_night_of_another_evaluation_does_not_go_on_and_stays(tmp_path: Path) -> None:
+    file, history = evaluation(tmp_path, "3"), tmp_path / "history"
+    run_night(file, history, GateSettings(resamples=100))
+    with open_history(history, create=True) as lines:
+        lines.begin("2999-01-01T00-00-00Z")
+    left = history / "nights" / "2999-01-01T00-00-00Z"
+    shutil.copytree(history / nights(history)[0].folder, left)
+    file.write_text(file.read_text().replace('"mine"', '"theirs"'))
+    done = sumo_eval("nightly", file, "--history", history, "--resume")
+    assert done.returncode == 2
+    assert f"Night {left.name} has not gone on:" in done.stderr.replace("\n", " ")
+    assert "It is as it was" in done.stderr.replace("\n", " ")
+    assert (left / "facts.sqlite").is_file()
+    assert len(nights(history)) == 1
+
+
+@pytest.mark.parametrize("fault", [OSError(errno.EIO, "Input/output error"), KeyboardInterrupt()])
+def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
+    fault: BaseException, week: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history", history)
+    plant(folder, "")
+
+    def broken(*_: object) -> None:
+        raise fault
+
+    monkeypatch.setattr("sumo_eval.nightly.night.write_tables", broken)
+    with pytest.raises((InputError, StoppedError), match="The same command with --resume goes on"):
+        run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
+    monkeypatch.undo()
+    before = len(nights(history))
+    result = run_night(folder / "evaluation.toml", history, GateSettings(resamples=100), resume=True)
+    assert any("has gone on" in note for note in result.notes)
+    assert len(nights(history)) == before + 1
 
 
 def test_a_full_disk_ends_in_a_sentence_and_leaves_earlier_nights_alone(

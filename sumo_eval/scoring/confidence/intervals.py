@@ -30,7 +30,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri, ndtr, stdtrit
 
-from sumo_eval.method.score_terms import Counts, excess, once, ordering_score, paper_score
+from sumo_eval.method.score_terms import (
+    AskedTerms,
+    Counts,
+    KnownSums,
+    excess,
+    once,
+    ordering_score,
+    paper_score,
+)
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scoring.case_terms import SCORES, CaseTerms, point_values, ratios, scores_of
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
@@ -124,47 +132,20 @@ def score_intervals(
     return found
 
 
-class _Terms:
-    """In the place of counts: keeps the terms that sums are asked of, in their order, and answers with one 0 each."""
-
-    def __init__(self) -> None:
-        self.asked: list[FloatArray] = []
-
-    def __matmul__(self, terms: FloatArray, /) -> FloatArray:
-        self.asked.append(terms)
-        return np.zeros(1)
-
-    def sums(self, counts: FloatArray) -> FloatArray:
-        """What counts (m, n) would have answered, (m, k) for k terms."""
-        return np.asarray(counts @ np.column_stack(self.asked))
-
-
-class _Known:
-    """In the place of counts whose sums are known already, (m, k): answers with them in their order."""
-
-    def __init__(self, sums: FloatArray) -> None:
-        self._left = iter(sums.T)
-
-    def __matmul__(self, _terms: FloatArray, /) -> FloatArray:
-        return next(self._left)
-
-
 class _Sums:
     """All sums over cases that the scores of one ADS's replicates are made of, added up part by part of the cases.
 
-    Every score is a function of sums over cases, and of which terms hangs on nothing that is drawn. So the terms of a
-    part of the cases are made once for all replicates, and the scores once of the sums. exposed: whether any case has
-    an exposure. rows: which case stands at each of the scenario's points, (p,), -1 where none does; None where the
-    cases are the points.
+    The terms of a part of the cases are made once for all replicates, and the scores once of the sums. rows: which case
+    stands at each of the scenario's points, (p,), -1 where none does; None where the cases are the points.
     """
 
     def __init__(self, one: Judged, rows: IntArray | None, replicates: int, method: MethodSettings) -> None:
         self._terms, self._rows, self._method = one.terms, rows, method
         self._exposed, self._stake = bool(one.terms.exposure.any()), AtStake.of(one, method)
-        nobody, asked, hits = slice(0, 0), _Terms(), _Terms()
+        nobody, asked, hits = slice(0, 0), AskedTerms(), AskedTerms()
         self._ask(nobody, asked, hits)
-        self._balanced = np.zeros((replicates, len(asked.asked)))
-        self._drawn = np.zeros((replicates, len(hits.asked)))
+        self._balanced = np.zeros((replicates, len(asked.terms)))
+        self._drawn = np.zeros((replicates, len(hits.terms)))
 
     @classmethod
     def of(cls, one: Judged, points: int, replicates: int, method: MethodSettings) -> _Sums:
@@ -181,14 +162,14 @@ class _Sums:
         if self._rows is not None:
             there = self._rows[part.places] >= 0
             counts, drawn, rows = counts[:, there], drawn[:, there], self._rows[part.places[there]]
-        asked, hits = _Terms(), _Terms()
+        asked, hits = AskedTerms(), AskedTerms()
         self._ask(rows, asked, hits)
-        self._balanced += asked.sums(counts)
-        self._drawn += hits.sums(drawn)
+        self._balanced += counts @ np.column_stack(asked.terms)
+        self._drawn += drawn @ np.column_stack(hits.terms)
 
     def replicates(self, drawn: _Draws) -> _Replicates:
         """The scores of all replicates, once all points have been added."""
-        plain, losses = self._ask(slice(0, 0), _Known(self._balanced), _Known(self._drawn))
+        plain, losses = self._ask(slice(0, 0), KnownSums(self._balanced.T), KnownSums(self._drawn.T))
         better = _with_drivers(plain, drawn.index, drawn.likeness, self._method)
         worse = dict(better)
         for name, lost in losses.items():
