@@ -140,8 +140,8 @@ class _Sums:
     """
 
     def __init__(self, one: Judged, rows: IntArray | None, replicates: int, method: MethodSettings) -> None:
-        self._terms, self._rows, self._method = one.terms, rows, method
-        self._exposed, self._stake = bool(one.terms.exposure.any()), AtStake.of(one, method)
+        self._one, self._rows, self._method = one, rows, method
+        self._exposed, self._free = bool(one.terms.exposure.any()), FreePoints.of(one)
         nobody, asked, hits = slice(0, 0), AskedTerms(), AskedTerms()
         self._ask(nobody, asked, hits)
         self._balanced = np.zeros((replicates, len(asked.terms)))
@@ -183,8 +183,9 @@ class _Sums:
         """Scores of these cases, and what unseen collisions would cost them: which sums are asked for, and in which
         order, is the same for any cases.
         """
-        scores = scores_of(self._terms.part(rows), counts, self._method, hits, exposed=self._exposed)
-        return scores, self._stake.part(rows).losses(counts)
+        terms = self._one.terms.part(rows)
+        scores = scores_of(terms, counts, self._method, hits, exposed=self._exposed)
+        return scores, self._free.losses(terms, self._one.hazardous[rows], counts, self._method)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -264,71 +265,64 @@ class UnseenLoss:
         return np.asarray(chance * self.whole, dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AtStake:
-    """What unseen collisions could cost the scores of an ADS, case by case.
+@dataclass(frozen=True, slots=True)
+class FreePoints:
+    """Where an ADS may have collisions that nobody has seen, as far as that hangs on all of its cases.
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous). An unseen collision
-    is as hard there as that of `no_reaction`. points: how many hazardous ones there are. stake: max(0, U0 - Ug), 0
-    where it is not known. free: flags. weight, exposure: of each case, every known one the same where all are 0. hit: 1
-    - Ug/U0 of the free points, None after a collision. All (n,).
+    is as hard there as that of `no_reaction`. points: how many hazardous ones there are. hazardous: whether there are
+    any. weighted, exposed: whether any case that counts has a weight, an exposure. spotless: whether none collided.
     """
 
     points: int
-    stake: FloatArray
-    free: BoolArray
-    weight: FloatArray
-    exposure: FloatArray
-    hit: FloatArray | None
+    hazardous: bool
+    weighted: bool
+    exposed: bool
+    spotless: bool
 
     @classmethod
-    def of(cls, one: Judged, method: MethodSettings) -> AtStake:
-        """Of all cases of an ADS."""
-        terms = one.terms
-        stake = excess(terms.unreacting, terms.ideal)
-        known = terms.evaluated & np.isfinite(stake)
-        among = known & one.hazardous if (known & one.hazardous).any() else known
-        free = among & ~terms.collided
-        hit = None
-        if not terms.collided.any():
-            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
-        weight, exposure = (_weights(weights, known) for weights in (terms.weight, terms.exposure))
-        return cls(int(among.sum()), np.where(known, stake, 0.0), free, weight, exposure, hit)
-
-    def part(self, rows: IntArray | slice) -> AtStake:
-        """Of some of the cases."""
-        return AtStake(
-            self.points,
-            self.stake[rows],
-            self.free[rows],
-            self.weight[rows],
-            self.exposure[rows],
-            None if self.hit is None else self.hit[rows],
+    def of(cls, one: Judged) -> FreePoints:
+        """Those of all cases of an ADS."""
+        known, _ = _known_stake(one.terms)
+        hazardous = known & one.hazardous
+        weighted, exposed = (
+            bool((np.nan_to_num(weights) * known).any()) for weights in (one.terms.weight, one.terms.exposure)
         )
+        points = int(hazardous.sum()) or int(known.sum())
+        return cls(points, bool(hazardous.any()), weighted, exposed, not one.terms.collided.any())
 
-    def losses(self, counts: Counts) -> dict[str, UnseenLoss]:
+    def losses(
+        self, terms: CaseTerms, hazardous: BoolArray, counts: Counts, method: MethodSettings
+    ) -> dict[str, UnseenLoss]:
         """By score. A, regret: an unseen collision loses max(0, U0 - Ug). C: evaluations that see any have Ug/U0, the
         others 1; after a collision that was seen, C is a mean over collisions, which unseen ones do not lower for sure.
+        Where all cases that count weigh nothing, every one weighs the same. terms, hazardous: of the cases of `counts`.
         """
         found: dict[str, UnseenLoss] = {}
         if not self.points:
             return found
-        stake, free = self.stake, self.free
-        for name, weight in (("avoided_share", self.weight), ("avoided_share_exposure", self.exposure)):
-            whole = _ratio(counts @ (weight * stake * free), counts @ (weight * stake))
+        known, stake = _known_stake(terms)
+        free = (known & hazardous if self.hazardous else known) & ~terms.collided
+        weight, exposure = (
+            np.where(known, np.nan_to_num(weights) if any_weighs else 1.0, 0.0)
+            for weights, any_weighs in ((terms.weight, self.weighted), (terms.exposure, self.exposed))
+        )
+        for name, each in (("avoided_share", weight), ("avoided_share_exposure", exposure)):
+            whole = _ratio(counts @ (each * stake * free), counts @ (each * stake))
             found[name] = UnseenLoss(self.points, whole)
-        weight = self.weight
         found["regret"] = UnseenLoss(self.points, _ratio(counts @ (weight * stake * free), counts @ weight))
-        if self.hit is not None:
-            whole = _ratio(counts @ (weight * self.hit), counts @ (weight * free))
+        if self.spotless:
+            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
+            whole = _ratio(counts @ (weight * hit), counts @ (weight * free))
             found["c"] = UnseenLoss(self.points, whole, first_takes_all=True)
         return found
 
 
-def _weights(weights: FloatArray, known: BoolArray) -> FloatArray:
-    """Of the known cases; every one the same where all are 0."""
-    weight = np.where(known, np.nan_to_num(weights), 0.0)
-    return weight if weight.any() else known.astype(np.float64)
+def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
+    """Which cases were evaluated and have something to be compared with, and max(0, U0 - Ug) there, 0 elsewhere."""
+    stake = excess(terms.unreacting, terms.ideal)
+    known = terms.evaluated & np.isfinite(stake)
+    return known, np.where(known, stake, 0.0)
 
 
 def _ratio(over: FloatArray, under: FloatArray) -> FloatArray:
@@ -346,7 +340,9 @@ def _intervals(
     values = point_values(one.terms, method)
     free = _freedom(one, groups)
     limits = {}
-    unseen = {} if one.terms.collided.any() else AtStake.of(one, method).losses(once(len(one.points)))
+    unseen, free_points = {}, FreePoints.of(one)
+    if free_points.spotless:
+        unseen = free_points.losses(one.terms, one.hazardous, once(len(one.points)), method)
     for name in SCORED:
         value = values[name]
         if value is None:

@@ -198,8 +198,11 @@ class Balance:
         sizes = Strata.of(groups).sizes
         if n - len(sizes) < 2 * k:
             return None
-        trend, extent, _ = np.linalg.svd(unit - unit.mean(axis=0), full_matrices=False)
-        trend = trend[:, extent > _FLAT]  # 1 is orthogonal to every draw: each group has as many points as it has
+        about = unit - unit.mean(axis=0)  # 1 is orthogonal to every draw: each group has as many points as it has
+        _, extent, directions = np.linalg.svd(np.linalg.qr(about, mode="r"))  # of `about` itself: thrice the room
+        there = extent > _FLAT
+        trend = about @ (directions[there].T / extent[there])
+        del about
         spread = float(sizes[sizes > 1].sum())  # of a group of s: G = s/(s - 1) (1 - 1/s)
         by_group = np.zeros(len(sizes))
         for size, same in same_sizes(groups):

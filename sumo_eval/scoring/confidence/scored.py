@@ -65,6 +65,7 @@ def with_intervals(
             which.append(number)
             at = np.array(places[number], dtype=np.intp)
             judged.append(Judged(score.ads, terms, at, ~outcomes.safe, drivers[number]))
+        del outcomes  # of a million cases 20 MB, while replicates are drawn
     if not judged:
         return list(scores), [None] * len(scores)
     even = unit if sampling in EVEN else None

@@ -10,7 +10,7 @@ from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.scoring.case_terms import CaseTerms, scores_of
 from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
-from sumo_eval.scoring.confidence.intervals import AtStake, Judged, score_intervals
+from sumo_eval.scoring.confidence.intervals import FreePoints, Judged, score_intervals
 from sumo_eval.scoring.confidence.resamples import of_one_number, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -349,7 +349,7 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
     whole = scores_of(one.terms, counts[:, at], METHOD, drawn[:, at])
     assert found.better == pytest.approx(whole["s_plus"], rel=1e-12)
     assert found.better_a == pytest.approx(METHOD.score.a * np.maximum(whole["avoided_share"], 0.0), rel=1e-12)
-    lost = AtStake.of(one, METHOD).losses(counts[:, at])["avoided_share"]
+    lost = FreePoints.of(one).losses(one.terms, one.hazardous, counts[:, at], METHOD)["avoided_share"]
     unseen = random_stream(3, "intervals", "unseen", "s", "one").standard_exponential(100)
     worse = np.maximum(whole["avoided_share"] - lost.of(unseen), 0.0)
     assert found.worse_a == pytest.approx(METHOD.score.a * worse, rel=1e-12)
