@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -151,9 +152,8 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     missing = unevaluated(evaluation)
     if missing:
         lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
-        kinds = _by_kind(missing)
-        lines += [f"  {_of_a_kind(kind)}" for kind in kinds[:MOST_LISTED]]
-        rest = sum(len(kind) for kind in kinds[MOST_LISTED:])
+        kinds, rest = _by_kind(missing)
+        lines += [f"  {_of_a_kind(kind)}" for kind in kinds]
         if rest:
             lines.append(f"  and {rest} more, all in the report.")
     lines += [
@@ -185,23 +185,40 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     return lines
 
 
-def _by_kind(missing: Sequence[tuple[CaseResult, str]]) -> list[list[tuple[CaseResult, str]]]:
-    """The cases that are missing from a mean, those together that one ADS lost at one place of its code, or with one
-    sentence, of who drove well whatever its numbers; in the order of the first of each kind.
+@dataclass(slots=True)
+class _Kind:
+    """Cases that are missing from a mean in one way: the first of them, why it is, and how many more there are."""
+
+    case: CaseResult
+    sentence: str
+    more: int = 0
+
+
+def _by_kind(missing: Iterable[tuple[CaseResult, str]]) -> tuple[list[_Kind], int]:
+    """The first `MOST_LISTED` kinds of cases that are missing from a mean, and how many are of no such kind.
+
+    Those are of one kind that one ADS lost at one place of its code, or with one sentence, of who drove well whatever
+    its numbers. Of a kind only the first case is held: a million may be missing.
     """
-    kinds: dict[tuple[str, str, str], list[tuple[CaseResult, str]]] = {}
+    kinds: dict[tuple[str, str, str], _Kind] = {}
+    rest = 0
     for case, sentence in missing:
         alike = without_numbers(sentence) if case.evaluated else case.error_place or sentence
-        kinds.setdefault((case.ads, case.status, alike), []).append((case, sentence))
-    return list(kinds.values())
+        key = case.ads, case.status, alike
+        if key in kinds:
+            kinds[key].more += 1
+        elif len(kinds) < MOST_LISTED:
+            kinds[key] = _Kind(case, sentence)
+        else:
+            rest += 1
+    return list(kinds.values()), rest
 
 
-def _of_a_kind(kind: Sequence[tuple[CaseResult, str]]) -> str:
+def _of_a_kind(kind: _Kind) -> str:
     """The first case of a kind and its sentence, how many more there are, and where in the ADS's code it happened."""
-    case, sentence = kind[0]
-    more = f" and {len(kind) - 1} more" if len(kind) > 1 else ""
-    place = f" At {one_line(case.error_place)}." if case.error_place else ""
-    return f"{one_line(case.case)}{more}: {_shortened(one_line(sentence))}{place}"
+    more = f" and {kind.more} more" if kind.more else ""
+    place = f" At {one_line(kind.case.error_place)}." if kind.case.error_place else ""
+    return f"{one_line(kind.case.case)}{more}: {_shortened(one_line(kind.sentence))}{place}"
 
 
 def row_of(score: ScenarioResult) -> list[str]:

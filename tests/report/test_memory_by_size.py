@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from sumo_eval.scoring import kept_rows
+from sumo_eval.scoring import case_terms, kept_rows
 from sumo_eval.scoring.confidence import resamples
 from sumo_eval.scoring.steps import POINTS_AT_ONCE
 
@@ -39,7 +39,8 @@ SIZES = tool()
 def small_buffers(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is held at any number of cases is made small, so that a few of them fill it already."""
     monkeypatch.setattr(kept_rows, "_HELD", 2)
-    monkeypatch.setattr(resamples, "AT_ONCE", 4_000)
+    monkeypatch.setattr(case_terms, "SUMMED_AT_ONCE", 256)
+    monkeypatch.setattr(resamples, "AT_ONCE", 64_000)
     monkeypatch.setattr(resamples, "DRAWN_AT_ONCE", 2_000)
 
 

@@ -21,6 +21,7 @@ from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import FloatArray
 
 AT_ONCE = 2_000_000  # points in replicates that are held at a time: 16 MB a table, and 1,000 points with 2,000
+OF_MORE = 8  # of more points such a part of it: 2 MB a table
 DRAWN_AT_ONCE = 500_000  # of these, what is drawn at a time
 POINTS_IN_CACHE = 8_000  # that are looked at together, with some arrays of their coordinates: half a megabyte
 EVEN = frozenset({"grid", "sobol", "halton"})  # ways of sampling that leave no part of the space out
@@ -260,7 +261,9 @@ def resamples(
     balanced sample are drawn twice, because what balances them hangs on all of them.
     """
     lists = Strata.of(groups)
-    blocks = list(_blocks(lists, max(AT_ONCE // replicates, 1), replicates, seed, name))
+    most = AT_ONCE // replicates
+    most = most if lists.points <= most else max(most // OF_MORE, 1)
+    blocks = list(_blocks(lists, most, replicates, seed, name))
     balance = None if even is None else Balance.of(lists, even)
     passes = 1 if balance is None or len(blocks) == 1 else 2
     drawn_points = 0
