@@ -59,7 +59,7 @@ from sumo_eval.report.preventability import preventability
 from sumo_eval.report.sent_drives import Embedded
 from sumo_eval.report.shown_cases import shown_cases
 from sumo_eval.report.tables import cases_csv
-from sumo_eval.report.terminal import comparison_lines, ledger_lines
+from sumo_eval.report.terminal import closing_lines, comparison_lines, ledger_lines
 from sumo_eval.report.words import collision_shares, explain_a, explain_h, index_notes
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scenario import catalogue
@@ -269,6 +269,7 @@ PARTS: dict[str, Callable[[Evaluation, Path], object]] = {
     "cases.csv": lambda run, out: cases_csv(run, out / "cases.csv"),
     "junit.xml": lambda run, out: write_junit(run_suites(run), out / "junit.xml"),
     "ledgers": lambda run, _: (ledger_lines(run), ledger(run, run.scores[0])),
+    "terminal": lambda run, _: closing_lines(run),
     "shown cases": lambda run, _: shown_cases(run),
     "preventability": lambda run, _: preventability(run),
     "people": lambda run, _: (people_rows(run), worst_cases(run), index_notes(run)),
@@ -360,7 +361,7 @@ def case_name(number: int) -> str:
 
 
 def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
-    """Another case, by its number; every hundredth may be changed."""
+    """Another case, by its number; every hundredth may be changed. Every third has no D_i."""
     likeness, hit = 0.5 + 0.4 * math.sin(number), number % 7 == 0
     if changed and number % 100 == 0:
         likeness, hit = likeness - 0.1, not hit
@@ -369,8 +370,8 @@ def another(row: CaseResult, number: int, *, changed: bool) -> CaseResult:
         "case": case_name(number), "values": somewhere(number),
         "zone": "hazardous" if number % 3 == 0 else "safe", "collided": hit, "status": "collision" if hit else "ok",
         "severity": 5.0 + math.cos(number) if hit else None, "no_reaction_severity": 12.0 if number % 3 == 0 else 0.0,
-        "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit else likeness,
-        "human_likeness": None if hit else likeness,
+        "weight": 1.0 + 0.5 * math.cos(number), "index": None if hit or number % 3 == 1 else likeness,
+        "human_likeness": None if hit or number % 3 == 1 else likeness,
     }  # fmt: skip
     for name, value in values.items():
         object.__setattr__(own, name, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import ctypes
 import errno
 import gc
 import os
@@ -40,6 +41,9 @@ TASKS: Final = {
 """What people do: task -> its commands, each with the file of this folder that defines it."""
 
 COMMANDS: Final = {name: file for commands in TASKS.values() for name, file in commands.items()}
+
+_MMAP_THRESHOLD: Final = -3  # of mallopt
+_LARGE: Final = 2 << 20  # bytes
 
 MEANT: Final = {
     "run": "evaluate simulate start execute go resume launch",
@@ -108,6 +112,7 @@ class _Group(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
+        _give_memory_back()
         atexit.register(gc.freeze)  # else Python looks through all that was imported before it lets go of it, for 0.2 s
         try:
             return super().invoke(ctx)
@@ -144,6 +149,14 @@ def _one_thread() -> None:
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def _give_memory_back() -> None:
+    """Large arrays go back to the system when they are let go of. The GNU C library keeps what it has once given, in
+    holes between smaller things: 100 MB of a page of a million cases. Other C libraries have no such setting.
+    """
+    with suppress(OSError, AttributeError, TypeError):  # TypeError: a system whose libraries have no common name
+        ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
 
 
 def _refuse(sentence: str) -> NoReturn:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sumo_eval.report.words import count
 from sumo_eval.results import CaseResult, columns
 from sumo_eval.scenario.logical import LogicalScenario
-from sumo_eval.scoring.kept_rows import arrays, parameters_of
+from sumo_eval.scoring.kept_rows import arrays_in_parts, parameters_of
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.trajectory import BoolArray, FloatArray
 
@@ -63,11 +63,11 @@ def failure_kinds(cases: Sequence[CaseResult]) -> tuple[IntArray, list[str]]:
 def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> list[FailureGroup]:
     """The groups of one logical scenario: the gravest kinds first, and of these the largest groups."""
     found = []
-    everybody = arrays(cases, "ads")["ads"]
+    names, whose = _ads_of(cases)
     rows = parameters_of(cases, logical.names)
     kinds, words = failure_kinds(cases)
-    for ads in dict.fromkeys(everybody.tolist()):
-        own = np.flatnonzero(everybody == ads)
+    for number, ads in enumerate(names):
+        own = np.flatnonzero(whose == number)
         its = rows if len(own) == len(rows) else rows[own]
         for kind in sorted(set(np.unique(kinds[own]).tolist()) - {0}, key=lambda kind: _order(words[kind])):
             members = np.flatnonzero(kinds[own] == kind)
@@ -75,6 +75,18 @@ def failure_groups(logical: LogicalScenario, cases: Sequence[CaseResult]) -> lis
                 found.append(_told(logical, its, group, kinds[own] == kind, ads, words[kind], own[group]))
     found.sort(key=lambda group: (_order(group.kind), -len(group.places)))
     return found[:MOST_GROUPS]
+
+
+def _ads_of(cases: Sequence[CaseResult]) -> tuple[list[str], IntArray]:
+    """The ADSs in the order in which they appear, and which of them drove each case, (n,)."""
+    numbers: dict[str, int] = {}
+    parts = [np.empty(0, dtype=np.intp)]
+    for some in arrays_in_parts(cases, "ads"):
+        found, first, which = np.unique(some["ads"], return_index=True, return_inverse=True)
+        for place in np.argsort(first):
+            numbers.setdefault(str(found[place]), len(numbers))
+        parts.append(np.array([numbers[str(name)] for name in found], dtype=np.intp)[which])
+    return list(numbers), np.concatenate(parts)
 
 
 def _order(kind: str) -> tuple[int, str]:
