@@ -151,7 +151,7 @@ def _evaluated(
         if not resume:
             raise
         raise InputError(
-            f"Night {folder.name} has not gone on: {error} It is as it was; without --resume it is removed and another "
+            f"Night {folder.name} has not gone on: {error} It stays; without --resume it is removed and another "
             "one begins."
         ) from error
     done = score(folder, progress=progress)
