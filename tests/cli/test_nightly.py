@@ -124,15 +124,7 @@ def test_what_a_killed_night_left_is_removed_and_said(week: tuple[Path, list[str
 
 def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> None:
     file, history = evaluation(tmp_path, "{ ego_speed = 20, lead_speed = 13 }"), tmp_path / "history"
-    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    ) as process:
-        deadline = time.monotonic() + 120.0
-        while not list(history.glob("nights/*/facts.sqlite")) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        os.killpg(process.pid, signal.SIGKILL)
-    (left,) = (history / "nights").iterdir()
+    left = stop_when(lambda: any(history.glob("nights/*/facts.sqlite")), file, history)
     assert nights(history) == []
     evaluation(tmp_path, "2")
     result = run_night(file, history, GateSettings(resamples=100))
@@ -141,13 +133,14 @@ def test_a_night_that_is_killed_leaves_nothing_that_counts(tmp_path: Path) -> No
     assert not left.exists()
 
 
-def stop_after(drives: int, command: list[str], history: Path) -> Path:
-    """Kill a night, and all that it started, once so many drives are recorded; its folder."""
+def stop_when(reached: Callable[[], bool], file: Path, history: Path) -> Path:
+    """Kill a night, and all that it started, once that is reached; its folder."""
+    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     ) as process:
         deadline = time.monotonic() + 120.0
-        while recorded(history) < drives and time.monotonic() < deadline:
+        while not reached() and time.monotonic() < deadline:
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGKILL)
     (folder,) = (history / "nights").iterdir()
@@ -169,8 +162,7 @@ def recorded(history: Path) -> int:
 
 def test_a_killed_night_goes_on_to_the_digest_of_one_that_nobody_stopped(tmp_path: Path) -> None:
     file, history = evaluation(tmp_path, "{ ego_speed = 12, lead_speed = 8 }"), tmp_path / "history"
-    command = [sys.executable, "-m", "sumo_eval", "nightly", str(file), "--history", str(history)]
-    left = stop_after(5, command, history)
+    left = stop_when(lambda: recorded(history) >= 5, file, history)
     kept = recorded(history)
     assert nights(history) == []
 

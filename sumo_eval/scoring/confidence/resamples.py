@@ -270,7 +270,7 @@ def resamples(
 
     def draw(block: _Block) -> FloatArray:
         nonlocal drawn_points
-        counts = block.draw(replicates)
+        counts = block.draw()
         drawn_points += len(block.places)
         done(drawn_points, passes * lists.points)
         return counts
@@ -291,52 +291,49 @@ def resamples(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """Points that are drawn together.
-
-    places: (k,). groups: the lists that they are, by their place among these. stream: makes their random numbers, the
-    same each time. size, share: of the list that they are a piece of, and how many of
-    those that are drawn from it fall on this piece in each replicate, (m,); None: they are whole lists.
+    """Points that are drawn together. places: (k,). draw: how often each stands in each replicate, (m, k); it gives the
+    same each time.
     """
 
     places: IntArray
-    groups: Strata
-    stream: Callable[[], np.random.Generator]
-    size: int = 0
-    share: IntArray | None = None
-
-    def draw(self, replicates: int) -> FloatArray:
-        """How often each of these points stands in each replicate, (m, k)."""
-        if self.share is None:
-            return draw_counts(self.groups, replicates, self.stream())
-        stream, k = self.stream(), len(self.places)
-        counts = np.empty((replicates, k))
-        for rows in _rows_at_a_time(replicates, k):
-            np.multiply(
-                stream.multinomial(self.share[rows], np.full(k, 1.0 / k)), self.size / (self.size - 1), out=counts[rows]
-            )
-        return counts
+    draw: Callable[[], FloatArray]
 
 
 def _blocks(lists: Strata, most: int, replicates: int, seed: int, name: Sequence[str]) -> Iterator[_Block]:
     """Points list by list, at most so many together; a longer list in pieces."""
     number, first, order, ends = 0, 0, lists.order, lists.ends
+    longest = max(AT_ONCE // replicates, 1)  # of a piece: each holds a number for every replicate until all are drawn
 
-    def stream(number: int) -> Callable[[], np.random.Generator]:
-        return lambda: random_stream(seed, *name, *([number] if number else []))
+    def stream(number: int) -> np.random.Generator:
+        return random_stream(seed, *name, *([number] if number else []))
+
+    def together(groups: Strata, number: int) -> Callable[[], FloatArray]:
+        return lambda: draw_counts(groups, replicates, stream(number))
+
+    def piece(points: int, size: int, share: IntArray, number: int) -> Callable[[], FloatArray]:
+        return lambda: _counts_of_piece(points, size, share, stream(number))
 
     while first < len(order):
         last = int(np.searchsorted(ends, first + most, side="right"))  # lists that end within reach
         if (end := int(ends[last - 1]) if last else 0) > first:
             here = ends[int(np.searchsorted(ends, first, side="right")) : last] - first
-            yield _Block(order[first:end], Strata(np.arange(end - first), here), stream(number))
+            yield _Block(order[first:end], together(Strata(np.arange(end - first), here), number))
             number, first = number + 1, end
             continue
         size = int(ends[last]) - first
-        pieces = np.array_split(order[first : first + size], -(-size // most))
-        parts = np.array([len(piece) for piece in pieces]) / size
+        pieces = np.array_split(order[first : first + size], -(-size // longest))
+        parts = np.array([len(places) for places in pieces]) / size
         shares = random_stream(seed, *name, "pieces", number).multinomial(size - 1, parts, replicates)
-        for piece, share in zip(pieces, shares.T, strict=True):
-            whole = Strata(np.arange(len(piece)), np.array([len(piece)]))
-            yield _Block(piece, whole, stream(number), size, share)
+        for places, share in zip(pieces, shares.T, strict=True):
+            yield _Block(places, piece(len(places), size, share, number))
             number += 1
         first += size
+
+
+def _counts_of_piece(points: int, size: int, share: IntArray, stream: np.random.Generator) -> FloatArray:
+    """`draw_counts` of some points of a list of this size. share: how many of its draws fall on them, (m,)."""
+    counts = np.empty((len(share), points))
+    for rows in _rows_at_a_time(len(share), points):
+        drawn = stream.multinomial(share[rows], np.full(points, 1.0 / points))
+        counts[rows] = drawn * (size / (size - 1))
+    return counts
