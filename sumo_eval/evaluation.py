@@ -27,10 +27,14 @@ from sumo_eval.scoring.kept_rows import KeptRows
 from sumo_eval.scoring.kept_scores import RowWriter, keep_scores, kept_scores
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import with_changes
+from sumo_eval.settings.locators import load_object
 
 if TYPE_CHECKING:
     from sumo_eval.method.zone_partition import ZonePartition
     from sumo_eval.record.facts import Evaluable, Recorded
+
+
+_WRITE_RESULTS = "sumo_eval.report.junit:write_results"  # a text, because the report builds on this module
 
 
 def evaluate(
@@ -53,6 +57,9 @@ def evaluate(
     is what None then means. ads: what to drive in place of the evaluation's own ADSs: locators, whose relative paths
     start in the current folder, or classes, functions and objects, of a notebook's cell too. Raises StoppedError when
     `stopping` said so; what was done by then is kept.
+
+    The folder is the one that `sumo-eval run` leaves, with `scores.json`, `cases.csv` and `junit.xml`; its page,
+    `report.html`, is written by `sumo-eval report OUT`.
     """
     from sumo_eval.record.facts import resolve
 
@@ -61,6 +68,7 @@ def evaluate(
     record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=stopping)
     done = score(folder, progress=progress)
     let_go(done)
+    load_object(_WRITE_RESULTS, None, "function")(done)
     return done
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,9 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import show_table
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+
+if TYPE_CHECKING:
+    from sumo_eval.results import Evaluation
 
 
 @click.command(epilog="Example: sumo-eval compare results/before results/after --gate gate.toml --page compare.html")
@@ -49,13 +53,13 @@ def compare(
     from sumo_eval.report.terminal import comparison_lines
 
     settings = read_gate(gate)
-    partners = dict(pair.partition("=")[::2] for pair in pairs)
-    if any(not old or not now for old, now in partners.items()):
+    if not all(all(pair.partition("=")) for pair in pairs):
         raise InputError(f"A pair must have the form BASE=NEW, got {' '.join(pairs)!r}.")
     for run in (base, new):  # what is wrong with one is told before hours are spent on the other
         refuse_to_score(run)
     with Progress() as progress:
         before, after = score(base, progress=progress), score(new, progress=progress)
+    partners = dict(_names(pair, before, after) for pair in pairs)
     comparison = compare_runs(before, after, settings, pairs=partners, accept_differences=accept_differences)
     gates = judge(after, comparison, settings)
     if junit is not None:
@@ -69,6 +73,13 @@ def compare(
         report = write_assessed_report(after, Beside(comparison, gates))
         tell(f"The report is {report}")
     sys.exit(GATE_FAILED if failed(gates) else NOT_EVALUATED if after.not_evaluated else DONE)
+
+
+def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
+    """The two ADSs of a pair BASE=NEW, each of whose names may hold a `=` itself."""
+    splits = [(pair[:i], pair[i + 1 :]) for i, sign in enumerate(pair) if sign == "="]
+    olds, news = ({score.ads for score in run.scores} for run in (base, new))
+    return next((names for names in splits if names[0] in olds and names[1] in news), splits[0])
 
 
 @click.command(epilog="Example: sumo-eval nightly evaluation.toml --history nights --gate gate.toml")

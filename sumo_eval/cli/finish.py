@@ -36,12 +36,10 @@ def finish(evaluation: Evaluation, notes: Sequence[str] = ()) -> NoReturn:
     notes: sentences that stand before where the report is.
     """
     from sumo_eval.report.assessed import write_assessed_report
-    from sumo_eval.report.junit import JUNIT, run_suites, write_junit
-    from sumo_eval.report.tables import write_tables
+    from sumo_eval.report.junit import write_results
     from sumo_eval.report.terminal import closing_lines
 
-    write_tables(evaluation)
-    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
+    write_results(evaluation)
     with Progress() as progress:
         write_assessed_report(evaluation, progress=progress)
     show_table(evaluation)

@@ -56,7 +56,7 @@ def run(
     if evaluation is not None:
         from sumo_eval.settings.config import read_evaluation
 
-        read_evaluation(evaluation)  # a mistake in it is told at once
+        read_evaluation(evaluation, own_ads=not ads)  # a mistake in it is told at once
     with Heard():
         warm_up()  # before the imports below, which take a second
         from sumo_eval.evaluation import let_go, record_rounds

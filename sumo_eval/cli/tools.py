@@ -62,7 +62,7 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     file = what.partition("?")[0]
     _refuse_a_folder(file)
     refuse_a_bare_file(file)
-    if file.endswith(".toml"):
+    if file.endswith(".toml") and not _has_scheme(file):
         if _is_scenario(Path(file)):
             _check_scenario(what)
         _check_evaluation(Path(what))
@@ -93,7 +93,7 @@ def refuse_a_bare_file(locator: str) -> None:
     from sumo_eval.text import shown
 
     file = Path(locator)
-    if file.suffix != ".py":
+    if file.suffix != ".py" or _has_scheme(locator):
         return
     if not file.is_file():
         raise InputError(f"There is no file {shown(locator)} here.")
@@ -107,6 +107,15 @@ def refuse_a_bare_file(locator: str) -> None:
         raise InputError(f"{shown(locator)} holds no class and no function, so no ADS.")
     listed = ", ".join(f"`{name}`" for name in names)
     raise InputError(f"{shown(locator)} is a file; name one of what it holds ({listed}): {locator}:{names[0]}")
+
+
+def _has_scheme(locator: str) -> bool:
+    """Whether a locator names a program, a model or a file of another kind: `exec:python my_ads.py`."""
+    if ":" not in locator:
+        return False
+    from sumo_eval.cosim.doors.controller import has_scheme
+
+    return has_scheme(locator)
 
 
 def _is_scenario(path: Path) -> bool:

@@ -105,20 +105,21 @@ def resolve(
     if isinstance(evaluation, EvaluationSettings):
         settings, source = evaluation, Path.cwd()
     elif isinstance(evaluation, Mapping):
-        settings, source = settings_from(_with_locators(evaluation, folder, resume), "the evaluation"), Path.cwd()
+        content = _with_locators(evaluation, folder, resume)
+        settings, source = settings_from(content, "the evaluation", own_ads=not ads), Path.cwd()
     elif evaluation is None and resume and run_folder.is_run(folder):
         settings = read_evaluation(folder / run_folder.EVALUATION)
         source = Path(run_folder.read_manifest(folder)["source_folder"])
     else:
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
-        settings, source = read_evaluation(path), path.parent.resolve()
+        settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
     for locator in ads:
         if isinstance(locator, str) and locator.startswith(("exec:", "traci:")):  # `env -C` exists, whatever it runs
             find_controller(locator, Path.cwd())
     if ads:
         entries = tuple(_entry(one, folder, resume) for one in ads)
         settings = replace(settings, ads=entries)
-        check_evaluation(settings, "`ads`")
+    check_evaluation(settings, "`ads`" if ads else "the evaluation")
     settings = replace(settings, scenario=expanded(settings.scenario, source))
     given = {name: value for name, value in changes.items() if value is not None}
     return replace(settings, run=replace(settings.run, **given)), source  # type: ignore[arg-type]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import AdsComparison, ChangedCase, Changes, Comparison
 from sumo_eval.report.gates import GateResult
+from sumo_eval.report.tables import write_tables
 from sumo_eval.report.words import count, end_reason, number, placed, point, unevaluated_of, why_missing
 from sumo_eval.results import CaseResult, Evaluation
 from sumo_eval.scoring.kept_rows import Made, parameters_of
@@ -60,6 +61,12 @@ def run_suites(evaluation: Evaluation) -> Suites:
             tests = _by_cell(cases, tests, report.junit_cells)
         suites[f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"] = tests
     return suites
+
+
+def write_results(evaluation: Evaluation) -> None:
+    """Write what other programs read of a scored run into its folder: scores.json, cases.csv, checks.csv, junit.xml."""
+    write_tables(evaluation)
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
 
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:

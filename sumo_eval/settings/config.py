@@ -26,12 +26,15 @@ _SUITE = "suite:"
 Settings = TypeVar("Settings", bound=Checked)
 
 
-def read_evaluation(path: Path) -> EvaluationSettings:
-    """The settings in an evaluation file. Raises InputError naming every mistake in it."""
+def read_evaluation(path: Path, *, own_ads: bool = True) -> EvaluationSettings:
+    """The settings in an evaluation file. Raises InputError naming every mistake in it.
+
+    own_ads: whether its `[[ads]]` drive; without it the caller names others, and the file may have none.
+    """
     settings = _validated(
         with_suites(read_toml(path, "evaluation file"), str(path)), EvaluationSettings, str(path), path
     )
-    check_evaluation(settings, str(path))
+    check_evaluation(settings, str(path), own_ads=own_ads)
     return settings
 
 
@@ -66,10 +69,10 @@ def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:
     return _validated(read_toml(path, what), kind, str(path), path)
 
 
-def settings_from(content: Mapping[str, Any], where: str) -> EvaluationSettings:
-    """Settings from a plain mapping; `where` names it in error sentences."""
+def settings_from(content: Mapping[str, Any], where: str, *, own_ads: bool = True) -> EvaluationSettings:
+    """Settings from a plain mapping; `where` names it in error sentences. own_ads: as in `read_evaluation`."""
     settings = _validated(with_suites(content, where), EvaluationSettings, where)
-    check_evaluation(settings, where)
+    check_evaluation(settings, where, own_ads=own_ads)
     return settings
 
 
@@ -88,14 +91,20 @@ def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, fil
     return settings
 
 
-def check_evaluation(settings: EvaluationSettings, where: str) -> None:
-    """Refuse an evaluation of nothing, and names that could not be told apart. where: names it in sentences."""
+def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:
+    """Refuse an evaluation of nothing, and names that could not be told apart. where: names it in sentences.
+
+    own_ads: as in `read_evaluation`.
+    """
     for what, names in (
         ("`scenario.use`", [scenario.use for scenario in settings.scenario]),
         ("`ads.name`", [ads.name for ads in settings.ads]),
     ):
-        if not names:
-            raise InputError(f"{where} must have at least one [[{what.strip('`').split('.')[0]}]].")
+        if not names and what == "`ads.name`":
+            if own_ads:
+                raise InputError(f"{where} must have at least one [[ads]], or be run with `--ads LOCATOR`.")
+        elif not names:
+            raise InputError(f"{where} must have at least one [[scenario]].")
         if any(name.startswith("~") for name in names):
             raise InputError(
                 f"{what} in {where} must not begin with `~`, which marks the ideal vehicle and the drivers."

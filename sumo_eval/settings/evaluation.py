@@ -163,7 +163,7 @@ class EvaluationSettings(Checked):
 
     name: Annotated[str, MinLen(1), About("name of the evaluation")]
     scenario: Annotated[tuple[ScenarioSettings, ...], About("logical scenarios")]
-    ads: Annotated[tuple[AdsSettings, ...], About("ADSs under test")]
+    ads: Annotated[tuple[AdsSettings, ...], About("ADSs under test; none where `--ads` names them")] = ()
     seed: Annotated[int, Ge(0), About("the only source of randomness")] = 1
     drivers: DriverSettings = field(default_factory=DriverSettings)
     run: RunSettings = field(default_factory=RunSettings)

@@ -33,6 +33,30 @@ def test_a_file_that_is_not_there_is_said_to_be_missing() -> None:
     assert result.output == "sumo-eval: There is no file 'nothing.py' here.\n"
 
 
+SCHEMES = ["exec:python 'a b.py'", "traci:python é.py", "exec:./a:b.py", "exec:python a.py --file b.toml"]
+
+
+@pytest.mark.parametrize("words", [("check",), ("run", "--dry-run", "--ads")])
+@pytest.mark.parametrize("locator", [*SCHEMES, "sumo:a.py", "fmu:a.py", "onnx:a.py", "given:a.py"])
+def test_a_locator_with_a_scheme_is_no_file(locator: str, words: tuple[str, ...]) -> None:
+    told = CliRunner().invoke(main, [*words, f"{locator.replace('python', 'no-such')}"]).output
+    assert "There is no file '" not in told
+    assert "is a file; name one" not in told
+    assert "evaluation file" not in told
+
+
+def test_an_evaluation_without_ads_is_driven_by_those_named(tmp_path: Path) -> None:
+    file = tmp_path / "é b.toml"
+    file.write_text(
+        'name = "a"\n[[scenario]]\nuse = "front_vehicle_low_speed"\nsampling.levels = 2\n[drivers]\ncount = 2\n'
+    )
+    done = CliRunner().invoke(main, ["run", str(file), "--ads", "idm", "--dry-run"])
+    assert done.exit_code == 0, done.output
+    refused = CliRunner().invoke(main, ["run", str(file)])
+    assert refused.exit_code == 2
+    assert "must have at least one [[ads]], or be run with `--ads LOCATOR`" in refused.output
+
+
 def test_a_value_of_a_parameter_without_unit_is_refused_without_a_unit(tmp_path: Path) -> None:
     words = ["boundary", "exit_cut", "idm", "--fix", "side=0.5", "--out", str(tmp_path / "edge")]
     result = CliRunner().invoke(main, words)

@@ -1,5 +1,7 @@
 """What stands beside a controller: how often it is asked, what it is made with, what it loads once."""
 
+import random
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +10,7 @@ import pytest
 from cosim_cases import HALF_SECOND, case, lead
 
 from sumo_eval import Command
-from sumo_eval.cosim.doors.entry import loading, made_absolute, split_entry
+from sumo_eval.cosim.doors.entry import Entry, loading, made_absolute, split_entry
 from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.errors import InputError
 from sumo_eval.record.recording import planner
@@ -73,6 +75,27 @@ def test_an_entry_in_one_text_and_back():
     absolute = made_absolute(entry.locator, Path("/x"))
     assert absolute.startswith("/x/mine.py:Mine?")
     assert split_entry(absolute)[1] == found
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_any_locator_stays_whole_with_its_entry(seed, tmp_path):
+    """A fuzz of locators: schemes, spaces, quotes, colons, letters beyond ASCII, question marks, with an entry."""
+    draw = random.Random(seed)
+    name = "".join(draw.choice("ab é:?='\" ß中") for _ in range(draw.randint(1, 8))).strip(" ?") or "a"
+    bare = draw.choice([f"{name}.py:Mine", f"exec:python {shlex.quote(name)}.py", f"traci:{shlex.quote(name)} --a b"])
+    entry = AdsSettings(
+        "a", bare, period=draw.choice([None, 0.2]), options={"q": "".join(draw.choices('?&=:é "', k=4))}
+    )
+    assert split_entry(entry.locator) == (bare, Entry(entry.period or 0.0, entry.options))
+    assert split_entry(made_absolute(entry.locator, tmp_path / "é: b"))[1].options == entry.options
+
+
+def test_files_of_a_locator_are_found_from_another_folder(folder):
+    assert made_absolute("mine:Counting", folder) == f"{folder}/mine.py:Counting"
+    assert made_absolute("json:loads", folder) == "json:loads"
+    network = made_absolute("onnx:a.onnx?features=/x/f.toml", folder)
+    assert network == f"onnx:{folder}/a.onnx?features=/x/f.toml"
+    assert split_entry('mine.py:Mine?options.path="a?b:c"')[1].options == {"path": "a?b:c"}
 
 
 def test_an_ads_with_a_period_is_asked_that_often_and_its_answer_holds(folder):

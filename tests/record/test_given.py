@@ -2,10 +2,13 @@
 
 import threading
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import sumo_eval
+from sumo_eval.cli import main
 from sumo_eval.errors import InputError
 from sumo_eval.settings import AdsSettings
 from sumo_eval.settings.config import read_evaluation
@@ -45,6 +48,21 @@ def test_a_dict_is_an_evaluation_and_a_class_of_a_cell_an_ads(tmp_path, engine):
     html = found._repr_html_()
     assert html.count("<tr>") == 1 + len(found.scores)
     assert "<td>cell</td>" in html
+
+
+def test_python_reads_what_python_wrote(tmp_path, monkeypatch):
+    bare = {name: value for name, value in EVALUATION.items() if name != "ads"}
+    monkeypatch.chdir(tmp_path)
+    found = sumo_eval.evaluate(bare, "out", ads=[Acc])  # an evaluation without ADSs takes those that are given
+    run = sumo_eval.open_run("out")
+    assert list(run.cases["case"]) == [case.case for case in found.cases]
+    assert list(run.scores["ads"]) == ["Acc"]
+    for words in (["export", "out", "--format", "csv", "--out", "csv"], ["score", "out"], ["report", "out"],
+                  ["explain", "out", found.cases[0].case], ["compare", "out", "out"]):  # fmt: skip
+        done = CliRunner().invoke(main, words)
+        assert done.exit_code == 0, done.output
+    left = {path.name for path in Path("out").iterdir()}
+    assert {"scores.json", "cases.csv", "junit.xml", "report.html"} <= left
 
 
 def test_a_class_a_function_and_an_object_in_the_dict_itself(tmp_path):

@@ -266,6 +266,12 @@ DOORS = {
 Texts, because these modules build on this one, and because an evaluation loads only those that it uses.
 """
 
+
+def has_scheme(locator: str) -> bool:
+    """Whether a locator begins with a scheme that has a door of its own: `exec:python my_ads.py`."""
+    return locator.partition(":")[0] in ("sumo", *DOORS)
+
+
 _IN_THEIR_OWN_TIME = ("sumo", "traci")
 
 SUMO_MODELS = (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import shlex
 import time as clock
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from urllib.parse import unquote_plus
 from sumo_eval.errors import InputError, must_be, said, unknown
 
 _PERIOD, _OPTION = "period", "options."
+_ENTRY = re.compile(rf"\?(?=([^?]*&)?({_PERIOD}=|{re.escape(_OPTION)}))")  # a command or a value may hold others
 LOAD_ONCE = "load_once"
 """The name of a class method that loads what all objects of the class share."""
 
@@ -39,11 +41,11 @@ PLAIN = Entry()
 
 def split_entry(locator: str) -> tuple[str, Entry]:
     """The locator without its entry, and the entry. Raises InputError for a period that is none."""
-    head, mark, query = locator.rpartition("?")
-    pairs = query.split("&") if mark else []
-    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", _OPTION))]
-    if not own:
+    begin = _ENTRY.search(locator)
+    if begin is None:
         return locator, PLAIN
+    head, pairs = locator[: begin.start()], locator[begin.end() :].split("&")
+    own = [pair for pair in pairs if pair.startswith((f"{_PERIOD}=", _OPTION))]
     rest = "&".join(pair for pair in pairs if pair not in own)
     period, options = 0.0, {}
     for pair in own:
@@ -72,8 +74,10 @@ def made_absolute(locator: str, folder: Path) -> str:
     if scheme == "fmu":
         return f"fmu:{folder / rest}"
     if scheme == "onnx":
-        return f"onnx:{folder / rest.replace('features=', f'features={folder}/')}"
+        return f"onnx:{folder / re.sub(r'(?<=features=)[^&]+', lambda file: str(folder / file[0]), rest)}"
     place, _, name = locator.rpartition(":")
+    if place.isidentifier() and (folder / f"{place}.py").is_file():  # a module of the folder, not an installed one
+        place = f"{place}.py"
     return f"{folder / place}:{name}" if place.endswith(".py") else locator
 
 
