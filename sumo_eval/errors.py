@@ -129,6 +129,12 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> InputError:
 
 
 def said(error: BaseException) -> str:
-    """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop."""
+    """`ValueError: no such lane`: an exception in words, ready to be followed by a full stop.
+
+    An attribute that an object of this package has not gets the nearest that it has.
+    """
     text = words_of(error).strip().rstrip(".")
+    if isinstance(error, AttributeError) and type(error.obj).__module__.startswith("sumo_eval.") and error.name:
+        near = nearest(error.name, [name for name in dir(error.obj) if not name.startswith("_")])
+        text += f" (did you mean `{near}`?)" if near else ""
     return f"{kind_of(error)}: {text}" if text else kind_of(error)

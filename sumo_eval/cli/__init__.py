@@ -110,6 +110,11 @@ class _Group(click.Group):
         assert command is not None
         return command.get_short_help_str(limit=WHOLE)
 
+    def main(self, args: Any = None, *rest: Any, **named: Any) -> Any:
+        if args is None:
+            _read_utf8()
+        return super().main(args, *rest, **named)
+
     def invoke(self, ctx: click.Context) -> Any:
         _one_thread()
         _give_memory_back()
@@ -141,6 +146,13 @@ def _nearest(name: str) -> str:
         if word in words.split():
             return f" Did you mean `{command}`?"
     return did_you_mean(word, COMMANDS)
+
+
+def _read_utf8() -> None:
+    """Begin again in UTF-8 where names of files are not: a path with other letters could not be written anywhere."""
+    if sys.getfilesystemencoding().lower() != "utf-8" and not sys.flags.utf8_mode:
+        words = [sys.executable, "-X", "utf8", *sys.orig_argv[1:]]
+        os.execve(sys.executable, words, {**os.environ, "PYTHONUTF8": "1"})  # noqa: S606
 
 
 def _one_thread() -> None:

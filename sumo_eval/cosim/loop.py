@@ -96,6 +96,9 @@ def drive(world: World, driver: Driver, stage: Stage) -> None:
             if world.players is not None:
                 count = world.play(now, count, closely)
             moved = 1
+            if world.may_leave(now):
+                count, gone = world.let_leave(now, count, as_read)
+                stage.put_aside(gone)
             try:
                 stage.tell(world, count)
             except stage.traci.TraCIException as error:

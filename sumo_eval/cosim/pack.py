@@ -82,7 +82,7 @@ class Pack:
             grown[:, :, : world.moves.shape[2]] = world.moves
             world.moves = grown
         world.moves[row, :, :moves] = fresh.moves[0]
-        world.egos["begun"][row] = world.steps
+        world.egos["begun"][row], world.none_leaves_before = world.steps, 0.0
 
     def step(self, commands: NDArray[np.float64]) -> NDArray[np.intp]:
         """One step of all rows that have not ended; the rows that end with it.
@@ -98,6 +98,10 @@ class Pack:
         told = move_rows(
             world.egos, world.others, world.moves, world.clips, world.tell, world.scenario, world.line, after, closely
         )
+        if world.may_leave(after * self.step_length):
+            told, gone = world.let_leave(after * self.step_length, told)
+            if stage is not None:
+                stage.put_aside(gone)
         if stage is not None:
             stage.tell(world, told)
             for row in np.flatnonzero(world.egos["begun"] == begun).tolist() if begun else ():

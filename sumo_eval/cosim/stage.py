@@ -12,6 +12,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST, impossible
 from sumo_eval.cosim.records import MODEL, STRAIGHT
@@ -27,6 +28,7 @@ EXACT_SPEED_MODE = 32  # setSpeed is taken as it is: the harness's own vehicle m
 CHECKED_EVERY = 10  # steps
 _PLACE_TOLERANCE = 1e-3  # m, between the vehicle model and SUMO
 _MOTION_TOLERANCE = 1e-6  # m/s and deg
+ASIDE = -500.0  # m, y of a vehicle that nothing is to see
 _NOT_THERE = (0.0, 0.0, STRAIGHT, 0.0)  # place, angle and speed of a vehicle that SUMO has no longer
 _KEEPS_ROUTE = 2  # moveToXY: anywhere, off the road too
 _KEEPS_ROUTE_OFF_ROAD = 3  # moveToXY: onto the vehicle's own road and no other, and as far off it as told
@@ -135,6 +137,16 @@ class Stage:
             number = int(vehicle)
             set_speed(names[number], speed)
             move(names[number], self._edge[number // self._width], self._lane, x, y, angle, self._keep)
+
+    def put_aside(self, numbers: NDArray[np.intp]) -> None:
+        """Let SUMO stand vehicles where nothing sees them: they have left the network."""
+        for number in numbers.tolist():
+            name = self._flat[number]
+            if self.as_read:
+                self.traci.vehicle.remove(name)
+                continue
+            self.calls.setSpeed(name, 0.0)
+            self.calls.moveToXY(name, self._edge[number // self._width], -1, 10.0, ASIDE, STRAIGHT, self._keep)
 
     def begin_anew(self, world: World, row: int) -> None:
         """Put the vehicles of a row that has begun a case anew where they are at the end of this, its first step."""

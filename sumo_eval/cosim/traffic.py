@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.impossible import BACKWARDS, BESIDE, FASTEST
 from sumo_eval.cosim.records import STRAIGHT
-from sumo_eval.cosim.stage import EXACT_SPEED_MODE, Stage
+from sumo_eval.cosim.stage import ASIDE, EXACT_SPEED_MODE, Stage
 from sumo_eval.cosim.sumo.session import NOWHERE
 from sumo_eval.cosim.sumo.shared_files import has_shadow, shadow_name
 from sumo_eval.cosim.world import World
@@ -25,7 +25,6 @@ from sumo_eval.scenario.played import HANDED_OVER
 from sumo_eval.scenario.road.reference_line import curvatures
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_ASIDE = -500.0  # m, y of a shadow that nobody is to see
 _AS_TOLD = 0.05  # m, that SUMO's own step may differ from ours within a step: it takes the mean of both speeds
 _AS_TOLD_ON_A_BEND = 0.1  # m: on top of that, lanes are polygons of 1 m
 _DEGREES = 180.0 / math.pi
@@ -123,8 +122,15 @@ class Traffic(Stage):
 
     def _hide(self, name: str) -> None:
         self.calls.setSpeed(name, 0.0)
-        self.calls.moveToXY(name, self._edge[0], -1, 10.0, _ASIDE, STRAIGHT, self._keep)
+        self.calls.moveToXY(name, self._edge[0], -1, 10.0, ASIDE, STRAIGHT, self._keep)
         self._seen.discard(name)
+
+    def put_aside(self, numbers: NDArray[np.intp]) -> None:
+        """Their shadows go with them."""
+        super().put_aside(numbers)
+        for number in numbers.tolist():
+            if self._shadow_of[number] in self._seen:
+                self._hide(self._shadow_of[number])
 
     def tell(self, world: World, count: int) -> None:
         """Hand the motion of this step to SUMO: so many rows of `world.tell`."""

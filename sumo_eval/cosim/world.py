@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sumo_eval.cosim.contact import Body, describe, within_a_turn
 from sumo_eval.cosim.doors.fault_place import fault_place
-from sumo_eval.cosim.impossible import BESIDE
+from sumo_eval.cosim.impossible import BESIDE, FASTEST
 from sumo_eval.cosim.records import (
     CLIP,
     EGO,
@@ -55,6 +55,7 @@ from sumo_eval.trajectory import CHANNELS, Alone, Clip, Collision, EndReason, Re
 
 _ENDS = ("time_limit", "standstill_speed", "standstill_time", "end_when_decided")
 _PLACES = ("opens", "is_open", "closes", "is_gone", "parted_until", "parted_from")
+_ARRIVED = 0.101  # m before the end of the last lane, nearer than which SUMO takes a vehicle out
 
 
 def described(road: Road, vehicle: VehicleSettings, step: float, settings: SimulationSettings | None = None) -> Records:
@@ -107,6 +108,8 @@ class World:
         self.line = knots_of(cases[0].road.line)
         self.egos = _egos(cases, settings.vehicle, placed)
         self.others, self.moves = _scripts(cases, settings)
+        self._end_of_lanes = cases[0].road.length + cases[0].road.run_out - _ARRIVED
+        self.none_leaves_before = 0.0 if m else math.inf  # s
         if m:
             self.egos["scripted_until"] = self.others["script_end"].max(axis=1)
         self.clips = np.zeros((n, len(WHATS)), CLIP)
@@ -140,6 +143,37 @@ class World:
         plays, acts, pieces, table, _ = self.players
         play_rows(self.egos, self.others, plays, acts, pieces, table, now, self.line)
         return int(tell_played_rows(self.egos, self.others, plays, self.tell, told, int(closely), self.line))
+
+    def may_leave(self, now: float) -> bool:
+        """Whether a vehicle may come to the end of its lanes in the step to `now`, s; a quick no for most steps."""
+        if now < self.none_leaves_before:
+            return False
+        near = float(self.others["x"].max()) + float(self.others["length"].max())
+        self.none_leaves_before = now + (self._end_of_lanes - near) / FASTEST - self.settings.step
+        return now > self.none_leaves_before
+
+    def let_leave(self, now: float, told: int, as_read: int = 0) -> tuple[int, NDArray[np.intp]]:
+        """Let the vehicles leave that come to the end of their lanes in the step to `now`, s.
+
+        Where SUMO moves a vehicle in this step, it keeps its speed. as_read: SUMO says itself when those are gone.
+        Returns how many rows of `tell` there are without them, and their numbers as they stand there.
+        """
+        others, road, half = self.others, self.cases[0].road, 0.5 * self.others["length"]
+        by_sumo = others["told"] == 0
+        front = others["x"] + np.where(by_sumo, others["speed"] * self.settings.step, 0.0)
+        front += half * np.cos(others["heading"])
+        was = others["before"]["x"] + half * np.cos(others["before"]["heading"])
+        gone = (others["present"] == 1) & (was <= self._end_of_lanes) & (front > self._end_of_lanes)
+        gone &= (others["y"] >= road.right_edge) & (others["y"] <= road.left_edge) & ~(by_sumo & bool(as_read))
+        gone &= (self.egos["live"] == 1)[:, None] & (self.egos["reason"] == 0)[:, None]
+        others["present"][gone] = 0
+        for row in np.argwhere(gone)[:, 0].tolist():
+            self.note(int(self.rows[row]), "actor_left_the_network", now, now)
+
+        numbers = np.flatnonzero(np.pad(gone, ((0, 0), (1, 0))))
+        kept = self.tell[:told][~np.isin(self.tell[:told, 0], numbers)]
+        self.tell[: len(kept)] = kept
+        return len(kept), numbers
 
     def wake(self, now: float) -> None:
         """Begin the moves whose conditions have come to hold in the step that ends `now`, s."""

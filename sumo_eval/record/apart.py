@@ -85,7 +85,7 @@ def _believed(message: Message) -> list[Finding] | InputError:
     for row in plain[1]:
         if not isinstance(row, list) or not all(isinstance(text, str) for text in row):
             raise FrameError("gave findings that are none")
-    rows = [[clean(text, _LONGEST) for text in row] for row in plain[1]]
+    rows = [[clean(text, _LONGEST, lines=True) for text in row] for row in plain[1]]
     if plain[0] == "refused" and [len(row) for row in rows] == [1]:
         return InputError(rows[0][0])
     if plain[0] != "found" or any(len(row) != 3 or row[0] not in ("ok", "note", "warn", "FAIL") for row in rows):

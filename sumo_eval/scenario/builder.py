@@ -61,6 +61,7 @@ from sumo_eval.scenario.tables import (
     VehicleTable,
 )
 from sumo_eval.scenario.trigger import trigger
+from sumo_eval.scenario.units import check_unit, check_uses, factor_to, refuse_unit
 
 _NEEDS = {
     "keep_speed": ((), ()),
@@ -88,10 +89,6 @@ _KEYS = (
     "deceleration", "jerk", "duration", "speed", "acceleration", "offset", "cycles", "headway", "min_gap", *_LISTS,
 )  # fmt: skip
 
-_KMH = 1.0 / 3.6  # m/s
-_CONVERSIONS = {"m/s": {"km/h": _KMH}, "m": {"km": 1000.0}, "1": {"%": 0.01}}
-"""Other units of a sample's columns: by how much their numbers are multiplied to be in the parameter's unit."""
-
 
 def built(table: ScenarioFile, options: Mapping[str, float], where: str, folder: Path) -> LogicalScenario:
     """The logical scenario that the tables of a file describe. options: the value of every option. where: how errors
@@ -113,12 +110,15 @@ class _Builder:
         parameters = tuple(self._parameter(item) for item in table.parameter)
         if not parameters:
             raise InputError(f"{self.where} must have at least one [[parameter]].")
+        for option in table.option:
+            check_unit(option.unit, f"option `{option.name}` of {self.where}", {"default": option.default})
         options = [option.name for option in table.option]
         for name in options:
             if not name.isidentifier():
                 raise must_be("The name", f"an option of {self.where}", "letters, digits and underscores", name)
         names = [*(item.name for item in parameters), *options]
         self.known = _distinct(names, "parameter and option", self.where)
+        check_uses(table, {item.name: item.unit for item in (*parameters, *table.option)}, self.where)
         entries = []
         for name, formula in table.define.items():
             if name in self.known:
@@ -224,6 +224,7 @@ class _Builder:
         return Requirements(found, definitions)
 
     def _number(self, formula: Formula, what: str) -> Expression:
+        refuse_unit(formula, f"{what} of {self.where}")
         return checked_names(number(formula, f"{what} of {self.where}"), self.known, f"{what} of {self.where}")
 
     def _quantity(self, formula: Formula, what: str, at_least: float = -math.inf) -> Quantity:
@@ -239,6 +240,7 @@ class _Builder:
         if not item.name.isidentifier():
             raise must_be("The name", owner, "letters, digits and underscores", item.name)
         ranged = [item.low, item.high, item.step]
+        check_unit(item.unit, owner, {"low": item.low, "high": item.high, "step": item.step})
         if bool(item.values) == any(value is not None for value in ranged):
             raise InputError(f"{owner} must have either low, high and step, or values.".capitalize())
         distribution = None
@@ -604,11 +606,7 @@ class _Builder:
             if column not in columns:
                 raise unknown(f"column in `units` of sample `{item.name}` of {self.where}:", column, columns)
         own = next(parameter.unit for parameter in parameters if parameter.name == name)
-        factors = {own: 1.0, **_CONVERSIONS.get(own, {})}
-        unit = item.units.get(name, own)
-        if unit not in factors:
-            raise unknown(f"unit of column `{name}` of sample `{item.name}` of {self.where}:", unit, factors)
-        return factors[unit]
+        return factor_to(own, item.units.get(name, own), f"column `{name}` of sample `{item.name}` of {self.where}")
 
 
 def _quantities(vehicle: Vehicle) -> list[Quantity]:

@@ -28,12 +28,14 @@ from sumo_eval.trajectory import FloatArray
 class NetworkFile:
     """A SUMO network of the user's. edges: those of its edges that are driven along, in order; together straight.
 
-    path: of the .net.xml, absolute. sha256: of its content, so that a changed file is another road.
+    path: of the .net.xml, absolute. sha256: of its content, so that a changed file is another road. first_lane: SUMO's
+    index of the first edge's right-hand lane for cars: a pavement is to the right of it.
     """
 
     path: str
     edges: tuple[str, ...]
     sha256: str
+    first_lane: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from sumo_eval.scenario.first_places import STANDARD_EGO, misplaced
 from sumo_eval.scenario.logical import (
     LogicalScenario,
 )
-from sumo_eval.scenario.reachable import never_begin
+from sumo_eval.scenario.reachable import leaves_at, never_begin
 from sumo_eval.scenario.tables import ScenarioFile
+from sumo_eval.settings import SimulationSettings
 from sumo_eval.settings.config import mistakes
 from sumo_eval.settings.toml_file import read_toml
 from sumo_eval.trajectory import FloatArray
@@ -103,14 +104,37 @@ def check_file(path: Path, given: Mapping[str, str] | None = None) -> tuple[str,
         f"Logical scenario `{logical.name}`: {ranges}.",
         f"Its own sample has {len(chosen.points)} possible points; constraints refuse {len(chosen.refused)} more.",
         f"Exposure: {logical.exposure_about}.",
+        *leaving(logical, chosen.points),
         *chosen.notes,
     )
+
+
+def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
+    """A sentence for each vehicle whose script leads beyond the road at some of the points (n, k)."""
+    limit = SimulationSettings().time_limit if logical.time_limit is None else logical.time_limit
+    end = logical.road.length + logical.road.run_out
+    left: dict[str, list[tuple[float, str]]] = {}
+    for row in points.tolist():
+        concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
+        for name, time in leaves_at(concrete, end, limit):
+            left.setdefault(name, []).append((time, concrete.label))
+    for name, times in left.items():
+        time, where = min(times)
+        yield (
+            f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "
+            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after {time:.1f} s at {where}: a case that still lasts goes on "
+            "without it, and records `actor_left_the_network`."
+        )
 
 
 def check_points(logical: LogicalScenario, points: FloatArray) -> None:
     """Place every vehicle at every point (n, k), and work out the approach there. InputError at the first fault."""
     for row in points.tolist():
         concrete = logical.concrete(**dict(zip(logical.names, row, strict=True)))
+        start, end = concrete.ego.x, logical.road.length
+        if start >= end:
+            at = f"scenario `{logical.name}` at {concrete.label}"
+            raise must_be("`end.x`", at, f"beyond the ego's start, x = {start:g} m", end)
         ego_body = logical.ego_body or STANDARD_EGO
         for wrong in misplaced(logical.road, concrete.ego, ego_body, concrete.actors):
             raise must_be(wrong.what, f"scenario `{logical.name}` at {concrete.label}", wrong.must, wrong.got)

@@ -9,14 +9,20 @@ that depends on who drives.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from sumo_eval.scenario import played
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario
+from sumo_eval.scenario.undisturbed import tracks
 
 Range = tuple[float, float]
 _ANY: Range = (-math.inf, math.inf)
 _NOT_NEGATIVE: Range = (0.0, math.inf)
+_LOOKS = 601  # at a script until the time limit
+_HEADWAY = 2.0  # s
+_CREEPS = 0.1  # m/s, no ego counts as slower
 _PAST = 5.0  # m that an ego may be past the end of its road at the end of a step
 
 
@@ -49,6 +55,30 @@ def never_begin(concrete: ConcreteScenario, time_limit: float) -> list[tuple[Act
         if concrete.actors[number].acts[index].program
         and not _may_hold(concrete.actors[number].acts[index].program, known, endless)
     ]
+
+
+def leaves_at(concrete: ConcreteScenario, end: float, time_limit: float) -> Iterator[tuple[str, float]]:
+    """The vehicles whose scripts lead to x = `end`, m, within `time_limit` s and before the ego is done; and when.
+
+    The ego keeps its speed, or follows a slower vehicle at a headway of `_HEADWAY`. A vehicle that reacts counts with
+    the speed that it begins with.
+    """
+    ego, road = concrete.ego, concrete.road
+    alone = (road.length - ego.x) / max(ego.speed, _CREEPS)
+    times = np.linspace(0.0, time_limit, _LOOKS)
+    if concrete.lively:
+        bodies = [(0.0, 0.0)]  # the ego's, which moves nothing here
+        x = tracks([concrete], bodies, times[1], time_limit).others[0, :, :, 0]
+    else:
+        x = np.array([[actor.x(time) for time in times.tolist()] for actor in concrete.actors])
+    for actor, places in zip(concrete.actors, x, strict=True):
+        front = places + 0.5 * actor.length
+        if not front.max() > end:
+            continue
+        time, speed = float(times[np.argmax(front > end)]), actor.start.speed
+        held_up = speed < ego.speed and end - actor.length - _HEADWAY * speed < road.length
+        if time < alone or held_up:
+            yield actor.name, time
 
 
 def _fastest(actor: Actor) -> float:

@@ -15,7 +15,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +35,8 @@ SPEED_LIMIT = 60.0  # m/s on the driven edges: the scenario says how fast vehicl
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
 PARALLEL = 0.3  # m that a lane may be off its place beside the line of a road that bends
+
+_CARS = {"passenger", "all"}  # classes of vehicles, of which ours is one
 
 Point = tuple[float, float]
 Turn = Callable[[Point], Point]
@@ -70,9 +72,13 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         if name not in by_id:
             raise unknown(f"edge of {owner}", name, by_id)
         lanes.append(_lanes(by_id[name]))
+        if not lanes[-1]:
+            raise InputError(f"Edge `{name}` of {owner} must have a lane on which a car may drive.")
+    network = replace(network, first_lane=lanes[0][0].index)
     width = lanes[0][0].width
-    if len({lane.width for of_edge in lanes for lane in of_edge}) > 1:
-        raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width.")
+    if any(lane.width != width for of_edge in lanes for lane in of_edge):
+        widths = ", ".join(f"{lane.id} {lane.width:g} m" for of_edge in lanes for lane in of_edge)
+        raise InputError(f"The lanes of edges {', '.join(edges)} of {owner} must have one width, got {widths}.")
     bare = path.name.removesuffix(".net.xml").removesuffix(".xml")
     if not _is_straight(lanes):
         return _bent_road(root, network, lanes, end, owner, bare)
@@ -165,12 +171,14 @@ def _bent_road(
     edges, width = network.edges, lanes[0][0].width
     links = [_links(root, one, other, owner) for one, other in itertools.pairwise(edges)]
     shifts = list(itertools.accumulate((link.shift for link in links), initial=0))
-    there = [{shift + k for k in range(len(of_edge))} for shift, of_edge in zip(shifts, lanes, strict=True)]
+    there = [{shift + it.index for it in of_edge} for shift, of_edge in zip(shifts, lanes, strict=True)]
     common = set.intersection(*there)
     if not common:
         raise InputError(f"The edges of {owner} must have a lane that goes through all of them.")
     lane, lowest = min(common), min(set().union(*there))
-    shapes = [of_edge[lane - shift].shape for shift, of_edge in zip(shifts, lanes, strict=True)]
+    shapes = [
+        it.shape for shift, of_edge in zip(shifts, lanes, strict=True) for it in of_edge if it.index + shift == lane
+    ]
     between = [
         tuple(p for name in link.vias.get(lane - shift, ()) for p in _shape(root, name))
         for link, shift in zip(links, shifts, strict=False)
@@ -188,9 +196,9 @@ def _bent_road(
     count = max(set().union(*there)) - lowest + 1
     check_line(line, count, width, what)
     for of_edge, shift in zip(lanes, shifts, strict=True):
-        for index, it in enumerate(of_edge):
+        for it in of_edge:
             _, across, _ = frame_places(line, *onto_the_line(np.array(it.shape), begins).T)
-            off = float(np.abs(across - width * (shift + index - lowest)).max())
+            off = float(np.abs(across - width * (shift + it.index - lowest)).max())
             if off > PARALLEL:
                 raise must_be(f"Lane `{it.id}`", owner, f"beside the first within {PARALLEL:g} m", f"{off:.2f} m")
     joints = onto_the_line(np.array([p for shape in shapes for p in (shape[0], shape[-1])]), begins)
@@ -276,8 +284,9 @@ def laid_along_x(network: NetworkFile) -> str:
             element.set("x", f"{x:.4f}")
             element.set("y", f"{y:.4f}")
     for edge in driven.values():
-        lanes = _lanes(edge)
-        for element, lane in zip(edge.iter("lane"), lanes, strict=True):
+        elements = {element.get("id"): element for element in edge.iter("lane")}
+        for lane in _lanes(edge):
+            element = elements[lane.id]
             y = places[lane.id] * lane.width  # exactly: the start of every vehicle is checked to a millimetre
             begin, end = lane.shape[0][0], lane.shape[-1][0]
             element.set("shape", _text(((begin, y), (end, y))))
@@ -315,6 +324,7 @@ def _parsed(network: NetworkFile) -> etree._Element:
 
 
 def _lanes(edge: etree._Element) -> list[_Lane]:
+    """The lanes of an edge on which cars may drive, from the right: a pavement or a bicycle lane is none."""
     return sorted(
         (
             _Lane(
@@ -324,9 +334,18 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
                 _points(lane.get("shape", "")),
             )
             for lane in edge.iter("lane")
+            if _carries_cars(lane)
         ),
         key=lambda lane: lane.index,
     )
+
+
+def _carries_cars(lane: etree._Element) -> bool:
+    """Whether a passenger car may drive on a lane: SUMO's `allow` counts before its `disallow`."""
+    allowed, refused = lane.get("allow"), (lane.get("disallow") or "").split()
+    if allowed is not None:
+        return not _CARS.isdisjoint(allowed.split())
+    return _CARS.isdisjoint(refused)
 
 
 def _turn(lane: _Lane) -> Turn:

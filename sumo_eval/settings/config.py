@@ -192,6 +192,11 @@ def _sentence(items: Sequence[Any], where: str, root: type, line: int | None) ->
         return f"`{path}` in {where} must not be empty."
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
+    table = ".".join(str(part) for part in location if not isinstance(part, int))
+    if item["type"] in {"tuple_type", "list_type"} and isinstance(item["input"], dict):
+        return f"`{table}` in {where} must be a list of tables: write [[{table}]], with two brackets, not [{table}]."
+    if item["type"] == "dataclass_type" and isinstance(item["input"], list) and not isinstance(location[-1], int):
+        return f"`{table}` in {where} must be one table: write [{table}], with one bracket, not [[{table}]]."
     message = " or ".join(dict.fromkeys(map(_demand, items)))
     allowed = [
         name

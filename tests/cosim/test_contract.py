@@ -1,9 +1,11 @@
 """The contract as a function: what every controller that ships keeps, and how one that breaks it is told."""
 
 import itertools
+import math
 import time as clock
 
 import pytest
+from cosim_cases import HALF_SECOND, case
 
 from sumo_eval.cosim.doors.contract import check_controller
 from sumo_eval.cosim.doors.controller import SHIPPED
@@ -66,8 +68,9 @@ def test_a_speed_controller_keeps_the_contract():
     ],
 )
 def test_an_error_is_told_with_its_case(ads, sentence):
-    assert len(failures(ads)) == 2
-    assert all(sentence in finding.text for finding in failures(ads))
+    (found,) = failures(ads)
+    assert sentence in found.text
+    assert "2 of 2 cases" in found.text
 
 
 def test_a_slow_step_is_told():
@@ -94,3 +97,38 @@ def test_a_case_as_long_as_the_time_limit_is_projected():
     assert "`run` would lose a case that lasts until the time limit of 600 s" in note.text
     (fine,) = [f for f in check_controller(lambda seen: -8.0, case, SHORT) if "would lose none" in f.text]
     assert fine.kind == "ok"
+
+
+class Faulty:
+    """Answers that cannot be used, by the number of the fault."""
+
+    def __init__(self, fault):
+        self.fault = fault
+
+    def act(self, seen):
+        return [lambda: "fast", lambda: math.nan, lambda: seen.leed.gap, lambda: 1 / 0, lambda: [1, 2, 3]][self.fault]()
+
+
+@pytest.mark.parametrize("fault", range(5))
+def test_a_cause_is_told_once_with_its_count_and_the_users_line(fault):
+    speeds = (10.0, 20.0, 30.0)
+    cases = [case(speed=speed) for speed in speeds]
+    found = [one for one in check_controller(Faulty(fault), cases, HALF_SECOND) if one.kind == "FAIL"]
+    assert len(found) == 1
+    assert "3 of 3 cases" in found[0].text
+    assert "test_contract.py:" in found[0].text
+    assert "Traceback" not in found[0].text
+    assert "loop.py" not in found[0].text
+    assert fault != 2 or "(did you mean `lead`?)" in found[0].text
+
+
+def test_hints_name_what_traci_code_is_written_with():
+    def stranger(traci, ego, time):
+        traci.vehicle.setSpeed("veh0", 3.0)
+
+    def typed(traci, ego, time):
+        traci.vehicle.setType(ego, "CC")
+
+    for code, word in ((stranger, "`ego`"), (typed, "`vehicle_type`")):
+        (found,) = [one for one in check_controller(code, [case()], HALF_SECOND) if one.kind == "FAIL"]
+        assert word in found.mend, found

@@ -27,6 +27,7 @@ from sumo_eval.scenario.openscenario.logical import (
     refusal,
 )
 from sumo_eval.scenario.openscenario.scene import synchronized
+from sumo_eval.scenario.openscenario.values import Scope, number
 from sumo_eval.scenario.openscenario.written import write_scenario
 from sumo_eval.scenario.openscenario.written_space import space_contents
 from sumo_eval.scenario.road.reference_line import map_places
@@ -793,3 +794,16 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
         space_contents(read, {"kph": 50.0})
     with pytest.raises(InputError, match=r"must be a file that ends with .toml"):
         write_scenario({}, tmp_path / "x.xosc")
+
+
+@pytest.mark.parametrize(
+    ("written", "value"), [("$kph", None), ("$Ego_Kmh", None), ("${$kph / 3.6}", 20.0), ("$v", 5.0)]
+)
+def test_a_parameter_in_km_h_is_never_taken_as_m_s(written, value):
+    element = etree.fromstring(f'<AbsoluteTargetSpeed value="{written}"/>')
+    scope = Scope({"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
+    if value is not None:
+        assert number(element, "value", scope) == value
+        return
+    with pytest.raises(InputError, match="must be in m/s, got .* in km/h"):
+        number(element, "value", scope)

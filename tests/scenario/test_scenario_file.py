@@ -13,6 +13,7 @@ from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
+from sumo_eval.scenario.sampling.request import Request
 from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.schema import evaluation_schema, scenario_schema
 
@@ -48,6 +49,42 @@ def file(tmp_path):
     path = tmp_path / "slow_truck.toml"
     path.write_text(EXAMPLE, encoding="utf-8")
     return path
+
+
+SHORT = """
+name = "short"
+[[parameter]]
+name = "v"
+low = 8.0
+high = 14.0
+step = 6.0
+unit = "m/s"
+about = "speed of the ego"
+[road]
+lanes = 2
+lane_width = 3.5
+length = 286.4
+[end]
+x = 280.0
+[ego]
+x = 10.0
+speed = "v"
+[[vehicle]]
+name = "lead"
+gap = 40.0
+speed = SPEED
+[zone]
+obstacle = "lead"
+"""
+
+
+@pytest.mark.parametrize(("speed", "words"), [("4.0", "after 57.5 s"), ("0.0", ""), ('"v"', "after 16.5 s at v=14")])
+def test_check_says_when_a_script_leads_beyond_the_road(tmp_path, speed, words):
+    """(286.4 - 10 - 2.25 - 40 - 4.5) / 4 = 57.4 s, looked at every 0.25 s; an ego that follows is not done by then."""
+    (tmp_path / "short.toml").write_text(SHORT.replace("SPEED", speed))
+    told = [line for line in check_file(tmp_path / "short.toml") if "comes to the end of the road" in line]
+    assert len(told) == (1 if words else 0)
+    assert all(words in line for line in told)
 
 
 def test_the_documented_example_is_short_and_is_checked_sampled_and_driven(file):
@@ -143,7 +180,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ("[ego]", OPTION.replace("1.0", "inf") + "[ego]", "a finite number"),
         ("[ego]", SAMPLE.replace("each", "eech") + "[ego]", "Did you mean `each`?"),
         ("[ego]", SAMPLE.replace("truck_speed =", "truck_sped =") + "[ego]", "Did you mean `truck_speed`?"),
-        ("[ego]", SAMPLE.replace("km/h", "kmh") + "[ego]", "Did you mean `km/h`?"),
+        ("[ego]", SAMPLE.replace("km/h", "km//h") + "[ego]", "Did you mean `km/h`?"),
         ("[ego]", SAMPLE.replace("units = { ego_speed", "units = { ego_sped") + "[ego]", "Did you mean `ego_speed`?"),
         ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "ego_sped" }') + "[ego]", "Did you mean `ego_speed`?"),
         ("[ego]", SAMPLE.replace(EACH, 'set = { truck_speed = "1/(ego_speed-25)" }') + "[ego]", "must be finite, got"),
@@ -254,3 +291,51 @@ def test_the_zone_rule_of_a_file_trains_a_partition(file):
     logical = read_scenario(file)
     zones = partition(logical, points=sample(logical).points)
     assert zones.hazardous(np.array([[35.0, 10.0]])).all()  # 70 m, closing with 25 m/s on a braking truck
+
+
+UNITS = ["km/h", "kph", "mph", "kmh", "KM/H", "knots", "ft/s", "furlong", "m/s per s", "é", "kilo"]
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_a_speed_in_other_units_is_never_driven_as_m_s(tmp_path, unit):
+    """8 km/h = 2.22222 m/s; a fuzz of units, of which none may come to a scenario."""
+    path = tmp_path / "short.toml"
+    path.write_text(SHORT.replace("SPEED", "4.0").replace('unit = "m/s"', f'unit = "{unit}"'))
+    with pytest.raises(InputError, match=r"nit of parameter `v`|nit `.*` of parameter `v`") as refused:
+        read_scenario(path)
+    assert unit != "km/h" or "low = 2.22222" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('speed = "v"', 'speed = "30 km/h"', "in m/s, got 30 km/h: write 8.33333"),
+        ("gap = 40.0", 'gap = "12 ft"', "in m, got 12 ft: write 3.6576"),
+        ('unit = "m/s"', 'unit = "m"', "`speed` in scenario file short.toml must be in m/s, got `v`, which is in m"),
+        ("x = 280.0", "x = 5.0", "must be beyond the ego's start, x = 10 m, got 5.0"),
+        ("[[vehicle]]", "[vehicle]", "write [[vehicle]], with two brackets"),
+        ("[ego]", "[[ego]]", "write [ego], with one bracket"),
+    ],
+)
+def test_what_is_often_written_gets_the_sentence_that_helps(tmp_path, monkeypatch, old, new, words):
+    monkeypatch.chdir(tmp_path)
+    Path("short.toml").write_text(SHORT.replace("SPEED", "4.0").replace(old, new))
+    with pytest.raises(InputError) as refused:
+        check_file(Path("short.toml"))
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("header", "low"), [("v (km/h)", 10.0), ("v [kph]", 10.0), ("v (m/s)", 36.0), ("v", 36.0), ("v (s)", None)]
+)
+def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
+    """36 km/h = 10 m/s, within 8..14; 36 m/s is not."""
+    (tmp_path / "short.toml").write_text(SHORT.replace("SPEED", "4.0"))
+    (tmp_path / "points.csv").write_text(f"{header}\n36\n")
+    wanted = Request(file="points.csv", folder=tmp_path)
+    logical = read_scenario(tmp_path / "short.toml")
+    if low == 10.0:
+        assert sample(logical, "file", request=wanted).points.tolist() == [[10.0]]
+    else:
+        with pytest.raises(InputError, match=r"within 8\.\.14|[Uu]nit"):
+            sample(logical, "file", request=wanted)

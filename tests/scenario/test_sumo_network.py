@@ -1,6 +1,8 @@
 """A straight road in a network of the user's, wherever it lies and whichever way it goes."""
 
+import contextlib
 import math
+import random
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +13,11 @@ from sumo_eval.cosim.simulation import simulate, simulate_many
 from sumo_eval.cosim.sumo.session import session
 from sumo_eval.cosim.sumo.sumo_files import network_xml, routes_xml
 from sumo_eval.errors import InputError
-from sumo_eval.scenario import Road, catalogue
+from sumo_eval.scenario import Actor, ConcreteScenario, Road, Start, catalogue
+from sumo_eval.scenario import played as played_kinds
+from sumo_eval.scenario.concrete import Brake
 from sumo_eval.scenario.file import read_scenario
+from sumo_eval.scenario.played import Act
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, arc, curvatures, map_places
 from sumo_eval.scenario.shipped_files import scenario_files
@@ -105,6 +110,110 @@ def test_a_road_that_is_not_there_is_refused(network, edges, end, sentence):
     with pytest.raises(InputError) as caught:
         read_road(network, edges, end)
     assert sentence in str(caught.value)
+
+
+SIDEWALK = """<net version="1.20">
+<location netOffset="0.00,0.00" convBoundary="0.00,0.00,286.40,0.00" origBoundary="0,0,1,1" projParameter="!"/>
+<edge id="m" from="a" to="b" priority="-1">
+{lanes}
+</edge>
+<junction id="a" type="dead_end" x="0.00" y="0.00" incLanes="" intLanes="" shape="0.00,0.00 0.00,-9.90"/>
+<junction id="b" type="dead_end" x="286.40" y="0.00" incLanes="{ids}" intLanes="" shape="286.40,-9.90 286.40,0.00"/>
+</net>
+"""  # as netconvert writes it
+LANE = '<lane id="m_{0}" index="{0}" {1} speed="30.00" length="286.40" width="{2}" shape="0.00,{3} 286.40,{3}"/>'
+
+
+def edge_of(path, *lanes):
+    """An edge of 286.4 m of lanes: (permissions, width, m)."""
+    y, rows = -9.9, []
+    for k, (permissions, width) in enumerate(lanes):
+        rows.append(LANE.format(k, permissions, width, f"{y + width / 2:.2f}"))
+        y += width
+    ids = " ".join(f"m_{k}" for k in range(len(lanes)))
+    path.write_text(SIDEWALK.format(lanes="\n".join(rows), ids=ids))
+    return path
+
+
+CAR = ('disallow="pedestrian bicycle"', 3.2)
+NO_CARS = ['allow="pedestrian"', 'allow="bicycle pedestrian"', 'disallow="all"', 'disallow="bicycle passenger"',
+           'allow=""']  # fmt: skip
+
+
+@pytest.mark.parametrize("permissions", NO_CARS)
+def test_a_lane_without_cars_is_no_lane_of_the_road(tmp_path, permissions):
+    road = read_road(
+        edge_of(tmp_path / "own.net.xml", (permissions, 2.0), CAR, ("", 3.2), (permissions, 1.5)), ["m"], 280.0
+    )
+    plain = read_road(edge_of(tmp_path / "bare.net.xml", CAR, CAR), ["m"], 280.0)
+    assert (road.lanes, road.lane_width, road.run_out) == (2, 3.2, pytest.approx(6.4))
+    with pytest.raises(InputError, match="must have a lane on which a car may drive"):
+        read_road(edge_of(tmp_path / "none.net.xml", (permissions, 2.0)), ["m"], 280.0)
+    if permissions != NO_CARS[0]:
+        return
+    drives = [simulate(replace(LED, road=one), "idm") for one in (road, plain)]
+    assert drives[0].error is None
+    assert drives[0].simulated_time == drives[1].simulated_time
+    np.testing.assert_allclose(drives[0].ego.x, drives[1].ego.x, atol=1e-9)
+    np.testing.assert_allclose(drives[0].actors["lead"].y, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
+    """A fuzz of the permissions and widths of lanes."""
+    draw = random.Random(seed)
+    classes = [None, "", "all", "passenger", "pedestrian", "bus taxi", "passenger bus", "ignored", "é"]
+    lanes = []
+    for _ in range(draw.randint(1, 4)):
+        told = {name: draw.choice(classes) for name in ("allow", "disallow")}
+        lanes.append((" ".join(f'{k}="{v}"' for k, v in told.items() if v is not None), draw.choice([3.2, 3.2, 2.0])))
+    path = edge_of(tmp_path / "own.net.xml", *lanes)
+    with contextlib.suppress(InputError):
+        assert 1 <= read_road(path, ["m"], 280.0).lanes <= len(lanes)
+
+
+def test_lanes_of_different_widths_are_told_one_by_one(tmp_path):
+    path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
+    with pytest.raises(InputError, match=r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):
+        read_road(path, ["m"], 280.0)
+
+
+LED = ConcreteScenario("led", {}, 1.0, PLAIN, Start(210.0, 0.0, 10.0), (Actor("lead", Start(240.0, 0.0, 4.0)),))
+
+
+def test_a_vehicle_at_the_end_of_the_network_leaves_it(tmp_path):
+    """Its front, 2.25 m before its centre, is 0.1 m before the end, where SUMO takes vehicles out, after
+    (286.4 - 0.1 - 242.25) / 4 = 11.0 s: whatever drives the ego, the case goes on to its end, and says it.
+    """
+    road = read_road(edge_of(tmp_path / "own.net.xml", CAR, CAR), ["m"], 280.0)
+    case = replace(LED, road=road)
+    brakes = replace(case, actors=(replace(LED.actors[0], brake=Brake(5.0, 0.1)),))
+    played = replace(
+        case, actors=(replace(LED.actors[0], acts=(Act(played_kinds.SPEED, 2.0, speed=6.0, acceleration=1.0),)),)
+    )
+    for one, drivers in ((case, ("idm", policy, tracied, "sumo:IDM")), (brakes, ("idm", tracied)), (played, ("idm",))):
+        for driver in drivers:
+            found = simulate(one, driver)
+            assert found.error is None
+            assert found.end_reason == "road_end"
+            (left,) = [clip for clip in found.clips if clip.what == "actor_left_the_network"]
+            if one is case:
+                assert left.applied == pytest.approx(11.05, abs=0.051)
+            assert found.actors["lead"].x[-1] > 280.0
+    together = replace(case, road=replace(PLAIN, length=280.0, run_out=6.4))
+    bend = replace(together, road=replace(together.road, name="bend", line=(arc(290.0, 400.0),)))
+    for one in (together, bend):
+        found = simulate_many([one, replace(one, ego=Start(190.0, 0.0, 10.0))], "idm", SimulationSettings())
+        assert [(it.end_reason, it.error) for it in found] == [("road_end", None)] * 2
+        assert all("actor_left_the_network" in {clip.what for clip in it.clips} for it in found)
+
+
+def policy(seen):
+    return 0.3 if seen.lead is None else min(0.15 * (seen.lead.gap - 8.0) + 0.9 * seen.lead.relative_speed, 0.0)
+
+
+def tracied(traci, ego, time):
+    traci.vehicle.setSpeed(ego, 4.0 if "lead" in traci.vehicle.getIDList() else 10.0)
 
 
 BENT = Road("bent", 900.0, 3, 3.5, 100.0, line=(Piece(100.0), Piece(80.0, 0.0, 1 / 250.0), arc(400.0, 250.0)),

@@ -6,6 +6,7 @@ In the manner of Gymnasium's `check_env`: what holds of every controller that sh
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from sumo_eval.cosim.doors.controller import ControllerLike, load_controller
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import RunSettings, SimulationSettings
-from sumo_eval.text import last_lines
+from sumo_eval.text import last_lines, without_numbers
 from sumo_eval.trajectory import CHANNELS, Clip, Recording
 
 _WORDS = {
@@ -47,6 +48,13 @@ _COMMANDS = ("acceleration", "steering_angle")
 RUN = RunSettings()
 _PATIENCE = 60.0  # s of wall time: an ADS that is slower than this in a few cases need not drive all of them
 _MARGIN = 0.5  # of a limit: a busier machine can take twice as long
+_HINTS = {
+    r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, e.g. "
+    'vehicle_type = {"carFollowModel": "IDM"}',
+    r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; the others come and '
+    "go, see traci.vehicle.getIDList()",
+}
+"""What to do about an error of TraCI's, by its words."""
 _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
 
 
@@ -86,7 +94,7 @@ def check_controller(
         if sum(recording.wall_time for recording in first) <= _PATIENCE:
             first.append(drive(case))
     driven = cases[: len(first)]
-    findings += [_ends_well(case, recording) for case, recording in zip(driven, first, strict=True)]
+    findings += _ends(driven, first)
     clock = _projected(driven, first, settings, step_timeout, case_timeout)
     left_out = [] if len(driven) == len(cases) else [_left_out(len(driven), len(cases))]
     if any(finding.kind == "FAIL" for finding in findings):
@@ -152,14 +160,31 @@ def _projected(
     return found
 
 
-def _ends_well(case: ConcreteScenario, recording: Recording) -> Finding:
+def _ends(cases: Sequence[ConcreteScenario], recordings: Sequence[Recording]) -> list[Finding]:
+    """How the cases end: those that do well one by one, each cause of a fault once, with its count."""
+    alike: dict[str, list[tuple[ConcreteScenario, Recording]]] = {}
+    for case, one in zip(cases, recordings, strict=True):
+        cause = "" if one.error is None else without_numbers(one.error) + one.error_place
+        alike.setdefault(cause, []).append((case, one))
+    found = [
+        Finding(
+            "ok", f"drives {case.scenario} ({case.label}) to its end: {one.end_reason} at {one.simulated_time:.2f} s"
+        )
+        for case, one in alike.pop("", [])
+    ]
+    return found + [_fault(*group[0], len(group), len(cases)) for group in alike.values()]
+
+
+def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int) -> Finding:
+    """One cause. count: how many of the cases it ended; the first of them is told."""
     where = f"{case.scenario} ({case.label})"
-    if recording.error is None:
-        return Finding("ok", f"drives {where} to its end: {recording.end_reason} at {recording.simulated_time:.2f} s")
+    if count > 1:
+        where = f"{count} of {cases} cases, e.g. {where}"
     mend = {
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
     }.get(recording.end_reason, "mend what the sentence names")
+    mend = next((hint for told, hint in _HINTS.items() if re.search(told, recording.error or "")), mend)
     if recording.error_place:
         return Finding("FAIL", f"{where}: {recording.error} At {recording.error_place}.", mend)
     log = f"\n{last_lines(recording.log, _LINES)}" if recording.log.strip() else ""

@@ -402,7 +402,7 @@ def _named_type(target: Any) -> NativeModel | None:
     attributes = {str(name): str(value) for name, value in given.items()}
     model = attributes.pop("carFollowModel", "Krauss")
     if model not in SUMO_MODELS:
-        raise unknown("SUMO car-following model", model, SUMO_MODELS)
+        raise unknown(f"SUMO car-following model in {owner}", model, SUMO_MODELS)
     for name in attributes:
         if name.startswith(PARAMETER):
             raise InputError(f"`{name}` is no attribute of {owner}: set it with traci.vehicle.setParameter.")
@@ -413,7 +413,7 @@ def _named_type(target: Any) -> NativeModel | None:
 def _check_attributes(attributes: Mapping[str, str], owner: str) -> None:
     for name, value in attributes.items():
         if name not in SUMO_ATTRIBUTES and not name.startswith(PARAMETER):
-            raise unknown("vType parameter", name, SUMO_ATTRIBUTES)
+            raise unknown(f"vType parameter of {owner}", name, SUMO_ATTRIBUTES)
         if not _is_finite(value):
             raise must_be(f"`{name}`", owner, "a finite number", value)
 

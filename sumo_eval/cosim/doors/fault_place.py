@@ -6,7 +6,7 @@ import sys
 import sysconfig
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
+from types import FrameType, FunctionType
 from typing import Any
 
 from sumo_eval.text import clean
@@ -20,7 +20,8 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
 
     That is the innermost frame in the file of the user's object `driver`, else the innermost in a file that is neither
     this package's nor an installed library's, else the innermost outside this package, else nothing. The frames are the
-    exception's own, or those of the one that it was raised from. Paths within `folder` are relative to it.
+    exception's own, or those of the one that it was raised from. Paths within `folder` are relative to it. Of an
+    exception that came through none, because what the user's code returned is refused, it is where that function is.
     """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
@@ -34,7 +35,16 @@ def fault_place(error: BaseException | None, driver: Any, folder: Path | None) -
                 file, line, function = found[-1]
                 return clean(f"{_short(file, folder)}:{line} in {function}")
         error = error.__cause__ or error.__context__
-    return ""
+    return _asked_at(driver, folder)
+
+
+def _asked_at(driver: Any, folder: Path | None) -> str:
+    """Where the user's function or method begins that gave what cannot be used; "" where it is no code of Python's."""
+    methods = (getattr(type(driver), name, None) for name in ("act", "step"))
+    code = next((one.__code__ for one in (driver, *methods) if isinstance(one, FunctionType)), None)
+    if code is None or code.co_filename.startswith(_OURS):
+        return ""
+    return clean(f"{_short(code.co_filename, folder)}:{code.co_firstlineno} in {code.co_name}")
 
 
 def _frames(error: BaseException) -> Iterator[tuple[Any, int]]:

@@ -403,6 +403,7 @@ def departures(concrete: ConcreteScenario, ego_length: float, *, one_lane: bool 
             start = replace(start, x=min(max(start.x, length / 2), road.length + road.run_out - length))
         if road.network is not None and road.spans and 0 not in road.lanes_at(start.x + length / 2):
             lane -= 1  # SUMO counts from the right-hand lane of the edge
+        lane += 0 if road.network is None else road.network.first_lane
         section = next((it for it in sections(road) if start.x + length / 2 <= it.end), None) if parted else None
         attributes = {
             "id": name,

@@ -61,11 +61,18 @@ def text(element: Element, name: str, scope: Scope, default: str | None = None) 
     return str(int(found)) if found.is_integer() else repr(found)
 
 
+_IN_KMH = re.compile(r"\$(\w+_)?(kph|kmh|kmph)", re.IGNORECASE)
+
+
 def number(element: Element, name: str, scope: Scope, default: float | None = None) -> float:
     """An attribute as a finite number, worked out."""
     if default is not None and element.get(name) is None:
         return default
     written = attribute(element, name)
+    if _IN_KMH.fullmatch(written.strip()):
+        raise fault(
+            element, f"`{name}` must be in m/s, got {written}, which by its name is in km/h: ${{{written} / 3.6}}"
+        )
     found = worked_out(written, scope, element)
     value = _number(found)
     if value is None or not math.isfinite(value):

@@ -21,6 +21,7 @@ from sumo_eval.scenario.expression import Expression
 from sumo_eval.scenario.file import scenario_from
 from sumo_eval.scenario.openscenario.logical import Axis, Read, concrete, grid_size, refusal
 from sumo_eval.scenario.openscenario.written import scenario_content
+from sumo_eval.scenario.units import KNOWN
 
 MOST = 2_000  # points whose scenes are looked at
 _ROOM = 700  # characters of an expression, from which on its halves get names of their own
@@ -217,7 +218,7 @@ def _numbers(case: ConcreteScenario) -> Iterator[float]:
 
 def _parameter(axis: Axis, unit: str, values: Sequence[float], *, tabled: bool) -> dict[str, Any]:
     """An axis: as a range where what depends on it is known between its values, too."""
-    found: dict[str, Any] = {"name": axis.name, "unit": unit}
+    found: dict[str, Any] = {"name": axis.name, "unit": unit if unit in KNOWN else "1"}  # its formulas convert it
     steps = {round(b - a, 9) for a, b in pairwise(values)}
     if axis.distribution is not None:
         if tabled:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,13 @@ import numpy as np
 from sumo_eval.errors import InputError, did_you_mean, must_be, said
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request
+from sumo_eval.scenario.units import factor_to
 from sumo_eval.settings.locators import load_object
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.text import clean, from_cell, shown
 
 EXPOSURE = "exposure"
+_WITH_UNIT = re.compile(r"(\w+)\s*[(\[]([^()\[\]]*)[)\]]")  # as tables are headed: `ego_speed (km/h)`
 
 
 def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
@@ -26,14 +30,16 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
-            header = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
+            titles = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
+            header, factors = _columns(logical, titles, f"the points {path}")
             reader.fieldnames = header
             rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from error
-    for name in logical.names:
-        if name not in header:
-            raise InputError(f"The points {path} must have a column `{name}`.{did_you_mean(name, header)}")
+    if missing := [name for name in logical.names if name not in header]:
+        columns = "a column" if len(missing) == 1 else "the columns"
+        listed = ", ".join(f"`{name}`" for name in missing)
+        raise InputError(f"The points {path} must have {columns} {listed}.{did_you_mean(missing[0], header)}")
     if not rows:
         raise InputError(f"The points {path} must have at least one row.")
     for name in header:
@@ -44,14 +50,29 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
             raise InputError(f"Line {number} of the points {path} must have {len(header)} values, got more.")
     columns = [*logical.names, *([EXPOSURE] if EXPOSURE in header else [])]
     table = np.array([[_real(row[name], name, number, path) for name in columns] for number, row in enumerate(rows, 2)])
-    points = table[:, : len(logical.names)]
+    points = table[:, : len(logical.names)] * [factors.get(name, 1.0) for name in logical.names]
     _check_box(logical, points, str(path))
     exposure = table[:, -1] if EXPOSURE in header else None
     if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
     ignored = [name for name in header if name not in columns]
     notes = (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
+    converted = [title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0]
+    notes += (f"Converted to the parameters' units from {path.name}: {clean(', '.join(converted))}.",) * bool(converted)
     return Drawn(points, exposure=exposure, notes=notes)
+
+
+def _columns(logical: LogicalScenario, titles: Sequence[str], owner: str) -> tuple[list[str], dict[str, float]]:
+    """Names of columns of which some have a unit, `gap (m)`; by what the numbers of these have to be multiplied."""
+    own, names, factors = {item.name: item.unit for item in logical.parameters}, [], {}
+    for title in titles:
+        found = _WITH_UNIT.fullmatch(title)
+        if found is None or found[1] not in own:
+            names.append(title)
+            continue
+        names.append(found[1])
+        factors[found[1]] = factor_to(own[found[1]], found[2], f"column {shown(title)} of {owner}")
+    return names, factors
 
 
 def from_function(logical: LogicalScenario, request: Request, locator: str) -> Drawn:
