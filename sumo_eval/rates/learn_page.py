@@ -23,17 +23,23 @@ BINS: Final = 40
 
 
 def write_lesson(lesson: Lesson, folder: Path) -> tuple[Path, ...]:
-    """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return their paths."""
+    """Write `learned.html`, `learned.json` and a `campaign.toml` over the learnt scenarios; return their paths.
+
+    Where no scenario was learnt there is no campaign, and none of an earlier time stays.
+    """
+    learnt = any(one.logical is not None for one in lesson.learnt.values())
     try:
         (folder / PLAIN).write_text(json.dumps(plain(lesson), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
+        (folder / CAMPAIGN).unlink(missing_ok=True)
+        if learnt:
+            (folder / CAMPAIGN).write_text(campaign_text(lesson), encoding="utf-8")
     except OSError as error:
         raise InputError(f"What was learnt cannot be written into {folder}: {error}.") from error
     write_parts(
         folder / PAGE, kicker=f"Learnt from {lesson.source}", title="Scenarios learnt from recordings",
         sentences=[sentences(lesson)[0], f"Lanes are {lesson.found.lane_width:.2f} m apart."], parts=parts(lesson),
     )  # fmt: skip
-    return folder / PAGE, folder / PLAIN, folder / CAMPAIGN
+    return (folder / PAGE, folder / PLAIN, *([folder / CAMPAIGN] if learnt else []))
 
 
 def campaign_text(lesson: Lesson) -> str:

@@ -122,8 +122,8 @@ def leaving(logical: LogicalScenario, points: FloatArray) -> Iterator[str]:
         time, where = min(times)
         yield (
             f"Vehicle `{name}` comes to the end of the road, x = {end:g} m, before the ego is at "
-            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after {time:.1f} s at {where}: a case that still lasts goes on "
-            "without it, and records `actor_left_the_network`."
+            f"x = {logical.road.length:g} m at {len(times)} of {len(points)} points, after {time:.1f} s at {where}: "
+            "a case that still lasts goes on without it, and records `actor_left_the_network`."
         )
 
 

@@ -239,9 +239,9 @@ def read_joint(
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The events {path} cannot be read: {error}.") from error
-    for name in names:
-        if not rows or name not in rows[0]:
-            raise InputError(f"The events {path} must have a column `{name}`.")
+    if missing := [f"`{name}`" for name in names if not rows or name not in rows[0]]:
+        what = f"a column {missing[0]}" if len(missing) == 1 else f"the columns {', '.join(missing)}"
+        raise InputError(f"The events {path} must have {what}.")
     events = []
     for number, row in enumerate(rows, start=2):
         try:

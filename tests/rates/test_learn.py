@@ -132,6 +132,17 @@ def test_a_recording_without_encounters_gives_rates_and_no_files(tmp_path):
     assert learnt.rate[2] == pytest.approx(3.689 / lesson.found.kilometres, rel=1e-3)
 
 
+def test_too_little_data_leaves_no_campaign_that_is_refused(tmp_path):
+    source, out = tmp_path / "fcd.csv", tmp_path / "learnt"
+    planted(source, 2, 1.0, 1)  # few encounters, of which nothing can be fitted
+    out.mkdir()
+    (out / "campaign.toml").write_text("of an earlier time")
+    done = CliRunner().invoke(main, ["learn", str(source), "--format", "sumo_fcd", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "no scenario file" in done.output
+    assert not list(out.glob("*.toml"))
+
+
 def test_many_files_are_called_by_the_first_and_the_last():
     hours = [Path(f"week/{number:03d}.csv") for number in range(120)]
     assert called(hours[:3]) == "000.csv, 001.csv, 002.csv"

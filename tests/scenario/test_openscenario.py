@@ -15,6 +15,7 @@ from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
 from sumo_eval.scenario.catalogue import find
 from sumo_eval.scenario.concrete import ConcreteScenario, LaneChange
+from sumo_eval.scenario.openscenario import values
 from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.scenario.openscenario.conformity import ROWS, USED, table
 from sumo_eval.scenario.openscenario.describe import described
@@ -27,7 +28,6 @@ from sumo_eval.scenario.openscenario.logical import (
     refusal,
 )
 from sumo_eval.scenario.openscenario.scene import synchronized
-from sumo_eval.scenario.openscenario.values import Scope, number
 from sumo_eval.scenario.openscenario.written import write_scenario
 from sumo_eval.scenario.openscenario.written_space import space_contents
 from sumo_eval.scenario.road.reference_line import map_places
@@ -801,9 +801,9 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
 )
 def test_a_parameter_in_km_h_is_never_taken_as_m_s(written, value):
     element = etree.fromstring(f'<AbsoluteTargetSpeed value="{written}"/>')
-    scope = Scope({"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
+    scope = values.Scope({"kph": 72.0, "Ego_Kmh": 72.0, "v": 5.0})
     if value is not None:
-        assert number(element, "value", scope) == value
+        assert values.number(element, "value", scope) == value
         return
-    with pytest.raises(InputError, match="must be in m/s, got .* in km/h"):
-        number(element, "value", scope)
+    with pytest.raises(InputError, match=r"must be in m/s, got .* in km/h"):
+        values.number(element, "value", scope)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
@@ -29,11 +29,14 @@ def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFr
 
 
 def require_columns(table: pd.DataFrame, required: Sequence[str], path: Path) -> None:
-    """Refuse a table that lacks one of the `required` columns."""
-    for name in required:
-        if name not in table:
-            known = [str(column) for column in table.columns]
-            raise InputError(f"{path} must have a column `{name}`.{did_you_mean(name, known)}")
+    """Refuse a table that lacks some of the `required` columns, and name all of them."""
+    missing = [name for name in required if name not in table]
+    if missing:
+        known = [str(column) for column in table.columns]
+        listed = ", ".join(f"`{name}`" for name in missing)
+        hint = did_you_mean(missing[0], known) if len(missing) == 1 else f" Known: {', '.join(known)[:MOST_KNOWN]}."
+        what = f"a column `{missing[0]}`" if len(missing) == 1 else f"the columns {listed}"
+        raise InputError(f"{path} must have {what}.{hint}")
 
 
 def checked_numbers(table: pd.DataFrame, columns: Sequence[str], path: Path, *, first_row: int = 2) -> None:
