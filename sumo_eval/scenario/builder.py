@@ -118,7 +118,11 @@ class _Builder:
                 raise must_be("The name", f"an option of {self.where}", "letters, digits and underscores", name)
         names = [*(item.name for item in parameters), *options]
         self.known = _distinct(names, "parameter and option", self.where)
-        check_uses(table, {item.name: item.unit for item in (*parameters, *table.option)}, self.where)
+        check_uses(
+            table,
+            {item.name: item.unit for item in parameters} | {item.name: item.unit for item in table.option},
+            self.where,
+        )
         entries = []
         for name, formula in table.define.items():
             if name in self.known:

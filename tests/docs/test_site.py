@@ -50,6 +50,13 @@ def test_every_page_of_the_menu_is_there() -> None:
         assert made.match(path) or (DOCS / path).is_file(), path
 
 
+def test_every_page_is_in_the_menu() -> None:
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1]
+    listed = re.findall(r": ([\w/]+\.md)", menu)
+    assert len(listed) == len(set(listed))
+    assert {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} <= set(listed)
+
+
 def hooks() -> Any:
     """What the site does to its pages, as a module."""
     spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "site_hooks.py")

@@ -205,7 +205,8 @@ def test_a_hole_in_a_track_makes_two_tracks_and_is_said(tmp_path):
     [
         ("csv", "x.csv", OWN + "r,a,0,1,2,4,2\nr,a,0.1,oops,2,4,2\n", "`x` in row 3 of"),
         ("csv", "x.csv", "recording,vehicle,time,x,y,length,width\nr,a,0,1,2,4,2\n", "must have a column `t`"),
-        ("csv", "x.csv", "vehicel,time\na,0\n", "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time"),
+        ("csv", "x.csv", "vehicel,time\na,0\n",
+         "must have the columns `recording`, `vehicle`, `t`, `x`, `y`, `length`, `width`. Known: vehicel, time"),
         ("ngsim", "x.txt", "1 2 3\n", "`Global_Time` in row 1 of"),
         ("highd", "01_tracks.csv", "frame,id,x\n1,1,1\n", "must have the columns `y`, `width`, `height`"),
         ("commonroad", "x.xml", "<commonRoad timeStepSize='0.1'>\n<dynamic", "is not well-formed XML"),

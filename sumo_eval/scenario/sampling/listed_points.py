@@ -37,9 +37,9 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The points {path} cannot be read: {error}.") from error
     if missing := [name for name in logical.names if name not in header]:
-        columns = "a column" if len(missing) == 1 else "the columns"
+        what = "a column" if len(missing) == 1 else "the columns"
         listed = ", ".join(f"`{name}`" for name in missing)
-        raise InputError(f"The points {path} must have {columns} {listed}.{did_you_mean(missing[0], header)}")
+        raise InputError(f"The points {path} must have {what} {listed}.{did_you_mean(missing[0], header)}")
     if not rows:
         raise InputError(f"The points {path} must have at least one row.")
     for name in header:
@@ -56,7 +56,9 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
     if exposure is not None and not (np.all(exposure >= 0.0) and exposure.sum() > 0.0):
         raise must_be("`exposure`", f"the points {path}", "at least 0, and above 0 somewhere", exposure.min())
     ignored = [name for name in header if name not in columns]
-    notes = (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
+    notes: tuple[str, ...] = (
+        (f"Columns of {path.name} that are no parameters: {clean(', '.join(ignored))}.",) if ignored else ()
+    )
     converted = [title for title, name in zip(titles, header, strict=True) if factors.get(name, 1.0) != 1.0]
     notes += (f"Converted to the parameters' units from {path.name}: {clean(', '.join(converted))}.",) * bool(converted)
     return Drawn(points, exposure=exposure, notes=notes)
