@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Page
 from lxml import etree
+from page_checks import press
 
 from sumo_eval.cosim.sumo.gui_replay import sumo_gui
 from sumo_eval.errors import InputError
@@ -115,9 +116,9 @@ def test_the_replay_page_plays_in_a_browser(evaluation: Evaluation, tmp_path: Pa
             slider.value = 1; slider.dispatchEvent(new Event('input')); })()""")
         speed = float(np.interp(1.0, ego.time, ego.speed))
         assert f"v {speed:.1f} m/s" in page.run("document.querySelector('.replay-reading').textContent")
-        page.run("document.querySelector('.replay-play').click()")
+        press(page, " ")  # nothing was clicked before
         page.wait("Number(document.querySelector('.replay-slider').value) > 1.1")
-        page.run("document.querySelector('.replay-play').click()")
+        press(page, " ")
         held = page.run("document.querySelector('.replay-slider').value")
         page.run("new Promise((resolve) => setTimeout(resolve, 150))")
         assert page.run("document.querySelector('.replay-slider').value") == held

@@ -866,6 +866,13 @@ const sumoReplay = (() => {
     }
 
     button.addEventListener("click", play);
+    document.addEventListener("keydown", (event) => { // the space key, wherever it has no meaning of its own
+      const own = event.target.closest?.("button, select, textarea, summary, a[href], input:not([type=range])");
+      const { top, bottom } = root.getBoundingClientRect();
+      if (event.key !== " " || own || !scene || !root.getClientRects().length || bottom < 0 || top > innerHeight) return;
+      event.preventDefault();
+      play();
+    });
     hit.addEventListener("click", () => { stop(); seek(scene.views.find((view) => view.contact).contact.time); });
     slider.addEventListener("input", () => { stop(); now = Number(slider.value); draw(); });
     for (const [what, name] of [[camera, "change"], [together, "change"], [window, "resize"]]) what.addEventListener(name, () => draw());
