@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from sumo_eval.errors import InputError
 from sumo_eval.evaluation import zone_partitions
@@ -27,7 +29,7 @@ from sumo_eval.figures.style import (
 from sumo_eval.method.trajectory_field import trajectory_fields
 from sumo_eval.method.zone_partition import ZonePartition, exact_target
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
-from sumo_eval.report.page_data import View, choose_view, slice_points
+from sumo_eval.report.page_data import View, choose_view, slice_points, telling_slice
 from sumo_eval.report.preventability import LOOKS, Verdict, verdicts
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scenario.road.reference_line import map_places
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CELLS = 140  # on each axis of a map
+_STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
 MOST_COLUMNS = 4
 LONGEST_LINE = 100  # characters of a note above a figure of a page's width
 INDEXES = {
@@ -62,7 +65,7 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
     who = ads_of(evaluation, ads)[0]
     zones = zone_partitions(evaluation)[name]
     cases = evaluation.cases_of(who, name)
-    view = choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name))
+    view = _telling(choose_view(zones.logical, cases, evaluation.settings.report.axes.get(name)), zones, cases)
     judged = dict(zip((case.case for case in cases), verdicts(evaluation, evaluation.score(who, name)), strict=True))
     panels = range(len(view.panels))
     columns = min(len(panels), MOST_COLUMNS if width == "page" else 2)
@@ -86,11 +89,23 @@ def zone_map(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
                 ax.set_title(f"{label(parameter.name, '')} {view.panels[panel]:g}{parameter.behind}")
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
-        present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases}]
+        present = [verdict for verdict in LOOKS if verdict in {judged[one.case] for one in cases if view.shows(one)}]
         _legend_of_map(figure, present)
         note = _in_lines(view.note, figure)
         figure.suptitle("\n".join(filter(None, (f"{who} in {name.replace('_', ' ')}", note))), fontsize="medium")
     return figure
+
+
+def _telling(view: View, zones: ZonePartition, cases: Sequence[CaseResult]) -> View:
+    """A view whose slice, where it is one, is that with most collisions."""
+    fixed = telling_slice(view, cases)
+    if not fixed:
+        return view
+    items = [(zones.logical.parameters[column], value) for column, value in fixed.items()]
+    there = replace(view, fixed=fixed)
+    shown = sum(there.shows(one) for one in cases)
+    where = ", ".join(f"{item.name} = {value:g}{item.behind}" for item, value in items)
+    return replace(there, note=f"The slice at {where}, with most collisions: {shown} of {len(cases)} cases.")
 
 
 def _zones(ax: Axes, zones: ZonePartition, view: View, panel: int) -> None:
@@ -103,7 +118,8 @@ def _zones(ax: Axes, zones: ZonePartition, view: View, panel: int) -> None:
     y = np.array([-1.0, 1.0]) if view.y is None else points[:, 0, view.y]
     possible = logical.feasible(rows).reshape(shape)
     exact = np.where(possible, exact_target(logical, rows, zones.settings).reshape(shape), np.nan)
-    learnt = np.where(possible, np.asarray(zones.predicted(rows)).reshape(shape), np.nan)
+    within = binary_erosion(possible, iterations=_STAIRS, border_value=1)  # else each stair of the edge has a mark
+    learnt = np.where(within, np.asarray(zones.predicted(rows)).reshape(shape), np.nan)
     ax.contourf(x, y, exact, levels=[-np.inf, 0.0, np.inf], colors=[HAZARDOUS, SAFE])
     for values, style, colour in ((exact, "-", INK), (learnt, "--", "#d55e00")):
         known = values[np.isfinite(values)]
@@ -137,6 +153,7 @@ def _legend_of_map(figure: Figure, present: Sequence[Verdict]) -> None:
     handles: list[Patch | Line2D] = [
         Patch(facecolor=SAFE, edgecolor=MUTED, linewidth=0.4, label="safe zone"),
         Patch(facecolor=HAZARDOUS, edgecolor=MUTED, linewidth=0.4, label="hazardous zone"),
+        Patch(facecolor="white", edgecolor=MUTED, linewidth=0.4, label="cannot be"),
         Line2D([], [], color=INK, linewidth=0.9, label="boundary, exact"),
         Line2D([], [], color="#d55e00", linewidth=0.9, linestyle="--", label="boundary, learnt"),
     ]
@@ -167,12 +184,19 @@ def field(evaluation: Evaluation, *, scenario: str | None, ads: str | None, case
         superposition=settings.superposition,
     )  # fmt: skip
     east, north = map_places(scene.line, x, y[:, None])[:2]
+    lowest = float(values.min())
     tallest = float(np.quantile(values, 0.998))  # next to a vehicle that stands the field has no bound worth a colour
     with styled():
         figure, axes = new_figure(width, 0.16 + 0.3 * len(drives), len(drives))
         for ax, (name, drive), strength in zip(axes, drives.items(), values, strict=True):
             image = ax.pcolormesh(
-                east, north, strength.reshape(len(y), len(x)), cmap="cividis", vmin=0.0, vmax=tallest, rasterized=True
+                east,
+                north,
+                strength.reshape(len(y), len(x)),
+                cmap="cividis",
+                vmin=lowest,
+                vmax=tallest,
+                rasterized=True,
             )
             ax.plot(*map_places(scene.line, drive.x, drive.y)[:2], color="white", linewidth=0.8)
             ax.set_title(name.replace("_", " "))
@@ -352,6 +376,7 @@ def points(evaluation: Evaluation, *, scenario: str | None, ads: str | None, cas
             ax.set_yticklabels([f"{one.ads}, {one.scenario.replace('_', ' ')}" for one in scores], fontsize=5.5)
             ax.tick_params(axis="y", length=0)
             ax.set_xlabel("points")
+            ax.set_xlim(0.0, 100.0)
         axes[1].tick_params(labelleft=False)
         for words, colour in drawn.items():
             axes[0].barh([0], [0.0], color=colour, label=words)
@@ -406,7 +431,8 @@ def boundary(evaluation: Evaluation, *, scenario: str | None, ads: str | None, c
             hit = np.array([row.collided for row in own], dtype=np.float64)[order]
             share = np.cumsum(hit) / max(hit.sum(), 1.0)
             colour = look_of(who, names)[0]
-            ax.plot(places[order], share, color=colour, linestyle=line_of(who, names), drawstyle="steps-post",
+            steps = [-1.0, *places[order]], [0.0, *share]
+            ax.plot(*steps, color=colour, linestyle=line_of(who, names), drawstyle="steps-post",
                     label=f"{who}: {int(hit.sum())} of {len(own)} collide")  # fmt: skip
         ax.set_xlim(-1.0, 1.0)
         ax.set_ylim(-0.03, 1.03)

@@ -81,6 +81,32 @@ def test_the_bars_of_the_points_end_at_the_score(done: Evaluation) -> None:
     assert kept == [pytest.approx(done.scores[0].s_plus)]
 
 
+def test_axes_hold_what_is_drawn_and_no_more(done: Evaluation) -> None:
+    """Points go from 0 to 100; the share of collisions begins at 0, the field's colours at its lowest value."""
+    assert draw(done, "points").axes[0].get_xlim() == (0.0, 100.0)
+    for line in draw(done, "boundary").axes[0].lines[1:]:
+        assert (line.get_xdata()[0], line.get_ydata()[0]) == (-1.0, 0.0)
+    (mesh,) = draw(done, "field").axes[0].collections
+    assert mesh.get_clim()[0] > 0.0
+
+
+def test_a_map_of_four_parameters_is_the_slice_with_most_collisions(tmp_path: Path) -> None:
+    """Two levels of cut_in: `no_reaction` collides nowhere at the slow lateral speed and a gap of 0 m, the first slice;
+    no stray piece of the learnt boundary stands at the stairs of the edge of what can be.
+    """
+    evaluation = {
+        "name": "slices",
+        "scenario": [{"use": "cut_in", "sampling": {"levels": 2}}],
+        "ads": [{"name": "none", "controller": "no_reaction"}],
+        "drivers": {"count": 2},
+    }
+    run = sumo_eval.evaluate(evaluation, tmp_path / "run")
+    figure = draw(run, "zone_map")
+    assert "with most collisions" in figure.get_suptitle()
+    crosses = [one for one in figure.axes[0].collections if len(one.get_offsets()) and one.get_sizes()[0] == 9]
+    assert sum(len(one.get_offsets()) for one in crosses) > 0
+
+
 def test_a_history_of_nights_is_drawn(done: Evaluation, tmp_path: Path) -> None:
     history = tmp_path / "history"
     history.mkdir()
