@@ -202,6 +202,13 @@ class DrivenInBlocks:
 
 
 @dataclass(frozen=True, slots=True)
+class ActorsLeft:
+    """Cases that lasted longer than an actor was on the road: how many."""
+
+    cases: int
+
+
+@dataclass(frozen=True, slots=True)
 class BeyondRange:
     """Collisions outside the range that a severity is known for, by what lies outside, in the severity's own words."""
 
@@ -311,6 +318,7 @@ ScoreNote = (
     DrivesLeftOut
     | DrivenAlone
     | DrivenInBlocks
+    | ActorsLeft
     | BeyondRange
     | ThinReferences
     | OutsideSupport

@@ -16,6 +16,7 @@ from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.manoeuvres import words as manoeuvre_words
 from sumo_eval.method.score_terms import exposure_mean, ideal_ratio, mean_shares, once
 from sumo_eval.results import (
+    ActorsLeft,
     BeyondRange,
     CaseResult,
     CasesMissing,
@@ -695,6 +696,11 @@ def score_note(note: ScoreNote) -> str:
                 f"Its policy over arrays was shown cases in blocks of {' and '.join(map(str, sizes))}, whose "
                 f"composition the evaluation fixes ({count(drives, 'drive')}): the last bits of its answers may depend "
                 "on which cases stand together."
+            )
+        case ActorsLeft(cases):
+            return (
+                f"In {count(cases, 'case')} an actor came to the end of the network and left it, and the case went on "
+                "without it (clip `actor_left_the_network`)."
             )
         case BeyondRange(severity, reasons):
             why = "; ".join(f"{number} x {reason}" for reason, number in reasons)

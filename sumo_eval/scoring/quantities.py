@@ -26,6 +26,7 @@ from sumo_eval.record.human_reference import CaseIndex
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import (
     EVALUATED,
+    ActorsLeft,
     BeyondRange,
     CaseResult,
     CasesMissing,
@@ -54,6 +55,7 @@ from sumo_eval.text import without_numbers
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 STRUCK_FROM_BEHIND = "struck_from_behind"
+LEFT_THE_NETWORK = "actor_left_the_network"
 """The clip of a collision in which a vehicle that reacts ran into the ego's rear."""
 
 
@@ -82,17 +84,24 @@ class Remarks:
     def __init__(self, severity: Severity) -> None:
         self._severity = severity
         self._blocks: Counter[int] = Counter()
+        self._left = 0
         self._beyond: Counter[str] = Counter()
 
     def add(self, facts: Sequence[Fact]) -> None:
         """Take in some drives."""
         self._blocks.update(int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK)
+        self._left += sum(any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts)
         self._beyond.update(self._severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
 
     @property
     def in_blocks(self) -> tuple[ScoreNote, ...]:
         """Drives of a policy over arrays, and how many cases it was shown together."""
         return (DrivenInBlocks(self._blocks.total(), tuple(sorted(self._blocks))),) if self._blocks else ()
+
+    @property
+    def actors_left(self) -> tuple[ScoreNote, ...]:
+        """Cases in which an actor came to the end of the network."""
+        return (ActorsLeft(self._left),) if self._left else ()
 
     @property
     def beyond_range(self) -> tuple[ScoreNote, ...]:

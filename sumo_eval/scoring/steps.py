@@ -121,6 +121,7 @@ class Scoring:
                 *plausible.notes,
                 *simulated_alone(logical, ads.name, store),
                 *remarks[ads.name].in_blocks,
+                *remarks[ads.name].actors_left,
                 *reference_notes(table),
                 *remarks[ads.name].beyond_range,
             )

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import sumo_eval
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
+from sumo_eval.report.terminal import closing_lines
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.file import check_file, read_scenario
 from sumo_eval.scenario.sampling.request import Request
@@ -339,3 +341,15 @@ def test_points_of_a_table_come_in_the_unit_of_its_head(tmp_path, header, low):
     else:
         with pytest.raises(InputError, match=r"within 8\.\.14|[Uu]nit"):
             sample(logical, "file", request=wanted)
+
+
+def test_a_vehicle_that_left_is_told_in_row_and_report(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("short.toml").write_text(SHORT.replace("SPEED", "4.0"))
+    evaluation = {"name": "left", "scenario": [{"use": "short.toml"}], "drivers": {"count": 2}}
+    done = sumo_eval.evaluate(evaluation, "run", ads=["idm"])
+    assert {case.status for case in done.cases} == {"ok"}
+    assert all("actor_left_the_network x1" in case.clips for case in done.cases)
+    told = [line for line in closing_lines(done) if "came to the end of the network" in line]
+    assert told == ["idm in short: In 2 cases an actor came to the end of the network and left it, and the case went on "
+                    "without it (clip `actor_left_the_network`)."]  # fmt: skip
