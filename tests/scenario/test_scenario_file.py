@@ -351,5 +351,5 @@ def test_a_vehicle_that_left_is_told_in_row_and_report(tmp_path, monkeypatch):
     assert {case.status for case in done.cases} == {"ok"}
     assert all("actor_left_the_network x1" in case.clips for case in done.cases)
     told = [line for line in closing_lines(done) if "came to the end of the network" in line]
-    assert told == ["idm in short: In 2 cases an actor came to the end of the network and left it, and the case went on "
-                    "without it (clip `actor_left_the_network`)."]  # fmt: skip
+    assert told == ["idm in short: In 2 cases an actor came to the end of the network and left it, and the case "
+                    "went on without it (clip `actor_left_the_network`)."]  # fmt: skip
