@@ -74,6 +74,12 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
         lanes.append(_lanes(by_id[name]))
         if not lanes[-1]:
             raise InputError(f"Edge `{name}` of {owner} must have a lane on which a car may drive.")
+        for lane in lanes[-1]:
+            if not 0.0 < lane.width < math.inf:
+                raise must_be(f"The width of lane `{lane.id}`", owner, "above 0 m", lane.width)
+            if len(lane.shape) < 2 or lane.shape[0] == lane.shape[-1]:
+                must = "a line from one place to another"
+                raise must_be(f"The shape of lane `{lane.id}`", owner, must, len(lane.shape))
     network = replace(network, first_lane=lanes[0][0].index)
     width = lanes[0][0].width
     if any(lane.width != width for of_edge in lanes for lane in of_edge):

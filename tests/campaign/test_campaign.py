@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign.mutants import mutant
+from campaign.mutants import mutant, own_inputs
 from click.testing import CliRunner
 from record.runs import command, digest, write_evaluation
 
@@ -147,6 +147,34 @@ def run_mutant(number: int, folder: Path) -> str:
 def _small(words: str) -> bool:
     drives = [int(word) for word in words.split() if word.isdecimal()]
     return sum(drives[:3]) < 200
+
+
+def run_own_inputs(number: int, folder: Path) -> str:
+    """Check an own scenario, or estimate a run of it: taken, or refused in sentences. Fails on anything else."""
+    files, words, name = own_inputs(number)
+    for file, data in files.items():
+        (folder / file).write_bytes(data)
+    result = CliRunner().invoke(main, words)
+    fault = "".join(traceback.format_exception(result.exception)) if result.exception else ""
+    assert result.exception is None or isinstance(result.exception, SystemExit), f"{number} {name}\n{fault}"
+    assert result.exit_code in (0, 2), f"{number} {name}: {result.exit_code}"
+    assert "Traceback" not in result.output, f"{number} {name}"
+    return "taken" if result.exit_code == 0 else "refused"
+
+
+@pytest.mark.campaign
+def test_own_scenarios_networks_tables_and_locators_are_taken_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ends = Counter(run_own_inputs(number, tmp_path) for number in range(size(2000)))
+    with capsys.disabled():
+        print(f"\n{sum(ends.values())} own inputs: {dict(ends)}")
+
+
+def test_a_few_own_inputs_are_taken_or_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert {run_own_inputs(number, tmp_path) for number in range(16)} == {"taken", "refused"}
 
 
 @pytest.mark.campaign
