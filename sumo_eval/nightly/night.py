@@ -3,7 +3,8 @@
 DIR/nights/<time>/ is a night, DIR/history.sqlite the history. A night is there once the history has its line, which is
 written last and in one transaction, so nothing half done is ever compared. The history also notes which nights began:
 the folder of one that began and has no line is what a killed night left. The next start goes on with it where it is
-told to, and else removes the folder; it says so. Only what the history knows to be a night of its own is ever removed.
+told to, and else removes the folder, unless its run is complete; it says so. Only what the history knows to be a night
+of its own is ever removed.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import shutil
 import sqlite3
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -27,7 +28,8 @@ from sumo_eval.nightly.trend import write_trend
 from sumo_eval.record.facts import resolve
 from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
-from sumo_eval.record.run_folder import is_run
+from sumo_eval.record.run_folder import COMPLETE, FACTS, is_run
+from sumo_eval.record.store import Store
 from sumo_eval.report.assessed import write_assessed_report
 from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare
@@ -240,11 +242,25 @@ def _clear_away(history: Path, lines: History, but: str | None = None) -> list[s
             continue
         if path.name not in stopped:
             notes.append(f"{path} is not in the history; it was left as it is.")
+        elif _is_complete(path):  # as when an old copy of the history was put back
+            notes.append(
+                f"{path} is a complete run without a line in the history; it was left as it is. To add it: "
+                f"sumo-eval trend {history} --import {path}."
+            )
         elif _removed(path):
             notes.append(f"Night {path.name} was stopped before its end; its unfinished folder was removed.")
         else:
             notes.append(f"Night {path.name} was stopped before its end; its folder could not be removed.")
     return notes
+
+
+def _is_complete(folder: Path) -> bool:
+    """Whether all cases of a run are recorded, whoever stopped what came after."""
+    try:
+        with closing(Store(folder / FACTS)) as store:
+            return store.noted(COMPLETE) == "yes"
+    except InputError:
+        return False
 
 
 def _removed(folder: Path) -> bool:

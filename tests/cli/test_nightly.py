@@ -367,6 +367,32 @@ def test_a_history_without_a_line_keeps_the_folders_that_it_does_not_know(
     assert sum("is not in the history; it was left as it is" in note for note in result.notes) == len(before)
 
 
+@pytest.mark.parametrize("known_lines", [0, 1], ids=["no line", "the oldest line"])
+def test_old_history_put_back_keeps_complete_nights(
+    week: tuple[Path, list[str]], tmp_path: Path, known_lines: int
+) -> None:
+    folder, _ = week
+    history = tmp_path / "history"
+    shutil.copytree(folder / "history" / "nights", history / "nights")
+    complete = sorted(path.name for path in (history / "nights").iterdir())
+    unfinished = history / "nights" / "2020-01-01T00-00-00Z"
+    shutil.copytree(history / "nights" / complete[0], unfinished)
+    with sqlite3.connect(unfinished / "facts.sqlite") as facts:
+        facts.execute("UPDATE about SET value = '' WHERE name IN ('complete', 'seal')")
+    with open_history(history, create=True) as lines:
+        for name in (*complete, unfinished.name):
+            lines.begin(name)
+        for name in complete[:known_lines]:
+            values = (name, f"nights/{name}")
+            lines._connection.execute("INSERT INTO nights VALUES (?, 'x', ?, 1.0, 0, NULL, '', '', '', 0)", values)
+        notes = _clear_away(history, lines)
+    assert sorted(path.name for path in (history / "nights").iterdir()) == complete
+    assert (
+        sum("is a complete run without a line in the history" in note for note in notes) == len(complete) - known_lines
+    )
+    assert f"Night {unfinished.name} was stopped before its end; its unfinished folder was removed." in notes
+
+
 def test_a_line_that_names_another_place_removes_nothing_there(tmp_path: Path) -> None:
     history, precious = tmp_path / "history", tmp_path / "precious"
     (history / "nights" / "b").mkdir(parents=True)
