@@ -99,10 +99,11 @@ def record_rounds(
         meanwhile=zones,
     )  # fmt: skip
     while adaptive and (further := _further_rounds(score(folder, progress=progress), settings)) != settings:
-        settings = further
+        settings, notes = further, recorded.notes
         recorded = record_facts(
             settings, source, folder, resume=True, progress=progress, stopping=stopping, another_round=True
         )
+        recorded = replace(recorded, notes=notes + recorded.notes)
     return recorded
 
 

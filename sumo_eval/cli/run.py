@@ -89,6 +89,7 @@ def run(
         recorded = record_rounds(
             settings, source, folder, resume=resume, shard=part, progress=progress, stopping=stopping
         )
+    say(recorded.notes)
     if part != WHOLE:
         failed = f", {recorded.not_evaluated} of the ADSs' not evaluated" if recorded.not_evaluated else ""
         tell(f"Shard {shard}: {recorded.drives} drives are recorded in {folder}{failed}.")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from sumo_eval.record.kept import KeptRecording
+from sumo_eval.record.reads import Reads
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettings
 from sumo_eval.text import clean, clean_log
@@ -84,7 +85,7 @@ class Outcome:
 
     `log`: the traceback of an exception, and beginning and end of what the case printed. `error_place`: file, line and
     function of the user's code that an exception came from. alone: why a case that was to be simulated together with
-    others was not.
+    others was not. reads: what the process of an ADS of the user's had read by then.
     """
 
     case: Case
@@ -94,6 +95,7 @@ class Outcome:
     log: str = ""
     error_place: str = ""
     alone: Alone | None = None
+    reads: Reads | None = None
 
     def __post_init__(self) -> None:
         """Cleaned once more: what a process that runs users' code sends may be anything."""
@@ -104,8 +106,9 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What every case of a run shares. `folder`: where relative paths in locators start."""
+    """What every case of a run shares. `folder`: where relative paths in locators start. files: of ADSs, by locator."""
 
     simulation: SimulationSettings
     run: RunSettings
     folder: Path
+    files: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

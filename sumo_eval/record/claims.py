@@ -16,6 +16,7 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.record.cases import Case, Setup, Status, on_its_own
 from sumo_eval.record.frames import FrameError, Message
 from sumo_eval.record.kept import EGO, KeptRecording, most_bytes, samples, unpack
+from sumo_eval.record.reads import READS_BOUND, Reads, Told, chained
 from sumo_eval.settings import SimulationSettings
 from sumo_eval.text import LOG, SENTENCE, clean, clean_log, words_of
 from sumo_eval.trajectory import Alone, AloneReason, Clip, Collision, EndReason, Side
@@ -51,6 +52,7 @@ class Result(NamedTuple):
     error: str | None
     log: str
     error_place: str = ""
+    reads: Reads | None = None
 
 
 Results = list[Result | Alone] | None
@@ -68,10 +70,10 @@ def home_of_ads(locator: str, setup: Setup) -> str:
     return OURS if ours and setup.simulation.plant is None else f"ADS `{locator}`"
 
 
-def as_message(results: Results) -> Message:
-    """Results as a child sends them."""
+def as_message(results: Results, read: Told | None = None) -> Message:
+    """Results as a child sends them. read: the files that it has read meanwhile."""
     if results is None:
-        return Message(None)
+        return Message([read, None])
     blobs: list[bytes] = []
     plain: list[Any] = []
     for result in results:
@@ -95,14 +97,14 @@ def as_message(results: Results) -> Message:
         ]
         blobs += kept.drives.values()
         plain.append([result.status, error, clean_log(result.log), result.error_place, drive])
-    return Message(plain, tuple(blobs))
+    return Message([read, plain], tuple(blobs))
 
 
 def bound(cases: Sequence[Case], setup: Setup) -> int:
     """The bytes at most of the message about these cases."""
     drive = most_bytes(_most_samples(setup.simulation))
     vehicles = sum(1 + len(case.concrete.actors) for case in cases)
-    return min(len(cases) * _TEXT_BOUND + vehicles * drive, _LARGEST)
+    return min(len(cases) * _TEXT_BOUND + vehicles * drive + 2 * READS_BOUND, _LARGEST)
 
 
 def believed(message: Message, cases: Sequence[Case], setup: Setup) -> Results:
@@ -117,7 +119,8 @@ class _Reading:
     """One message on its way to results. users: whether users' code ran where it comes from."""
 
     def __init__(self, message: Message, setup: Setup, *, users: bool) -> None:
-        self._plain = message.plain
+        read, self._plain = _list(message.plain, "the answer", 2)
+        self._reads = chained(read)
         self._blobs = iter(message.blobs)
         self._users = users
         self._most = _most_samples(setup.simulation)
@@ -133,7 +136,7 @@ class _Reading:
         ]
         if next(self._blobs, None) is not None:
             raise ValueError("more trajectories than vehicles")
-        return results
+        return with_reads(results, self._reads)
 
     def _result(self, plain: Any, case: Case) -> Result:
         status, error, log, place, drive = _list(plain, "a result", 5)
@@ -177,6 +180,13 @@ class _Reading:
         if name == EGO and drive.time[-1] != simulated_time:
             raise ValueError("a drive that is not as long as it says")
         return data
+
+
+def with_reads(results: Results, reads: Reads | None) -> Results:
+    """The results with what their process had read by then."""
+    if results is None or reads is None:
+        return results
+    return [one if isinstance(one, Alone) else one._replace(reads=reads) for one in results]
 
 
 def _most_samples(simulation: SimulationSettings) -> int:

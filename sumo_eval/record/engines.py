@@ -11,14 +11,14 @@ from functools import partial
 from typing import Any
 
 from sumo_eval.errors import InputError
-from sumo_eval.record import loops
+from sumo_eval.record import loops, reads
 from sumo_eval.record.cases import ALONE, Case, Outcome, Setup, Status, on_its_own
-from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads
+from sumo_eval.record.claims import OURS, Result, Results, believed, bound, home, home_of_ads, with_reads
 from sumo_eval.record.identity import IDENTITY_BOUND, locator_identity, read_identity, tell_identity
 from sumo_eval.record.packs import Pack, Packs, driven, largest_pack
 from sumo_eval.record.pool import Ended, Pool, Work
 from sumo_eval.record.progress import Stopping, never
-from sumo_eval.record.worker import answer, run_together
+from sumo_eval.record.worker import answer, run_together, watch
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
@@ -125,10 +125,14 @@ def _run_here(cases: Iterable[Case], setup: Setup, stopping: Stopping) -> Genera
     packs = Packs(cases, 1, largest_pack(setup))
     packs.look_ahead()
     served: set[str] = set()
+    reads.begin_run()
     while not stopping() and (pack := packs.take()) is not None:
         served.add(home(pack[0], setup))
         refuse_to_share(served)
-        outcomes = _settled(Ended(pack, "done", run_together(pack, setup), None, ""), packs, setup)
+        watch(pack, setup)
+        results = run_together(pack, setup)
+        ended = Ended(pack, "done", with_reads(results, reads.chained(reads.end())), None, "")
+        outcomes = _settled(ended, packs, setup)
         if outcomes:
             yield outcomes
         packs.look_ahead()
@@ -163,7 +167,7 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         if isinstance(result, Alone):
             packs.run_alone(case, result)
         else:
-            found.append(Outcome(case, result.status, result.recording, result.error, result.log, result.error_place))
+            found.append(_of_result(case, result, result.log))
     return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
 
 
@@ -176,7 +180,11 @@ def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup
         return Outcome(case, status, None, what_happened(ended, setup), remark + ended.log, alone=alone)
     result: Result = ended.result[0]
     log = remark + result.log + ended.log
-    return Outcome(case, result.status, result.recording, result.error, log, result.error_place, alone)
+    return replace(_of_result(case, result, log), alone=alone)
+
+
+def _of_result(case: Case, result: Result, log: str) -> Outcome:
+    return Outcome(case, result.status, result.recording, result.error, log, result.error_place, reads=result.reads)
 
 
 def what_happened(ended: Ended[Any], setup: Setup, what: str = "The case", did: str = "ran the case") -> str:

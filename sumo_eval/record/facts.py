@@ -30,6 +30,7 @@ from sumo_eval.record.recording import (
     REFERENCES,
     Planner,
     Space,
+    find_stale,
     planner,
     record,
     refuse_to_lose_cases,
@@ -60,12 +61,16 @@ _TIMED_FOR = 1.0  # s
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """What a run folder holds now: drives by all, those among them without an outcome that counts, and which shard."""
+    """What a run folder holds now: drives by all, those among them without an outcome that counts, and which shard.
+
+    notes: sentences on what was recorded before and had to be driven again.
+    """
 
     folder: Path
     drives: int
     not_evaluated: int
     shard: tuple[int, int]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +189,7 @@ def record_facts(
         with open_store(folder / run_folder.FACTS, create=True) as store:
             _check_shard(store, shard, folder)
             refuse_to_lose_cases(store, spaces, evaluation, folder)
+            notes = find_stale(store, source)
             store.note(run_folder.COMPLETE, "")
             store.unseal()
             store.note(run_folder.SHARD, f"{shard[0]}/{shard[1]}")
@@ -197,7 +203,7 @@ def record_facts(
                 ) from None
             store.seal()
             store.note(run_folder.COMPLETE, "yes")
-            return _counted(store, folder, shard)
+            return replace(_counted(store, folder, shard), notes=notes)
 
 
 def _record_beside(
@@ -319,6 +325,7 @@ def verify(
     plan = planner(settings, source)
     with open_store(folder / run_folder.FACTS) as store:
         shard = parse_shard(store.noted(run_folder.SHARD) or "1/1")
+        find_stale(store, source)
         chosen = _chosen(store, plan, _spaces(settings, source, shard), share, settings.seed)
         changed = [case.key for case in chosen if not store.holds(case)]
         differences = [
@@ -364,6 +371,7 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     recorded = 0
     if folder is not None and (folder / run_folder.FACTS).is_file():
         with open_store(folder / run_folder.FACTS) as store:
+            find_stale(store, source)
             recorded = sum(store.holds(case) for space in spaces for case in _planned(plan, space))
     setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
     seconds, timed = 0.0, 0

@@ -63,7 +63,7 @@ def locator_identity(named: tuple[str, str], folder: Path) -> str | InputError:
         return InputError(str(error))
     in_words = locator.partition(":")[0] in _NOT_PYTHON
     module = None if in_words else sys.modules.get(getattr(found, "__module__", ""), None)
-    files = _own_files(module, before) if module is not None else _named_files(locator, folder)
+    files = _own_files(module, before) if module is not None else named_files(locator, folder)
     files |= {Path(file) for file in getattr(getattr(found, "target", None), "files", ())}  # such as a model's table
     base = module.__name__.partition(".")[0] if module is not None else ""
     sources = {_place(file, folder): _hash(file) for file in sorted(files)}
@@ -136,7 +136,8 @@ def _file(module: Any) -> Path | None:
     return file if file is not None and file.is_file() else None
 
 
-def _named_files(locator: str, folder: Path) -> set[Path]:
+def named_files(locator: str, folder: Path) -> set[Path]:
+    """Files that the words of a command name."""
     try:
         words = shlex.split(locator.partition(":")[2].partition("?")[0])
     except ValueError:

@@ -14,6 +14,7 @@ from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
+from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import identify, run_packs
 from sumo_eval.record.identity import (
     files_identity,
@@ -23,12 +24,14 @@ from sumo_eval.record.identity import (
     with_fingerprint,
 )
 from sumo_eval.record.progress import Progress, Stopping, never
+from sumo_eval.record.reads import NOT_KNOWN, OneVersion, Reads, changed, known_chain
 from sumo_eval.record.store import RECORDED, Store
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.locators import load_object
+from sumo_eval.text import clean
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 
 REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
@@ -74,7 +77,8 @@ class Planner:
     @property
     def setup(self) -> Setup:
         """What all cases share."""
-        return Setup(self.settings.simulation, self.settings.run, self.source)
+        files = {ads.locator: tuple(ads.files) for ads in self.settings.ads if ads.files}
+        return Setup(self.settings.simulation, self.settings.run, self.source, files)
 
     def ads(self, space: Space) -> Iterator[Case]:
         """Every ADS at every point; policies over arrays block by block."""
@@ -261,6 +265,23 @@ def _record_people(space: Space, plan: Planner, store: Store, work: _Work, progr
     _forget(store, (case for case, _, _ in store.names("human", name) if case not in known))
 
 
+def find_stale(store: Store, source: Path) -> tuple[str, ...]:
+    """Find the recorded cases whose ADS has read files that are not there as they were; a sentence for each ADS."""
+    files = changed(store.reads(), source)
+    stale = [(case, ads, files[name]) for case, ads, name in store.read_by() if name in files]
+    store.stale = frozenset(case for case, _, _ in stale)
+    notes = []
+    for ads in sorted({ads for _, ads, _ in stale}):
+        names = sorted({name for _, of, its in stale if of == ads for name in its})
+        cases = sum(of == ads for _, of, _ in stale)
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        notes.append(
+            f"{cases} recorded case{'s' * (cases > 1)} of ADS `{ads}` cannot be taken over: {clean(names[0])}{more} is "
+            "not what its processes had read. They are driven again."
+        )
+    return tuple(notes)
+
+
 def refuse_to_lose_cases(store: Store, spaces: Sequence[Space], settings: EvaluationSettings, run: Path) -> None:
     """A run that goes on keeps what it has: refuses an evaluation that leaves out cases of ADSs that are recorded."""
     counts = {space.logical.name: len(space.points) for space in spaces}
@@ -279,6 +300,12 @@ class _Work:
 
     def __init__(self, store: Store, setup: Setup, progress: Progress, stopping: Stopping) -> None:
         self._store, self._setup, self._progress, self._stopping = store, setup, progress, stopping
+        self._versions = OneVersion()
+        self._latest: dict[str, Reads] = {}  # what the processes of each ADS have read
+        chains = store.reads()
+        reused = {(ads, name) for case, ads, name in store.read_by() if case not in store.stale}
+        for ads, name in sorted(reused):
+            self._take_in(ads, known_chain(chains, name))
 
     def do(self, stages: Sequence[_Stage]) -> None:
         """Bring stages to their end, all at a time, or raise StoppedError."""
@@ -296,7 +323,7 @@ class _Work:
 
         with closing(run_packs(missing(), self._setup, self._stopping)) as packs:
             for outcomes in packs:
-                self._store.add(*outcomes)
+                self._store.add(*map(self._with_reads, outcomes))
                 touched = []
                 for outcome in outcomes:
                     name = of[outcome.case.concrete.scenario, outcome.case.role]
@@ -310,6 +337,19 @@ class _Work:
                 self.check()
                 raise RuntimeError(f"{name}: {total - done[name]} of {total} cases got lost on their way")
             self._progress(name, done[name], total, failed[name])
+
+    def _with_reads(self, outcome: Outcome) -> Outcome:
+        """The outcome with what its process had read; of one that was lost before it told, what others had."""
+        case = outcome.case
+        if outcome.reads is not None:
+            self._take_in(case.driver, outcome.reads)
+        elif home(case, self._setup) != OURS:
+            return replace(outcome, reads=self._latest.get(case.driver, NOT_KNOWN))
+        return outcome
+
+    def _take_in(self, ads: str, reads: Reads) -> None:
+        self._versions.check(ads, reads)
+        self._latest[ads] = reads
 
     def check(self) -> None:
         """Raise StoppedError when the work shall stop."""

@@ -17,7 +17,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from itertools import groupby
+from itertools import groupby, takewhile
 from pathlib import Path
 from sys import intern
 from typing import Any
@@ -27,6 +27,7 @@ from sumo_eval.record.cases import Case, Outcome, Role, Status
 from sumo_eval.record.kept import EGO as EGO
 from sumo_eval.record.kept import KeptRecording, keep, unpack
 from sumo_eval.record.kept_results import KEPT, KeptResults
+from sumo_eval.record.reads import Reads, Told, links
 from sumo_eval.trajectory import Alone, Clip, Collision, Trajectory
 
 FORMAT_VERSION = 4
@@ -49,6 +50,10 @@ CREATE TABLE IF NOT EXISTS trajectories (
 ) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS about (name TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS facts_by_point ON facts (scenario, role, point);
+"""
+_READS = """
+CREATE TABLE IF NOT EXISTS reads (name TEXT PRIMARY KEY, before TEXT NOT NULL, files TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS read_by ("case" TEXT PRIMARY KEY, link INTEGER NOT NULL) WITHOUT ROWID;
 """
 _LET_GO = 'CREATE TABLE IF NOT EXISTS let_go ("case" TEXT PRIMARY KEY, hash BLOB NOT NULL) WITHOUT ROWID'
 _TABLES = ("facts", "circumstances", "trajectories")
@@ -102,6 +107,8 @@ class Store:
         self.path = path
         self._writing = create
         self._unchecked = False  # whether what is read must be looked at first
+        self.stale: frozenset[str] = frozenset()  # cases whose ADS has read files that are not there as they were
+        self._links: dict[str, int] = {}  # rows of `reads` by their names
         try:
             self._connection = sqlite3.connect(path)
         except sqlite3.Error as error:
@@ -119,6 +126,8 @@ class Store:
                 self._connection.executescript(f"BEGIN; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
                 version = FORMAT_VERSION
             if version == FORMAT_VERSION:
+                if create:
+                    self._connection.executescript(_READS)
                 # WAL: whole after kill -9; a power cut may cost the last cases, which a resumed run simulates again.
                 self._connection.execute("PRAGMA journal_mode = WAL" if create else "PRAGMA query_only = ON")
                 self._connection.execute("PRAGMA synchronous = NORMAL")
@@ -275,14 +284,13 @@ class Store:
         return self._hash_before(case) is not None
 
     def _hash_before(self, case: str) -> bytes | None:
-        if self._without_let_go:
+        if not self._has("let_go"):
             return None
         row = next(self._read('SELECT hash FROM let_go WHERE "case" = ?', (case,)), None)
         return None if row is None else bytes(row[0])
 
-    @property
-    def _without_let_go(self) -> bool:
-        return next(self._read("SELECT 1 FROM sqlite_master WHERE name = 'let_go'"), None) is None
+    def _has(self, table: str) -> bool:
+        return next(self._read("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)), None) is not None
 
     def no_trajectory(self, case: str, vehicle: str = EGO) -> InputError:
         """Why there is no trajectory of a vehicle in a case."""
@@ -324,13 +332,38 @@ class Store:
             for outcome in outcomes:
                 if self._is_recorded_otherwise(outcome.case):
                     self._remove(outcome.case.key)
+                if outcome.reads is not None:
+                    row = outcome.case.key, self._link(outcome.reads)
+                    self._connection.execute("INSERT OR REPLACE INTO read_by VALUES (?,?)", row)
             self._connection.executemany("INSERT INTO facts VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)", facts)
             self._connection.executemany("INSERT INTO circumstances VALUES (?,?,?,?,?,?,?,?)", circumstances)
             self._connection.executemany("INSERT INTO trajectories VALUES (?,?,?)", drives)
 
     def holds(self, case: Case) -> bool:
         """Whether the case is recorded as it would be made now."""
-        return self._fingerprint(case.key) == case.fingerprint
+        return case.key not in self.stale and self._fingerprint(case.key) == case.fingerprint
+
+    def _link(self, reads: Reads) -> int:
+        """The row of what was read up to a case, made with those that it builds on where they are not there yet."""
+        new = list(takewhile(lambda link: link.name not in self._links, links(reads)))
+        for link in reversed(new):
+            row = link.name, link.before.name if link.before else "", json.dumps(link.files)
+            self._connection.execute("INSERT OR IGNORE INTO reads VALUES (?,?,?)", row)
+            query = "SELECT rowid FROM reads WHERE name = ?"
+            ((self._links[link.name],),) = self._connection.execute(query, row[:1]).fetchall()
+        return self._links[reads.name]
+
+    def reads(self) -> dict[str, Told]:
+        """Links of what processes have read: the name of the one before and the files, by name."""
+        if not self._has("reads"):
+            return {}
+        rows = self._read("SELECT name, before, files FROM reads ORDER BY rowid")
+        return {name: (before, [(path, was) for path, was in json.loads(files)]) for name, before, files in rows}
+
+    def read_by(self) -> Iterator[tuple[str, str, str]]:
+        """Case, driver, and the name of what its process had read by then, of the cases of which that is known."""
+        query = 'SELECT "case", driver, name FROM read_by JOIN reads ON reads.rowid = link JOIN facts USING ("case")'
+        return self._read(query) if self._has("reads") else iter(())
 
     def remove(self, cases: Iterable[str]) -> None:
         """Take out cases that are no part of the evaluation any more."""
@@ -339,14 +372,15 @@ class Store:
                 self._remove(case)
 
     def _is_recorded_otherwise(self, case: Case) -> bool:
-        return self._fingerprint(case.key) not in (None, case.fingerprint)
+        known = self._fingerprint(case.key)
+        return known is not None and (known != case.fingerprint or case.key in self.stale)
 
     def _fingerprint(self, case: str) -> str | None:
         row = next(self._read('SELECT fingerprint FROM facts WHERE "case" = ?', (case,)), None)
         return None if row is None else str(row[0])
 
     def _remove(self, case: str) -> None:
-        for table in _TABLES if self._without_let_go else (*_TABLES, "let_go"):
+        for table in (*_TABLES, "read_by", *(["let_go"] if self._has("let_go") else [])):
             self._connection.execute(f'DELETE FROM {table} WHERE "case" = ?', (case,))  # noqa: S608 - our own names
 
     @contextmanager
@@ -387,6 +421,12 @@ class Store:
             with self._changes():
                 for table in _TABLES:
                     self._connection.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")  # noqa: S608
+                if next(self._read("SELECT 1 FROM other.sqlite_master WHERE name = 'reads'"), None) is not None:
+                    self._connection.execute("INSERT OR IGNORE INTO reads SELECT * FROM other.reads")
+                    self._connection.execute(
+                        'INSERT INTO read_by SELECT "case", mine.rowid FROM other.read_by '
+                        "JOIN other.reads AS its ON its.rowid = link JOIN main.reads AS mine USING (name)"
+                    )
         except sqlite3.IntegrityError as error:
             raise InputError(f"{other.parent} holds a case that is in another part as well: {error}.") from error
         finally:

@@ -17,9 +17,11 @@ from sumo_eval.cosim.simulation import simulate, simulate_together
 from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
+from sumo_eval.record import reads
 from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, on_its_own
-from sumo_eval.record.claims import STATUS, Result, Results, as_message
+from sumo_eval.record.claims import OURS, STATUS, Result, Results, as_message, home
 from sumo_eval.record.frames import Message
+from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
 from sumo_eval.record.watch import watched
 from sumo_eval.settings import ConditionSettings, SimulationSettings
@@ -40,7 +42,16 @@ def run_case(case: Case, setup: Setup) -> Outcome:
 
 def answer(cases: Sequence[Case], setup: Setup) -> Message:
     """What `run_together` gives, as a child sends it."""
-    return as_message(run_together(cases, setup))
+    watch(cases, setup)
+    return as_message(run_together(cases, setup), reads.end())
+
+
+def watch(cases: Sequence[Case], setup: Setup) -> None:
+    """Note from now on what an ADS of the user's reads that drives these cases."""
+    if home(cases[0], setup) != OURS:
+        locator = cases[0].controller
+        named = [setup.folder / file for file in setup.files.get(locator, ())]
+        reads.begin(setup.folder, [*named, *named_files(locator, setup.folder)])
 
 
 def run_together(cases: Sequence[Case], setup: Setup) -> Results:

@@ -1,0 +1,352 @@
+"""Files that the code of an ADS reads while it drives: noted by hash in its process, compared when a run goes on.
+
+A process notes every Python file from outside the installed packages, and every file below a folder that such a file
+or the evaluation lies in, as it is when it is opened. Files that it writes do not count, nor do compiled ones. What a
+process has read stays in its memory, so a case depends on all of it: a chain, in which many cases share a link.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import math
+import os
+import stat
+import sys
+import sysconfig
+import tempfile
+import threading
+import time as clock
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sumo_eval.errors import InputError
+from sumo_eval.record.frames import FrameError
+from sumo_eval.text import clean
+
+ABSENT, WRITTEN, UNKNOWN = "-", "", "?"
+"""In place of a hash: no such file, one that the ADS writes, one that may have been changed after it was loaded."""
+LOST = ""
+"""The name of what a process had read that was lost before it told."""
+
+_PACKAGE = str(Path(__file__).parent.parent)
+_CODE = (".py", ".pyw", ".pyd", ".so", ".zip", ".egg", ".whl", ".pyz")
+_EVENTS = frozenset({"open", "import", "os.rename"})
+_HASHED_WHOLE = 256 << 20  # bytes; a larger file is known by its size and time
+READS_BOUND = 1 << 20  # bytes of what one message tells of files
+_MOST_WRITTEN = 1_000  # files of one process that are noted as written
+_LONGEST_NAME = 10_000  # characters of a path
+_busy = threading.local()
+_BEGAN = clock.time()
+
+File = tuple[str, str]
+"""Path, relative to the evaluation's folder where it is below it, and hash."""
+Told = tuple[str, list[File]]
+"""The name of what a process told before, and the files that it has read since."""
+State = tuple[int, int, int, int] | None
+NEVER: State = (-1, -1, -1, -1)
+
+
+@dataclass(frozen=True, slots=True)
+class Reads:
+    """What a process has read up to the end of a case. files: since `before`. name: a hash of all of it."""
+
+    before: Reads | None = field(repr=False, compare=False)
+    files: tuple[File, ...]
+    name: str
+
+
+class _Watch:
+    """What this process reads. folder: of the evaluation. before: what it read in an earlier run."""
+
+    def __init__(self, folder: Path, before: _Watch | None = None) -> None:
+        self.active = True
+        self.folder = str(folder)
+        self._roots = {os.path.join(self.folder, "")}
+        self._states: dict[str, State] = {}
+        self._written: set[str] = set()
+        self._known: set[File] = set()
+        self._new: list[File] = []
+        self._room = READS_BOUND
+        self._name = LOST
+        self._modules = 0
+        for place, was in before._known if before is not None else ():
+            if was != WRITTEN:  # what was loaded then may still be in memory
+                self._note(place, was if content(place, _state(place)) == was else UNKNOWN)
+
+    def opens(self, path: Any, flags: int) -> None:
+        """Note a file that is opened now."""
+        place = _source(os.path.abspath(os.fsdecode(path)))
+        if place is None or place.startswith(self._elsewhere()):
+            return
+        writes = flags & (os.O_WRONLY | os.O_RDWR) != 0
+        if self._is_below(place) or (place.endswith(_CODE) and not writes):
+            self.write(place) if writes else self.read(place)
+
+    def read(self, place: str, since: float = math.inf) -> None:
+        """Note the content of a file, where it is another than before. Neither pipes nor devices are opened.
+
+        since: when it was read at the latest, by the system's clock, s.
+        """
+        state = _state(place)
+        if place in self._written or self._states.get(place, NEVER) == state:
+            return
+        self._states[place] = state
+        found = content(place, state)
+        if found is None:
+            return
+        if place.endswith(_CODE):
+            self._roots.add(os.path.join(os.path.dirname(place), ""))
+        self._note(place, found if state is None or state[0] <= since * 1e9 else UNKNOWN)
+
+    def write(self, place: str) -> None:
+        """Note that a file is written, so that its content counts no more."""
+        if place not in self._written and len(self._written) < _MOST_WRITTEN:
+            self._written.add(place)
+            self._note(place, WRITTEN)
+
+    def told(self) -> Told:
+        """The name of what was told before, and what was read since."""
+        self._look_at_modules()
+        before, new = self._name, [(self._short(place), found) for place, found in self._new]
+        self._new, self._room = [], READS_BOUND
+        if new or before == LOST:
+            self._name = name_of(before, new)
+        return before, new
+
+    def _note(self, place: str, found: str) -> None:
+        self._room -= len(json.dumps([place, found]))
+        file = (place, found) if self._room > 0 else (self.folder, UNKNOWN)
+        if file not in self._known:
+            self._known.add(file)
+            self._new.append(file)
+
+    def _short(self, place: str) -> str:
+        inside = place.startswith(os.path.join(self.folder, ""))
+        return os.path.relpath(place, self.folder) if inside else place
+
+    def _is_below(self, place: str) -> bool:
+        roots = tuple(self._roots)
+        return place.startswith(roots) or os.path.realpath(place).startswith(roots)
+
+    def _elsewhere(self) -> tuple[str, ...]:
+        """Beginnings of the paths of what is installed, of caches, and of this process's own temporary files."""
+        scratch = tempfile.tempdir
+        own = scratch is not None and not self.folder.startswith(scratch)
+        return (*_INSTALLED, os.path.join(str(scratch), "")) if own else _INSTALLED
+
+    def _look_at_modules(self) -> None:
+        """Note modules that were loaded before anything was watched, as those of a script that drives by itself."""
+        if len(sys.modules) == self._modules:
+            return
+        self._modules = len(sys.modules)
+        for module in list(sys.modules.values()):
+            name = getattr(module, "__dict__", {}).get("__file__")
+            place = os.path.abspath(name) if isinstance(name, str) else ""
+            if place in self._states or not place.endswith(_CODE) or place.startswith(self._elsewhere()):
+                continue
+            if os.path.exists(place):  # else it lies in an archive
+                self.read(place, _BEGAN)
+
+
+_watch: _Watch | None = None
+
+
+def begin(folder: Path, files: Iterable[Path] = ()) -> None:
+    """Watch what this process reads from now on. files: what a program will read that is no part of it."""
+    global _watch
+    if _watch is None:
+        sys.addaudithook(_hear)
+    if _watch is None or _watch.folder != str(folder):
+        _watch = _Watch(folder, _watch)
+    _watch.active = True
+    for file in files:
+        _watch.read(os.path.abspath(file))
+
+
+def begin_run() -> None:
+    """Forget versions of files that an earlier run in this process read, and that are not there any more."""
+    global _watch
+    if _watch is not None:
+        _watch = _Watch(Path(_watch.folder), _watch)
+        _watch.active = False
+
+
+def end() -> Told | None:
+    """Watch no more, and tell what was read since the last time; None where nothing was watched."""
+    if _watch is None or not _watch.active:
+        return None
+    _watch.active = False
+    return _watch.told()
+
+
+def _hear(event: str, arguments: tuple[Any, ...]) -> None:
+    if event not in _EVENTS or _watch is None or not _watch.active or getattr(_busy, "now", False):
+        return
+    _busy.now = True
+    try:
+        with suppress(Exception):  # whatever a path is: to open it is the ADS's own business
+            if event == "open":
+                _watch.opens(arguments[0], arguments[2])
+            elif event == "import" and arguments[1]:
+                _watch.opens(arguments[1], os.O_RDONLY)
+            elif event == "os.rename":
+                _watch.opens(arguments[1], os.O_WRONLY)
+    finally:
+        _busy.now = False
+
+
+def _source(place: str) -> str | None:
+    """The source of a compiled file; None for what else lies beside it."""
+    folder, name = os.path.split(place)
+    if os.path.basename(folder) != "__pycache__":
+        return place
+    source = importlib.util.source_from_cache(place) if name.endswith(".pyc") else ""
+    return (source if os.path.exists(source) else place) if source else None
+
+
+def _installed_places() -> tuple[str, ...]:
+    names = ("stdlib", "platstdlib", "purelib", "platlib")
+    places = {sysconfig.get_path(name) for name in names} | {_PACKAGE, "/proc", "/sys", "/dev"}
+    places |= {path for path in sys.path if path.endswith(("site-packages", "dist-packages"))}
+    places.add(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    if sys.prefix != sys.base_prefix:
+        places.add(sys.prefix)
+    both = places | {os.path.realpath(place) for place in places}
+    return tuple(os.path.join(place, "") for place in sorted(both))
+
+
+_INSTALLED = _installed_places()
+
+
+def _state(place: str) -> State:
+    """By what another content is noticed; None where there is no such file."""
+    try:
+        found = os.stat(place)
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino, found.st_mode
+
+
+def content(place: str, state: State) -> str | None:
+    """A hash of a file; None for what is no regular file."""
+    if state is None:
+        return ABSENT
+    changed_at, size, _, mode = state
+    if not stat.S_ISREG(mode):
+        return None
+    if size > _HASHED_WHOLE:
+        return f"{size} bytes, {changed_at}"
+    try:
+        with open(place, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return UNKNOWN
+
+
+# --- in the owner -----------------------------------------------------------------------------------------------------
+
+Links = Mapping[str, Told]
+"""The name of the link before and the files of each link, by its name."""
+
+_chains: dict[str, Reads] = {}
+
+
+def name_of(before: str, files: Iterable[File]) -> str:
+    """The name of a chain with these files behind what has the name `before`."""
+    return hashlib.blake2b(json.dumps([before, [*map(list, files)]]).encode(), digest_size=16).hexdigest()
+
+
+def chained(told: Any) -> Reads | None:
+    """What a process has read, by what it told. Raises FrameError for what cannot be."""
+    if told is None:
+        return None
+    before, new = told
+    files = tuple((path, found) for path, found in new)
+    if not all(isinstance(text, str) and len(text) <= _LONGEST_NAME for file in files for text in file):
+        raise FrameError("named files that cannot be")
+    if before != LOST and before not in _chains:
+        raise FrameError("named files after some that it has not named")
+    if not files and before != LOST:
+        return _chains[before]
+    name = name_of(before, files)
+    return _chains.setdefault(name, Reads(_chains.get(before), files, name))
+
+
+NOT_KNOWN = Reads(None, (_NO_LIST := ("a file that no process lived to tell", UNKNOWN),), name_of(LOST, [_NO_LIST]))
+"""What a process had read that was lost before it told, where no other has told."""
+
+
+def links(reads: Reads | None) -> Iterator[Reads]:
+    """The links of a chain, the last one first."""
+    while reads is not None:
+        yield reads
+        reads = reads.before
+
+
+def known_chain(chains: Links, name: str) -> Reads:
+    """The chain of that name among links, the first one first."""
+    way = [name]
+    while way[-1] not in _chains:
+        before = chains[way[-1]][0]
+        if before == LOST:
+            break
+        way.append(before)
+    for link in reversed(way):
+        chained(chains[link])
+    return _chains[name]
+
+
+class OneVersion:
+    """Refuses a second version of a file that an ADS reads within one run."""
+
+    def __init__(self) -> None:
+        self._seen: set[tuple[str, str]] = set()
+        self._files: dict[tuple[str, str], str] = {}
+
+    def check(self, ads: str, reads: Reads) -> None:
+        """Take in what a process of an ADS has read. Raises InputError for a file that was another one before."""
+        for link in links(reads):
+            if (ads, link.name) in self._seen:
+                return
+            self._seen.add((ads, link.name))
+            for path, found in sorted(link.files, key=lambda file: file[1] != WRITTEN):
+                if found == WRITTEN:
+                    self._files[ads, path] = WRITTEN
+                before = self._files.setdefault((ads, path), found)
+                if UNKNOWN not in (found, before) and before not in (found, WRITTEN):
+                    raise InputError(
+                        f"ADS `{ads}` was changed while the run went on: its processes have read two versions of "
+                        f"{clean(path)}. What was driven before is kept; --resume drives again what depends on it."
+                    )
+
+
+def changed(chains: Links, folder: Path) -> dict[str, list[str]]:
+    """Files that are not as they were read, by the name of a chain: only chains with such files."""
+    now: dict[str, str] = {}
+    found: dict[str, frozenset[str]] = {}
+
+    def differs(path: str, was: str) -> bool:
+        if path not in now:
+            place = os.path.join(folder, path)
+            now[path] = content(place, _state(place)) or UNKNOWN
+        return UNKNOWN in (was, now[path]) or now[path] != was
+
+    for name in chains:
+        way = [name]
+        while way[-1] in chains and way[-1] not in found:
+            way.append(chains[way[-1]][0])
+        last = way.pop()
+        before = found.get(last, frozenset() if last == LOST else frozenset({"an unknown file"}))
+        for link in reversed(way):
+            files = chains[link][1]
+            if name_of(chains[link][0], files) != link:  # a flipped bit
+                files = [*files, ("a damaged list", UNKNOWN)]
+            written = {path for path, was in files if was == WRITTEN}
+            other = {path for path, was in files if was != WRITTEN and differs(path, was)}
+            before = found[link] = (before | other) - written
+    return {name: sorted(files) for name, files in found.items() if files}

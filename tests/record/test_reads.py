@@ -1,0 +1,209 @@
+"""A recorded case is reused only while all that its process had read is there as it was."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from record.runs import sumo_eval_cli
+
+import sumo_eval
+from sumo_eval.errors import InputError
+from sumo_eval.record import reads
+from sumo_eval.record.recording import find_stale
+from sumo_eval.record.store import open_store
+
+EVALUATION = """
+name = "reads"
+[[scenario]]
+use = "front_vehicle_low_speed"
+sampling.levels = {{ ego_speed = 2, lead_speed = 2 }}
+[[ads]]
+name = "mine"
+controller = "{locator}"
+[drivers]
+count = 2
+[run]
+workers = 1
+cases_per_child = {cases_per_child}
+"""
+
+ADS = """
+import json, os, sys, zipfile
+from pathlib import Path
+HERE = Path(__file__).parent
+sys.path.append(str(HERE / "packed.zip"))
+
+class Mine:
+    def __init__(self):
+        import lazy.planner
+        import in_zip
+        self.plan = lazy.planner.plan
+
+    def reset(self, scenario):
+        os.chdir(HERE)
+        json.loads(open("weights/link.json").read())
+        (HERE / "weights" / "again.txt").read_text()
+        try:
+            (HERE / "weights" / "optional.txt").read_text()
+        except FileNotFoundError:
+            pass
+        with open(HERE / "log.txt", "a") as log:
+            log.write("one more\\n")
+        (HERE / "log.txt").read_text()
+        os.stat(HERE / "only_looked_at.txt")
+
+    def act(self, seen):
+        return self.plan()
+"""
+BRAKES = "from sumo_eval import Command\ndef plan():\n    return Command(-6.0)\n"
+ROLLS = BRAKES.replace("-6.0", "0.0")
+
+
+def written(folder: Path, ads: str = ADS, cases_per_child: int = 100) -> Path:
+    (folder / "weights").mkdir(parents=True)
+    (folder / "lazy").mkdir()
+    (folder / "lazy" / "planner.py").write_text(BRAKES)
+    for name, text in (("target.json", "1"), ("again.txt", "2")):
+        (folder / "weights" / name).write_text(text)
+    (folder / "weights" / "link.json").symlink_to("target.json")
+    with zipfile.ZipFile(folder / "packed.zip", "w") as packed:
+        packed.writestr("in_zip.py", "a = 1\n")
+    (folder / "only_looked_at.txt").write_text("")
+    (folder / "my_ads.py").write_text(ads)
+    path = folder / "evaluation.toml"
+    path.write_text(EVALUATION.format(locator="my_ads.py:Mine", cases_per_child=cases_per_child))
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reads")
+    sumo_eval.evaluate(written(folder / "source"), folder / "run")
+    return folder
+
+
+def stale(folder: Path) -> tuple[str, ...]:
+    with open_store(folder / "run" / "facts.sqlite") as store:
+        return find_stale(store, folder / "source")
+
+
+def copy_of(whole: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "copy", symlinks=True))
+
+
+CHANGES: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "imported in the constructor": ("lazy/planner.py", lambda it: (it / "lazy/planner.py").write_text(ROLLS)),
+    "a module in a zip file": ("packed.zip", lambda it: (it / "packed.zip").write_bytes(b"")),
+    "read in reset": ("weights/again.txt", lambda it: (it / "weights/again.txt").write_text("3")),
+    "read through a link": ("weights/link.json", lambda it: (it / "weights/target.json").write_text("3")),
+    "deleted": ("weights/again.txt", lambda it: (it / "weights/again.txt").unlink()),
+    "a pipe in its place": ("weights/again.txt", lambda it: _pipe(it / "weights/again.txt")),
+    "made after it was missed": ("weights/optional.txt", lambda it: (it / "weights/optional.txt").write_text("")),
+}
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_case_depends_on_what_its_ads_had_read(whole: Path, tmp_path: Path, kind: str) -> None:
+    folder = copy_of(whole, tmp_path)
+    name, change = CHANGES[kind]
+    assert stale(folder) == ()
+    change(folder / "source")
+    (said,) = stale(folder)
+    assert said.startswith(f"3 recorded cases of ADS `mine` cannot be taken over: {name} is not what")
+
+
+def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -> None:
+    folder = copy_of(whole, tmp_path)
+    os.utime(folder / "source" / "weights" / "again.txt")
+    (folder / "source" / "log.txt").write_text("emptied")
+    (folder / "source" / "only_looked_at.txt").write_text("never opened")
+    shutil.rmtree(folder / "source" / "lazy" / "__pycache__", ignore_errors=True)
+    assert stale(folder) == ()
+
+
+def test_edited_planner_is_driven_again_and_said(whole: Path, tmp_path: Path) -> None:
+    folder = copy_of(whole, tmp_path)
+    (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
+    run = sumo_eval_cli("run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume")
+    assert run.returncode == 0, run.stderr
+    assert "3 recorded cases of ADS `mine` cannot be taken over: lazy/planner.py is not what" in run.stdout
+    fresh = sumo_eval.evaluate(folder / "source" / "evaluation.toml", tmp_path / "fresh")
+    resumed = sumo_eval.score(folder / "run")
+    assert [score.collisions for score in resumed.scores] == [score.collisions for score in fresh.scores]
+    assert resumed.scores[0].collisions > sumo_eval.score(whole / "run").scores[0].collisions
+    assert stale(folder) == ()
+
+
+def test_list_that_cases_share_stands_once(whole: Path) -> None:
+    with sqlite3.connect(whole / "run" / "facts.sqlite") as facts:
+        assert facts.execute("SELECT count(*) FROM read_by").fetchone() == (3,), "of the ADS alone"
+        assert facts.execute("SELECT count(*) FROM reads").fetchone() == (1,)
+
+
+def test_damaged_list_is_driven_again(whole: Path, tmp_path: Path) -> None:
+    folder = copy_of(whole, tmp_path)
+    with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:
+        facts.execute("UPDATE reads SET files = '[]'")
+    assert "3 recorded cases" in stale(folder)[0]
+
+
+EDITED_MEANWHILE = """
+import subprocess
+from pathlib import Path
+HERE = Path(__file__).parent
+
+class Mine:
+    def __init__(self):
+        import lazy.planner
+        self.plan = lazy.planner.plan
+        edit = f"test -e {HERE}/edited || (sed -i s/-6.0/-5.9/ {HERE}/lazy/planner.py; touch {HERE}/edited)"
+        subprocess.run(["sh", "-c", edit], check=True)
+
+    def act(self, seen):
+        return self.plan()
+"""
+
+
+def test_two_versions_in_one_run_stop_it(tmp_path: Path) -> None:
+    path = written(tmp_path / "source", EDITED_MEANWHILE, cases_per_child=1)
+    with pytest.raises(InputError, match=r"`mine` was changed while the run went on: .* two versions of lazy/planner"):
+        sumo_eval.evaluate(path, tmp_path / "run")
+    assert "1 recorded case of ADS `mine` cannot be taken over: lazy/planner.py" in stale(tmp_path)[0]
+    done = sumo_eval.evaluate(path, tmp_path / "run", resume=True)
+    assert done.scores[0].cases == 3
+    assert stale(tmp_path) == ()
+
+
+def test_process_that_is_lost_leaves_what_others_had_read(tmp_path: Path) -> None:
+    lost = ADS.replace("return self.plan()", "os._exit(3)")
+    sumo_eval.evaluate(written(tmp_path / "source", lost), tmp_path / "run")
+    assert "3 recorded cases" in stale(tmp_path)[0], "no process lived to tell what it had read"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        ["no such link", []],
+        ["", [["a"]]],
+        ["", [[1, "b"]]],
+        ["", [["a" * 20_000, "b"]]],
+        ["", "ab"],
+        7,
+        [None, []],
+        ["", [["a", "b", "c"]]],
+    ],
+)
+def test_list_that_cannot_be_is_not_believed(told: object) -> None:
+    with pytest.raises((reads.FrameError, ValueError, TypeError)):
+        reads.chained(told)
