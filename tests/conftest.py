@@ -7,9 +7,12 @@ algebra takes all cores wait for each other in circles: together they took nearl
 from __future__ import annotations
 
 import os
+import tempfile
 
 import pytest
 
+STATE = tempfile.TemporaryDirectory(prefix="sumo_eval_state_")
+os.environ["XDG_STATE_HOME"] = STATE.name  # notes on the runs of tests are nobody's
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 
 LONG = (

@@ -12,6 +12,7 @@ from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.finish import show_table
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.trusting import trusting
 
 if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option("--page", type=click.Path(path_type=Path), help="Write the comparison as a page of its own.")
 @click.option("--report", "with_report", is_flag=True, help="Write NEW/report.html anew, with the comparison first.")
+@trusting
 def compare(
     base: Path,
     new: Path,
@@ -44,6 +46,7 @@ def compare(
     """
     from sumo_eval.errors import InputError
     from sumo_eval.evaluation import refuse_to_score, score
+    from sumo_eval.record.run_folder import give_what_is_own
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.comparison import compare as compare_runs
     from sumo_eval.report.gate_settings import read_gate
@@ -55,6 +58,7 @@ def compare(
     settings = read_gate(gate)
     if not all(all(pair.partition("=")) for pair in pairs):
         raise InputError(f"A pair must have the form BASE=NEW, got {' '.join(pairs)!r}.")
+    give_what_is_own(base, new)
     for run in (base, new):  # what is wrong with one is told before hours are spent on the other
         refuse_to_score(run)
     with Progress() as progress:
@@ -97,6 +101,7 @@ def _names(pair: str, base: Evaluation, new: Evaluation) -> tuple[str, str]:
     metavar="WHAT",
     help="Run nothing: write the files with which cron, systemd or github runs it.",
 )
+@trusting
 def nightly(
     evaluation: Path,
     history: Path,
@@ -164,6 +169,7 @@ def _install(
 @click.option(
     "--import", "runs", multiple=True, type=click.Path(path_type=Path), help="Add an older run first; may be repeated."
 )
+@trusting
 def trend(history: Path, runs: tuple[Path, ...]) -> None:
     """Write HISTORY/trend.html: S, C, D, risk and run time of every ADS over the nights, with the gates."""
     from sumo_eval.nightly.history import open_history

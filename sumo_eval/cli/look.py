@@ -9,10 +9,12 @@ import click
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.trusting import trusting
 
 
 @click.command(epilog="Example: sumo-eval report results/first")
 @click.argument("run", type=click.Path(path_type=Path))
+@trusting
 def report(run: Path) -> None:
     """Write RUN/report.html anew from the recorded facts."""
     from sumo_eval.evaluation import score as score_run
@@ -27,6 +29,7 @@ def report(run: Path) -> None:
 @click.command(epilog="Example: sumo-eval explain results/first cut_in-0042-idm")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("case", required=False)
+@trusting
 def explain(run: Path, case: str | None) -> None:
     """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
     from sumo_eval.evaluation import score, zone_partitions
@@ -51,6 +54,7 @@ def explain(run: Path, case: str | None) -> None:
 @click.option("--ads", help="Cases of this ADS only (default: of all).")
 @click.option("--scenario", help="The logical scenario (default: the first that has these parameters).")
 @click.option("--most", type=click.IntRange(min=1), default=5, show_default=True, help="Cases to name for each ADS.")
+@trusting
 def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | None, most: int) -> None:
     """Name the cases of RUN nearest to parameter values, by their distance in the unit box of these parameters."""
     from sumo_eval.evaluation import score
@@ -68,6 +72,7 @@ def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | No
 @click.option("--out", type=click.Path(path_type=Path), help="File of the animation (default: RUN/replay-CASE.html).")
 @click.option("--open", "opens", is_flag=True, help="Open the animation in the browser.")
 @click.option("--gui", is_flag=True, help="Show the recorded vehicles in sumo-gui instead (extra `gui`).")
+@trusting
 def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bool, gui: bool) -> None:
     """Write an animation of CASE of RUN: one HTML file that plays in any browser, without a server."""
     from sumo_eval.record.points import scenarios_of
@@ -101,6 +106,7 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
 @click.option("--ads", help="One ADS (default: all, or the first where only one fits).")
 @click.option("--case", help="A case, for figures of drives (default: the least human-like one).")
 @click.option("--width", default="page", help="`column` (88 mm) or `page` (180 mm, the default).")
+@trusting
 def plot(
     run: Path, figure: str, out: Path | None, scenario: str | None, ads: str | None, case: str | None, width: str
 ) -> None:
@@ -130,6 +136,7 @@ def plot(
 @click.option("--format", "kind", type=click.Choice(("csv", "parquet")), help="Of the tables (default: csv).")
 @click.option("--evidence", is_flag=True, help="Claims, arguments and evidence of the run, as JSON and a page.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the files (default: RUN/export).")
+@trusting
 def export(run: Path, case: str | None, kind: str | None, evidence: bool, out: Path | None) -> None:
     """Write the cases, all drives and all trajectories of RUN as tables, or CASE as files.
 

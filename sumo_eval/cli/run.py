@@ -14,6 +14,7 @@ from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import Heard, Stopping
 from sumo_eval.cli.tools import refuse_a_bare_file
+from sumo_eval.cli.trusting import trusting
 
 LIMIT = click.FloatRange(min=0, min_open=True)
 ENGINES = ("processes", "serial", "dask")
@@ -37,6 +38,7 @@ ENGINES = ("processes", "serial", "dask")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
 @click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
+@trusting
 def run(
     evaluation: Path | None,
     out: Path | None,
@@ -109,6 +111,7 @@ def _new_folder(evaluation: Path | None) -> Path:
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
+@trusting
 def score(run: Path, changes: tuple[str, ...]) -> None:
     """Score RUN again from its recorded facts, without a simulation."""
     from sumo_eval.record.children import warm_up
@@ -126,6 +129,7 @@ def score(run: Path, changes: tuple[str, ...]) -> None:
 @click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")
 @click.argument("shards", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the whole run.")
+@trusting
 def merge(shards: tuple[Path, ...], out: Path) -> None:
     """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
     from sumo_eval.evaluation import let_go
@@ -147,6 +151,7 @@ _MOST_LISTED = 20
 @click.option("--share", type=click.FloatRange(0.0, 1.0, min_open=True), default=0.1, show_default=True,
               help="Share of the drives that is simulated again.")  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), help="Processes that simulate (default: as in the run).")
+@trusting
 def verify(run: Path, share: float, workers: int | None) -> None:
     """Simulate a share of RUN again, chosen by its seed. Exit status 1 when any drive differs in a single bit."""
     from sumo_eval.record.facts import verify as simulate_again

@@ -37,6 +37,7 @@ from sumo_eval.record.recording import (
 )
 from sumo_eval.record.spread import beside
 from sumo_eval.record.store import Store, open_store
+from sumo_eval.record.trust import refuse_foreign_code, remember
 from sumo_eval.results import EVALUATED
 from sumo_eval.scenario import catalogue
 from sumo_eval.scenario.concrete import ConcreteScenario
@@ -115,6 +116,7 @@ def resolve(
     elif evaluation is None and resume and run_folder.is_run(folder):
         settings = read_evaluation(folder / run_folder.EVALUATION)
         source = Path(run_folder.read_manifest(folder)["source_folder"])
+        refuse_foreign_code(folder, settings, source, driving=True)
     else:
         path = PAPER_EVALUATION if evaluation is None else Path(evaluation)
         settings, source = read_evaluation(path, own_ads=not ads), path.parent.resolve()
@@ -185,6 +187,7 @@ def record_facts(
     with run_folder.only_writer(folder, resume=resume):
         examples = [_middle(space) for space in spaces]
         run_folder.create(folder, evaluation, source, examples, another_round=another_round)
+        remember(folder, evaluation, source)
         run_folder.write_exposures(folder, {space.logical.name: space.exposure for space in spaces})
         with open_store(folder / run_folder.FACTS, create=True) as store:
             _check_shard(store, shard, folder)
@@ -298,6 +301,8 @@ def merge(shards: Sequence[Path], out: Path) -> Recorded:
     with run_folder.only_writer(out, resume=False):
         spaces = _spaces(settings, source, WHOLE)
         run_folder.create(out, settings, source, [_middle(space) for space in spaces])
+        if run_folder.give_what_is_own(*shards):
+            remember(out, settings, source)
         run_folder.write_exposures(out, {space.logical.name: space.exposure for space in spaces})
         with open_store(out / run_folder.FACTS, create=True) as store:
             for shard in sorted(found):

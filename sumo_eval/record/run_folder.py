@@ -7,7 +7,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -18,6 +18,7 @@ from sumo_eval.record.lock import HeldError, held
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.sealed import read_sealed, sealed
 from sumo_eval.record.store import FORMAT_VERSION, Store
+from sumo_eval.record.trust import code_of, give, is_remembered, refuse_foreign_code
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.settings.config import read_evaluation, to_toml
@@ -163,10 +164,33 @@ def _write(path: Path, text: str) -> None:
 
 
 def read_settings(folder: Path) -> EvaluationSettings:
-    """The resolved evaluation of a run."""
+    """The resolved evaluation of a run.
+
+    Raises InputError for a run that names code and that this user neither recorded here nor trusts.
+    """
     if not (folder / FACTS).is_file():
         raise InputError(f"{folder} is no run folder: there is no {FACTS} in it.")
-    return read_evaluation(folder / EVALUATION)
+    settings = read_evaluation(folder / EVALUATION)
+    if code_of(settings, folder):
+        refuse_foreign_code(folder, settings, source_of(folder))
+    return settings
+
+
+def source_of(folder: Path) -> Path:
+    """Where relative paths of a run's evaluation start."""
+    return Path(read_manifest(folder)["source_folder"])
+
+
+def give_what_is_own(*runs: Path) -> bool:
+    """Take what those of the runs name that this user recorded here for the user's own in all; whether all are such."""
+    own = []
+    for run in runs:
+        with suppress(InputError, OSError):  # opening the run says what is wrong with it
+            settings, source = read_evaluation(run / EVALUATION), source_of(run)
+            if is_remembered(run, settings, source):
+                give(settings, source)
+                own.append(run)
+    return len(own) == len(runs)
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:

@@ -36,12 +36,14 @@ _PROTOCOL = """
     answers_with_a_foreign_nonce answers_twice wrong_checksum no_json nested_deeply an_endless_number
     unknown_status nan_for_a_time a_text_for_a_number a_bomb_of_zeros half_a_trajectory other_vehicles
     halves_of_characters forks_in_a_step forks_often closes_descriptors
-    closes_after_its_own_answer
+    closes_after_its_own_answer reads_files_that_cannot_be reads_after_what_it_never_told reads_no_pairs
+    reads_an_endless_name
 """
 PROTOCOL = dict.fromkeys(_PROTOCOL.split(), LOST)
 PROTOCOL["closes_after_its_own_answer"] = ANY
 PROTOCOL["a_bomb_of_zeros"] = LOST | {"ads_timeout"}  # on a busy machine it is not made in time
 PROTOCOL["closes_descriptors"] = ANY  # a message that the supervisor cannot be told any more is the worst of it
+PROTOCOL["reads_files_that_cannot_be"] = {"ok"}  # what it says of itself: such a case is driven again when gone on with
 PROTOCOL["halves_of_characters"] = {"ok"}  # its own forged row, in characters that can be stored
 
 _STATE = """
@@ -98,8 +100,11 @@ def send(plain, blobs=(), *, text=None, rest=None, length=None, nonce=None, numb
     os.write(names["results"], data[: int(share * len(data))])
 
 
-def drive(status="ok", error=None, log="", end="standstill", latency=(0.0, 0.0), time=0.1, names=("ego", "lead")):
-    return [False, False, [[status, error, log, "", [end, None, [], list(latency), 0.1, time, list(names)]]]]
+def drive(
+    status="ok", error=None, log="", end="standstill", latency=(0.0, 0.0), time=0.1, names=("ego", "lead"), read=None
+):
+    row = [status, error, log, "", [end, None, [], list(latency), 0.1, time, list(names)]]
+    return [False, False, [read, [row]]]
 
 
 def trajectory(n=2, samples=2):
@@ -213,6 +218,27 @@ def other_vehicles(traci, ego, now):
 def halves_of_characters(traci, ego, now):
     send(drive(time=1.0, error="\ud800\x00", log="\udfff"), (trajectory(), trajectory()))
     wait()
+
+
+def reads(*told):
+    send(drive(time=1.0, read=list(told)), (trajectory(), trajectory()))
+    wait()
+
+
+def reads_files_that_cannot_be(traci, ego, now):
+    reads("", [["\ud800\x00", "a"], ["/dev/zero", "b"], ["/proc/self/mem", "c"], ["../" * 500, "d"], ["", "\ud800"]])
+
+
+def reads_after_what_it_never_told(traci, ego, now):
+    reads("no such link", [["a", "b"]])
+
+
+def reads_no_pairs(traci, ego, now):
+    reads("", [["a", "b", "c"], 7])
+
+
+def reads_an_endless_name(traci, ego, now):
+    reads("", [["a" * 20_000, "b"]])
 
 
 def forks_in_a_step(traci, ego, now):

@@ -151,6 +151,12 @@ def test_list_that_cases_share_stands_once(whole: Path) -> None:
         assert facts.execute("SELECT count(*) FROM reads").fetchone() == (1,)
 
 
+@pytest.mark.parametrize("path", ["\ud800", "a\0b", "/dev/zero", "/proc/self/mem", "../" * 3_000, ""])
+def test_name_that_is_no_file_is_not_the_same(tmp_path: Path, path: str) -> None:
+    name = reads.name_of("", [(path, "a hash")])
+    assert reads.changed({name: ("", [(path, "a hash")])}, tmp_path) == {name: [path]}
+
+
 def test_damaged_list_is_driven_again(whole: Path, tmp_path: Path) -> None:
     folder = copy_of(whole, tmp_path)
     with sqlite3.connect(folder / "run" / "facts.sqlite") as facts:

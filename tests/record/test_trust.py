@@ -1,0 +1,217 @@
+"""The code that a run names is run for a run of one's own, and for nobody else's."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import sumo_eval
+from sumo_eval.cli import main
+from sumo_eval.errors import InputError
+from sumo_eval.nightly.night import import_runs
+from sumo_eval.record import trust
+from sumo_eval.record.facts import merge, resolve, verify
+from sumo_eval.record.sealed import SEAL, sealed
+from sumo_eval.report.export_case import export_case
+
+EVALUATION = """
+name = "trust"
+[[scenario]]
+use = "front_vehicle_low_speed"
+sampling.levels = { ego_speed = 2, lead_speed = 2 }
+[[ads]]
+name = "mine"
+controller = "code.py:mine"
+[drivers]
+count = 2
+[run]
+workers = 1
+[method.collision]
+severity = "code.py:severity"
+"""
+CODE = """
+from pathlib import Path
+Path(__file__).with_name("it_ran").touch()
+
+def severity(contact):
+    return 0.5
+
+def mine(seen):
+    return 0.0
+"""
+CASE = "front_vehicle_low_speed-0000-mine"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of one's own, `run`, of an evaluation in `source`."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "source").mkdir()
+    (folder / "source" / "code.py").write_text(CODE)
+    (folder / "source" / "evaluation.toml").write_text(EVALUATION)
+    sumo_eval.evaluate(folder / "source" / "evaluation.toml", folder / "run")
+    return folder
+
+
+@pytest.fixture
+def another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What another process of the same user knows."""
+    monkeypatch.setattr(trust, "_given", set())
+    monkeypatch.setattr(trust, "_trusted", set())
+    monkeypatch.setattr(trust, "_asked", False)
+
+
+@pytest.fixture
+def foreign(own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another_process: None) -> Path:
+    """The same run as another user finds it."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    (own / "source" / "it_ran").unlink(missing_ok=True)
+    return own
+
+
+def ran(folder: Path) -> bool:
+    return (folder / "source" / "it_ran").exists()
+
+
+def said(*arguments: object) -> tuple[int, str]:
+    done = CliRunner().invoke(main, [str(one) for one in arguments])
+    return done.exit_code, done.stderr
+
+
+COMMANDS = {
+    "report": ("report", "{run}"),
+    "score": ("score", "{run}"),
+    "compare": ("compare", "{run}", "{run}"),
+    "explain": ("explain", "{run}", CASE),
+    "find": ("find", "{run}", "ego_speed=20"),
+    "replay": ("replay", "{run}", CASE),
+    "plot": ("plot", "{run}", "zone_map"),
+    "export": ("export", "{run}"),
+    "export a case": ("export", "{run}", CASE),
+    "evidence": ("export", "{run}", "--evidence"),
+    "verify": ("verify", "{run}"),
+    "resume": ("run", "--out", "{run}", "--resume"),
+    "merge": ("merge", "{run}", "--out", "{run}-whole"),
+    "trend": ("trend", "{run}-history", "--import", "{run}"),
+    "sensitivity": ("sensitivity", "{run}"),
+}
+
+
+@pytest.mark.parametrize("kind", COMMANDS)
+def test_no_command_runs_code_of_others(foreign: Path, tmp_path: Path, kind: str) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(foreign / "run", run)
+    status, words = said(*(word.format(run=run) for word in COMMANDS[kind]))
+    assert status == 2
+    assert words.startswith("sumo-eval: ")
+    assert "--trust" in words
+    assert "Traceback" not in words
+    assert not ran(foreign)
+
+
+DOORS: dict[str, Callable[[Path], object]] = {
+    "score": sumo_eval.score,
+    "open_run": sumo_eval.open_run,
+    "verify": lambda run: verify(run, 1.0),
+    "resume": lambda run: resolve(None, run, resume=True),
+    "merge": lambda run: merge([run], run.with_name("whole")),
+    "a night": lambda run: import_runs(run.with_name("history"), [run]),
+    "a case": lambda run: export_case(run, CASE, run / "case"),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_no_function_runs_code_of_others(foreign: Path, tmp_path: Path, door: str) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(foreign / "run", run)
+    with pytest.raises(InputError, match=r"`.*code\.py:severity` .* --trust\.|code\.py:mine.* --trust\."):
+        DOORS[door](run)
+    assert not ran(foreign)
+
+
+EVIL = {
+    "severity": ('severity = "injury:cyclist"', 'severity = "{evil}"'),
+    "severity as a module": ('severity = "injury:cyclist"', 'severity = "evil:severity"'),
+    "scenario": ('use = "front_vehicle_low_speed"', 'use = "{evil}"'),
+    "scenario with options": ('use = "front_vehicle_low_speed"', 'use = "{evil}?a=1"'),
+    "sampler": ("[scenario.sampling]\n", '[scenario.sampling]\nmethod = "{evil}"\n'),
+    "people": ('source = "synthetic"', 'source = "{evil}"'),
+}
+
+
+@pytest.mark.parametrize("kind", EVIL)
+def test_every_name_of_code_is_refused(own: Path, tmp_path: Path, kind: str, another_process: None) -> None:
+    """A run recorded here, to which somebody has added a name of code since."""
+    run, evil = tmp_path / "run", tmp_path / "evil.py"
+    evil.write_text(CODE)
+    plain = EVALUATION.replace("code.py:severity", "injury:cyclist").replace("code.py:mine", "idm")
+    (tmp_path / "evaluation.toml").write_text(plain)
+    sumo_eval.evaluate(tmp_path / "evaluation.toml", run)
+    old, new = EVIL[kind]
+    text = (run / "evaluation.toml").read_text()
+    assert old in text
+    (run / "evaluation.toml").write_text(text.replace(old, new.format(evil=f"{evil}:severity")))
+    for command in (("report", run), ("score", run), ("compare", run, run), ("verify", run)):
+        status, words = said(*command)
+        assert (status, "--trust" in words, "Traceback" in words) == (2, True, False), words
+    assert not (tmp_path / "it_ran").exists()
+
+
+def test_own_run_needs_no_option(own: Path, another_process: None) -> None:
+    (own / "source" / "it_ran").unlink(missing_ok=True)
+    for command in (("report", own / "run"), ("verify", own / "run"), ("explain", own / "run")):
+        status, words = said(*command)
+        assert status == 0, words
+
+
+def test_own_run_that_names_other_code_now_is_refused(own: Path, tmp_path: Path, another_process: None) -> None:
+    before = (own / "run" / "evaluation.toml").read_text()
+    try:
+        (own / "run" / "evaluation.toml").write_text(before.replace("code.py:severity", "code.py:other"))
+        with pytest.raises(InputError, match="--trust"):
+            sumo_eval.score(own / "run")
+    finally:
+        (own / "run" / "evaluation.toml").write_text(before)
+
+
+def test_own_run_with_paths_from_elsewhere_is_refused(own: Path, tmp_path: Path, another_process: None) -> None:
+    manifest = own / "run" / "manifest.json"
+    before = manifest.read_text()
+    content = {name: value for name, value in json.loads(before).items() if name != SEAL}
+    try:
+        manifest.write_text(sealed({**content, "source_folder": str(tmp_path)}, indent=2))
+        with pytest.raises(InputError, match="--trust"):
+            sumo_eval.score(own / "run")
+    finally:
+        manifest.write_text(before)
+
+
+def test_trust_is_asked_once(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert said("score", foreign / "run")[0] == 2
+    assert said("score", foreign / "run", "--trust")[0] == 0
+    monkeypatch.setattr(trust, "_given", set())
+    monkeypatch.setattr(trust, "_trusted", set())
+    assert said("score", foreign / "run")[0] == 0
+
+
+def test_code_that_the_evaluation_names_is_the_users(foreign: Path, tmp_path: Path) -> None:
+    """As in a job whose base comes out of a cache: what it names, the run beside it names too."""
+    base = tmp_path / "base"
+    shutil.copytree(foreign / "run", base)
+    sumo_eval.evaluate(foreign / "source" / "evaluation.toml", tmp_path / "new")
+    trust._given.clear()
+    status, words = said("compare", base, tmp_path / "new")
+    assert status == 0, words
+
+
+def test_state_folder_that_takes_nothing_ends_no_run(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "state").write_text("a file in its place")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    assert sumo_eval.evaluate(own / "source" / "evaluation.toml", tmp_path / "run").scores
