@@ -99,9 +99,9 @@ def run_night(
             )
         folder = history / NIGHTS / name
         try:
-            done = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
+            done, again = _evaluated(evaluation, folder, workers, stopped is not None, progress, stopping)
             base, why = _last_good(history, lines, done)
-            notes += why
+            notes += [*again, *why]
             comparison = None if base is None else compare(base[1], done, gate)
             gates = judge(done, comparison, gate)
             write_tables(done)
@@ -143,12 +143,12 @@ def _evaluated(
     resume: bool,
     progress: Progress,
     stopping: Callable[[], AbstractContextManager[Stopping]],
-) -> Evaluation:
-    """The night's cases driven, those that are not recorded yet, and scored."""
+) -> tuple[Evaluation, tuple[str, ...]]:
+    """The night's cases driven, those that are not recorded yet, and scored; sentences on cases driven again."""
     try:
         settings, source = resolve(evaluation, folder, resume, workers=workers)
         with stopping() as asked:
-            record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=asked)
+            recorded = record_rounds(settings, source, folder, resume=resume, progress=progress, stopping=asked)
     except InputError as error:
         if not resume:
             raise
@@ -158,7 +158,7 @@ def _evaluated(
         ) from error
     done = score(folder, progress=progress)
     let_go(done)
-    return done
+    return done, recorded.notes
 
 
 def import_runs(history: Path, runs: Sequence[Path], progress: Progress = quiet) -> list[Night]:
