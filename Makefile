@@ -11,11 +11,12 @@ VENV ?= .venv
 TEST_PROCESSES ?= $(shell expr \( $$(getconf _NPROCESSORS_ONLN) \* 3 + 1 \) / 2)
 OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
-PIP_INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
-# What pip does after installing, but on every core, and not for the packages' own tests and tools.
-COMPILE_INSTALLED = $(BIN)/python -m compileall -j 0 -qq -x '/(tests|tools|validators)/' $(VENV)/lib/python3*/site-packages 2>/dev/null || true
+# Python compiles a package when it is first imported: most of what is installed never is.
+INSTALL = $(BIN)/python tools/install.py
 
+# tests/conftest.py puts the files that take longest first.
 IN_PARALLEL = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
+TEST_MINUTES := 12
 
 # The formulas, the files and the words, without a simulator; what is slow in these files is left out by name.
 QUICK := tests/test_errors.py tests/settings/test_settings.py tests/settings/test_config.py tests/test_trajectory.py tests/test_text.py \
@@ -32,6 +33,7 @@ score: $(VENV)/.installed
 	$(BIN)/sumo-eval run --out $(OUT)
 
 test: $(VENV)/.installed-dev
+	@echo "The tests take about $(TEST_MINUTES) minutes on two idle cores."
 	$(BIN)/python -m compileall -q sumo_eval tests
 	$(BIN)/python -m sumo_eval.record.loops
 	$(BIN)/python -m pytest $(IN_PARALLEL)
@@ -40,7 +42,7 @@ quick: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest $(IN_PARALLEL) -k "not shipped_table_is_what_the_tool" $(QUICK)
 
 campaign: $(VENV)/.installed-dev
-	$(BIN)/python -m pytest -m campaign
+	$(BIN)/python tools/campaign.py
 
 coverage: $(VENV)/.installed-dev
 	$(BIN)/python -m coverage run -m pytest $(IN_PARALLEL)
@@ -60,23 +62,20 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
-	$(PIP_INSTALL) --editable .
-	@$(COMPILE_INSTALLED)
+	$(INSTALL) --editable .
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
-	$(PIP_INSTALL) --editable '.[dev]'
-	$(PIP_INSTALL) --no-deps 'tasi==0.15.4' || \
+	$(INSTALL) --editable '.[dev]'
+	$(INSTALL) --no-deps 'tasi==0.15.4' || \
 	  echo "The wheel tasi, a recording, cannot be had: the example on recorded people is skipped."
-	@$(COMPILE_INSTALLED)
 	@touch $@ $(VENV)/.installed
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 $(VENV)/.installed-docs: pyproject.toml | $(VENV)/bin/python
-	$(PIP_INSTALL) --editable '.[docs]'
-	@$(COMPILE_INSTALLED)
+	$(INSTALL) --editable '.[docs]'
 	@touch $@
 
 clean:

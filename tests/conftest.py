@@ -1,12 +1,10 @@
-"""How all tests run: in which order, and each process on one core, as the commands do.
-
-Files that take longest begin first, so that no process waits long for another at the end. Processes whose linear
-algebra takes all cores wait for each other in circles: together they took nearly twice as long.
-"""
+"""How all tests run: in which order, on how many cores and examples each, and the run that many of them share."""
 
 from __future__ import annotations
 
+import json
 import os
+import random
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -16,27 +14,37 @@ import pytest
 
 STATE = tempfile.TemporaryDirectory(prefix="sumo_eval_state_")
 os.environ["XDG_STATE_HOME"] = STATE.name  # notes on the runs of tests are nobody's
+# Processes whose linear algebra takes all cores wait for each other in circles: together they took twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 
-LONG = (
-    "golden/",
-    "record/test_cluster",
-    "record/test_resume",
-    "wheel/",
-    "test_evaluation",
-    "scenario/test_sumo_network",
-    "cli/",
-    "campaign/",
-    "record/",
-    "docs/",
-)
+from hypothesis import settings
+
+DURATIONS = Path(__file__).with_name("durations.json")
+NEW = 5.0  # s, of a file that has not been measured
+settings.register_profile("suite", max_examples=25, derandomize=True, deadline=None)
+settings.register_profile("campaign", settings.get_profile("suite"), max_examples=500)
+settings.load_profile("suite")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    def place(item: pytest.Item) -> int:
-        return next((number for number, name in enumerate(LONG) if item.nodeid.startswith(f"tests/{name}")), len(LONG))
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--shuffle", metavar="SEED", help="files, and the tests of each, in the random order of a seed")
 
-    items.sort(key=place)
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let the files that take longest begin first, so that no process waits long for another at the end."""
+    seed = config.getoption("shuffle")
+    if seed is not None:
+        chance = random.Random(seed)  # the same in every test process
+        chance.shuffle(items)
+        files = {file: chance.random() for file in sorted({_file(item) for item in items})}
+        items.sort(key=lambda item: files[_file(item)])
+    else:
+        seconds = json.loads(DURATIONS.read_text(encoding="utf-8")) if DURATIONS.is_file() else {}
+        items.sort(key=lambda item: -seconds.get(_file(item), NEW))
+
+
+def _file(item: pytest.Item) -> str:
+    return item.nodeid.partition("::")[0]
 
 
 @pytest.fixture(scope="session")

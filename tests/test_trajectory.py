@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
@@ -122,7 +122,6 @@ def test_a_trajectory_does_not_change_with_the_array_it_was_made_from():
     assert track.x[0] == 0.0
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
 @given(st.floats(-3.1, 3.1), st.floats(-1000, 1000), st.floats(-1000, 1000), st.floats(1, 40))
 def test_law_turning_the_world_turns_the_heading_and_keeps_the_speed(turn, dx, dy, speed):
     s = speed * TIME

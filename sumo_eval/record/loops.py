@@ -24,16 +24,22 @@ from sumo_eval.cosim.step_rules import map_played_rows, move_rows, see_rows, sto
 from sumo_eval.cosim.world import World, described
 from sumo_eval.drivers.synthetic.driver import human_controller
 from sumo_eval.kernels import INTERPRETED, cache_folder, warm
+from sumo_eval.method import shared_fields
+from sumo_eval.method.conflict import conflict_criticality
 from sumo_eval.record.cases import Case
 from sumo_eval.record.progress import Progress, quiet
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
-from sumo_eval.settings import SimulationSettings
+from sumo_eval.scenario.road.reference_line import arc, frame_places
+from sumo_eval.scenario.undisturbed import meetings
+from sumo_eval.settings import SimulationSettings, ZoneSettings
 from sumo_eval.settings.evaluation import EvaluationSettings
 
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
+AHEAD, FIELDS = "~what comes before a drive", "~fields"  # a run compiles them where it meets them
 OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction")
 _LONG = {
-    WORLD: 14, PLAYED: 12, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2, "reg157": 2,
+    WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2,
+    "reg157": 2,
 }  # fmt: skip
 """About what compiling a piece takes, s of processor time: only who shares a process with whom hangs on it."""
 _MOST = 4  # processes: each compiles what its pieces have in common with the others' once more
@@ -59,7 +65,7 @@ def _made(locator: str) -> Compiled:
 
 def everything() -> list[str]:
     """All pieces."""
-    return [WORLD, PLAYED, PEOPLE, *(locators[0] for locators in _locators().values())]
+    return [WORLD, PLAYED, PEOPLE, AHEAD, FIELDS, *(locators[0] for locators in _locators().values())]
 
 
 def load(pieces: Iterable[str]) -> None:
@@ -69,6 +75,10 @@ def load(pieces: Iterable[str]) -> None:
             _load_world()
         elif piece == PLAYED:
             _load_played()
+        elif piece == AHEAD:
+            _load_ahead()
+        elif piece == FIELDS:
+            shared_fields.prepare()
         else:
             _load_rule(human_controller(0, 1, 0, _concrete(0.0)) if piece == PEOPLE else _made(piece))
         if cache_folder().is_dir():  # else nothing is kept
@@ -97,6 +107,14 @@ def _load_played() -> None:
     world.play(0.05, 0, closely=True)
     world.wake(0.05)
     map_played_rows(world.others, world.line)
+
+
+def _load_ahead() -> None:
+    """Zones of what is played, foresight, and bends."""
+    played, size = [_concrete(0.01)], (4.0, 2.0)
+    conflict_criticality(played, 0, [0.0], size, ZoneSettings())
+    meetings(played, [size], 0.1, 0.1, 5.0, 0, [0.0])
+    frame_places((arc(10.0, 100.0),), 1.0, 0.0)
 
 
 def _load_rule(ads: Compiled) -> None:

@@ -4,7 +4,7 @@ import math
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from twins import contact as twin
 
@@ -228,10 +228,8 @@ bodies = st.builds(
     length=st.floats(3, 6), width=st.floats(1.5, 2.5), across=st.floats(-3, 3),
 )  # fmt: skip
 shifts = st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(-0.3, 0.3))
-laws = settings(derandomize=True, deadline=None, max_examples=150)
 
 
-@laws
 @given(bodies, shifts, bodies, shifts)
 def test_law_contact_is_symmetric(a, a_shift, b, b_shift):
     a_after, b_after = moved(a, *a_shift), moved(b, *b_shift)
@@ -242,7 +240,6 @@ def test_law_contact_is_symmetric(a, a_shift, b, b_shift):
         assert one == pytest.approx(other, abs=1e-5)
 
 
-@laws
 @given(bodies, shifts, bodies, shifts, st.floats(-3, 3), st.floats(-200, 200), st.floats(-200, 200))
 def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, turn, dx, dy):
     def world(body):
@@ -265,7 +262,6 @@ def test_law_moving_and_turning_the_world_moves_nothing(a, a_shift, b, b_shift, 
         assert two.relative_speed == pytest.approx(one.relative_speed, abs=1e-9)
 
 
-@laws
 @given(bodies, bodies)
 def test_law_separation_is_positive_exactly_when_the_twin_sees_no_overlap(a, b):
     gap = separation(a, b)

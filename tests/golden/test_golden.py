@@ -1,11 +1,9 @@
-"""Every shipped scenario, driven by every shipped ADS, comes to what the golden files keep."""
+"""How golden files are compared, and the table of the README; the scenarios are in four files beside this one."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-
-import pytest
 
 import sumo_eval
 from golden import golden
@@ -13,12 +11,8 @@ from sumo_eval.scenario.catalogue import SCENARIOS
 from sumo_eval.settings.config import PAPER_EVALUATION
 
 
-@pytest.mark.parametrize("scenario", sorted(SCENARIOS))
-def test_drives_people_and_scores_are_the_golden_ones(scenario: str) -> None:
-    measured = golden.measured(scenario)
-    assert measured["scores"]["ideal_braking"]["c"] == 1.0
-    found = list(golden.differences(golden.kept(scenario), measured))
-    assert not found, "\n".join([*found[:20], "If this is meant: python tests/golden/golden.py --write"])
+def test_every_scenario_is_golden_in_one_part() -> None:
+    assert sorted(name for part in golden.PARTS for name in part) == sorted(SCENARIOS)
 
 
 def test_a_changed_drive_a_changed_score_and_a_lost_drive_are_each_named() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from twins import anthropomorphic as twin
 
@@ -33,7 +33,6 @@ from sumo_eval.settings import AnthropomorphicSettings, FieldSettings
 from sumo_eval.trajectory import Trajectory
 
 ROAD = Road(name="test", length=60.0, lanes=2, lane_width=3.5, run_out=100.0)  # y from -1.75 to 5.25 m
-law = settings(derandomize=True, deadline=None, max_examples=25)
 
 
 def drive(
@@ -119,7 +118,6 @@ def test_identical_driving_scores_1(same: Trajectory) -> None:
     np.testing.assert_array_equal(index.slice_similarity, 1.0)
 
 
-@law
 @given(seed=st.integers(0, 1000), speed=st.floats(8.0, 25.0), y=st.floats(-1.5, 5.0))
 def test_the_index_is_the_product_of_its_factors_and_lies_between_0_and_1(seed: int, speed: float, y: float) -> None:
     index = anthropomorphic_index(drive(speed, y, steering_deg=[15.0]), humans(seed), ROAD)
@@ -144,7 +142,6 @@ def test_a_field_scaled_by_a_constant_changes_nothing(factor: float, monkeypatch
     assert anthropomorphic_index(ads, drivers, ROAD).value == pytest.approx(before.value, rel=1e-12)
 
 
-@law
 @given(shift=st.floats(-5e3, 5e3), wait=st.floats(-100.0, 100.0))
 def test_moving_the_world_moves_nothing(shift: float, wait: float) -> None:
     def moved(t: Trajectory) -> Trajectory:
@@ -220,7 +217,6 @@ def test_the_index_is_the_plain_loops(ads: Trajectory, chosen: AnthropomorphicSe
     assert anthropomorphic_index(ads, drivers, ROAD, chosen).value == pytest.approx(plain, rel=1e-9)
 
 
-@law
 @given(st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.4, 0.5, 0.51, -0.6, 2.0]), min_size=1, max_size=60))
 def test_counting_operations_is_the_plain_state_machine(signal: list[float]) -> None:
     n = len(signal)
@@ -731,7 +727,6 @@ def test_the_index_over_the_safe_zone() -> None:
     assert exposure_weighted_index([0.5, 1.0], [0.0, 2.0]) == 1.0
 
 
-@law
 @given(
     st.lists(st.tuples(st.floats(0, 1), st.floats(1e-6, 1e3)), min_size=1, max_size=20),
     st.floats(1e-3, 1e3),

@@ -5,14 +5,13 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from twins.measures import plain_measures
 
 from sumo_eval.method.measures import conflict_pet, lane_keeping, measures, velocity_change
 from sumo_eval.trajectory import Collision, Trajectory
 
-law = settings(derandomize=True, deadline=None, max_examples=40)
 TIME = np.arange(0.0, 4.05, 0.1)
 
 
@@ -175,7 +174,6 @@ def moved(trajectory, dt, dx, dy, mirror=1.0):
     )  # fmt: skip
 
 
-@law
 @given(
     st.integers(0, 500).map(lambda n: 3 * n + 1), st.floats(-5.0, 5.0), st.floats(-500.0, 500.0), st.floats(-9.0, 9.0),
     st.sampled_from([1.0, -1.0]),
@@ -193,7 +191,6 @@ def test_delta_v_turns_with_the_world():
     assert velocity_change(hit) == pytest.approx(velocity_change(front_contact(1.0, 20.0, 5.0, heading=2.3)))
 
 
-@law
 @given(st.floats(1.0, 30.0), st.floats(0.0, 20.0), st.floats(0.0, 20.0), st.floats(130.0, 200.0))
 def test_a_faster_approach_never_lowers_the_largest_inverse_ttc_nor_the_drac(speed, more, lead_speed, gap):
     def approach(ego_speed):

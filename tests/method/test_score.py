@@ -3,13 +3,12 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
 from sumo_eval.method.score import combined_score, population_scale
 
-law = settings(derandomize=True, deadline=None)
 index = st.floats(0.0, 1.0)
 
 
@@ -41,7 +40,6 @@ def test_without_d_its_term_counts_0_and_says_so():
     assert combined_score(0.9, 0.0).d == 0.0
 
 
-@law
 @given(index, index, index, index, st.floats(0.0, 100.0), st.floats(0.1, 3.0), st.floats(0.1, 3.0), index)
 def test_s_is_linear_in_c_and_d(c, d, other_c, other_d, a, k5, k6, share):
     scales = {"a": a, "b": 100.0 - a, "k5": k5, "k6": k6}

@@ -4,12 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.method import score_terms as terms
 
-law = settings(derandomize=True, deadline=None, max_examples=300)
 nan = np.nan
 speed = st.one_of(st.just(0.0), st.floats(0.01, 40.0))
 weight = st.one_of(st.just(0.0), st.floats(0.01, 3.0))
@@ -105,7 +104,6 @@ def test_s_plus_by_hand():
 # --- laws -------------------------------------------------------------------------------------------------------------
 
 
-@law
 @given(outcomes, st.data())
 def test_who_is_no_worse_in_any_case_and_better_in_one_never_has_a_lower_a(cases, data):
     """Ties at most where the better cases have no weight, are below the ideal vehicle's severity, or are nothing."""
@@ -140,7 +138,6 @@ def test_of_many_random_pairs_of_known_order_a_puts_none_the_wrong_way_round():
     assert (wrong, ties) == (0, 0)
 
 
-@law
 @given(outcomes, st.integers(0, 2**32 - 1))
 def test_counts_are_repeated_cases(cases, seed):
     """A sample by counts is the evaluation of the cases repeated so often: one arithmetic for both."""
@@ -163,7 +160,6 @@ def test_counts_are_repeated_cases(cases, seed):
             np.testing.assert_allclose(by_counts, by_repeating, rtol=1e-9, atol=1e-9)
 
 
-@law
 @given(st.floats(-3.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 100.0), st.floats(0.0, 1.0))
 def test_s_and_s_plus_are_linear_above_0(a_share, other, h, a, part):
     mixed = terms.score_plus([part * max(a_share, 0.0) + (1 - part) * other], [h], a, 100.0 - a)
@@ -175,7 +171,6 @@ def test_s_and_s_plus_are_linear_above_0(a_share, other, h, a, part):
 factors = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4)
 
 
-@law
 @given(values=factors)
 def test_the_factors_of_a_product_share_its_loss_as_the_mean_over_all_orders(values):
     """The plain twin: take the factors off in every order and average what each one took."""
@@ -197,7 +192,6 @@ def test_what_each_point_takes_from_a_by_hand():
     np.testing.assert_allclose(taken, [5.0 / 26.0, 8.0 / 26.0, nan])
 
 
-@law
 @given(cases=outcomes)
 def test_what_the_points_take_from_a_adds_up_to_what_it_lost(cases):
     u, ideal, nothing, weights = columns(cases)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
@@ -15,7 +15,6 @@ from sumo_eval.method.severity import CHOICES, EXAMPLE, INJURY_CURVES, contact_o
 from sumo_eval.settings import CollisionSettings
 from sumo_eval.settings.config import settings_from, to_plain
 
-law = settings(derandomize=True, deadline=None, max_examples=60)
 GRAZE = replace(EXAMPLE, ego_velocity=(25.0, 1.0), other_velocity=(15.0, 0.0), overlap=0.3, other="obstacle")
 
 FUNCTIONS = """
@@ -95,7 +94,6 @@ def test_an_injury_risk_by_hand():
     assert (chosen.unit, chosen.without_contact) == ("probability of MAIS3+ or death", 0.0)
 
 
-@law
 @given(st.sampled_from(list(INJURY_CURVES)), st.floats(0.0, 60.0), st.floats(0.0, 20.0), st.floats(15.0, 90.0))
 def test_a_faster_contact_and_an_older_person_are_never_at_less_risk(who, speed, more, age):
     risk = injury_risk(who, speed, age)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.cosim.simulation import simulate
@@ -56,7 +56,6 @@ def by_boxes(x: np.ndarray, y: np.ndarray) -> bool:
 # --- the clever against the plain -------------------------------------------------------------------------------------
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
 @given(
     x=st.floats(-300.0, 900.0),
     y=st.floats(-30.0, 30.0),

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from twins import trajectory_field as twin
 
@@ -19,7 +19,6 @@ from sumo_eval.method.trajectory_field import instantaneous_field, trajectory_fi
 from sumo_eval.trajectory import Trajectory
 
 STEP = 0.1
-law = settings(derandomize=True, deadline=None, max_examples=50)
 
 
 @pytest.fixture(params=["numba", "numpy"])
@@ -108,7 +107,6 @@ speed = st.floats(0.0, 60.0)
 constant = {"k1": st.floats(0.0, 3.0), "k2": st.floats(0.0, 0.1)}
 
 
-@law
 @given(direction=angle, near=distance, far=distance, speed=speed, **constant)
 def test_the_field_falls_with_distance(
     direction: float, near: float, far: float, speed: float, k1: float, k2: float
@@ -123,14 +121,12 @@ def test_beyond_one_metre_the_field_falls_strictly() -> None:
     assert np.all(np.diff(at) < 0.0)
 
 
-@law
 @given(ahead=st.floats(0.01, 300.0), beside=st.floats(-50.0, 50.0), speed=st.floats(0.1, 60.0))
 def test_the_field_is_larger_ahead_than_behind(ahead: float, beside: float, speed: float) -> None:
     at = instantaneous_field([(ahead, beside), (-ahead, beside)], [0, 0], [speed, 0])
     assert at[0] > at[1]
 
 
-@law
 @given(x=st.floats(-300, 300), y=st.floats(0.0, 50.0), speed=speed)
 def test_left_and_right_of_the_vehicle_are_alike(x: float, y: float, speed: float) -> None:
     at = instantaneous_field([(x, y), (x, -y)], [0, 0], [speed, 0])
@@ -148,7 +144,6 @@ def test_without_k2_the_speed_does_not_matter_and_without_k1_the_distance_does_n
 # --- laws of a trajectory ---------------------------------------------------------------------------------------------
 
 
-@law
 @given(turn=angle, east=st.floats(-1e4, 1e4), north=st.floats(-1e4, 1e4), seed=st.integers(0, 100))
 def test_moving_or_rotating_the_world_moves_nothing(turn: float, east: float, north: float, seed: int) -> None:
     drive = winding(seed, n=20)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
@@ -11,7 +11,6 @@ from sumo_eval.scenario.expression import Expression, checked_names, condition, 
 real = st.floats(-50, 50).map(lambda value: round(value, 3))
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
 @given(real, real, st.floats(0.1, 50))
 def test_law_arithmetic_is_that_of_numbers(a, b, c):
     values = {"a": a, "b": b, "c": c}
@@ -37,7 +36,6 @@ EXACT = (
 ROUNDED = ("a ** 2 - c ** b", "exp(a) + log(b)", "tanh(a / c)")
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
 @given(st.lists(st.tuples(real, real, real), min_size=1, max_size=8))
 def test_law_a_point_alone_has_the_number_that_it_has_in_a_space(rows):
     space = {name: np.array(column) for name, column in zip("abc", zip(*rows, strict=True), strict=True)}

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenario.test_scenario_file import EXAMPLE
 
@@ -15,7 +15,6 @@ from sumo_eval.scenario import ConstantLateral, catalogue
 from sumo_eval.scenario.file import read_scenario
 from sumo_eval.settings import SimulationSettings, ZoneSettings
 
-law = settings(derandomize=True, deadline=None)
 SPEEDS, OFFSETS, BUILD_UPS = st.floats(0.2, 3.0), st.floats(0.1, 6.0), st.floats(0.3, 20.0)
 SIDES = st.sampled_from([1.0, -1.0])
 PLAIN = catalogue.load("cut_in")
@@ -50,7 +49,6 @@ def test_a_move_that_ends_within_its_run_up_by_hand():
     assert [move.lateral_speed(t) for t in (0.5, 1.01)] == [0.75, 0.0]
 
 
-@law
 @given(SPEEDS, OFFSETS, BUILD_UPS, SIDES)
 def test_law_the_way_is_the_integral_of_the_speed_and_the_speed_of_the_acceleration(speed, offset, build_up, side):
     move = ConstantLateral(0.0, speed, side * offset, build_up)
@@ -66,7 +64,6 @@ def test_law_the_way_is_the_integral_of_the_speed_and_the_speed_of_the_accelerat
     assert move.lateral(move.duration) == pytest.approx(side * offset)
 
 
-@law
 @given(st.floats(0.0, 30.0), SPEEDS, OFFSETS, BUILD_UPS)
 def test_law_the_run_up_makes_a_move_late_by_half_its_duration(time, speed, offset, build_up):
     """Once the speed is reached, a move is where the one without a run-up was v / 2a s before."""

@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
@@ -68,7 +68,6 @@ def test_every_grid_of_tenths_has_every_tenth_once():
 decimals = st.decimals(min_value=-50, max_value=50, places=2)
 
 
-@settings(derandomize=True, deadline=None, max_examples=200)
 @given(decimals, decimals, st.decimals(min_value="0.05", max_value=5, places=2))
 def test_law_a_step_grid_is_that_of_decimal_arithmetic(low, high, step):
     assume(low < high)
@@ -78,7 +77,6 @@ def test_law_a_step_grid_is_that_of_decimal_arithmetic(low, high, step):
     assert (chosen.notes == ()) == ((high - low) % step == 0)
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
 @given(decimals, decimals, st.integers(2, 40))
 def test_law_levels_start_at_low_end_at_high_and_grow(low, high, levels):
     assume(high - low > Decimal("0.05"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from sumo_eval.errors import InputError
@@ -305,7 +305,6 @@ def test_law_the_unit_box_and_back_is_the_same_point(logical):
     )
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
 @given(st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)))
 def test_law_a_point_is_feasible_exactly_when_it_can_be_made_concrete(unit):
     point = CUT_OUT.from_unit(unit)
@@ -427,7 +426,6 @@ def test_braking_that_stands_before_the_ramp_ends_by_hand():
     assert brake.speed(0.5, 9.0) == 0.0
 
 
-@settings(derandomize=True, deadline=None, max_examples=100)
 @given(st.floats(0.0, 40.0), st.floats(0.5, 10.0), st.floats(1.0, 100.0) | st.just(math.inf), st.floats(0.0, 3.0))
 def test_law_braking_never_reverses_and_the_distance_is_the_integral_of_the_speed(speed, strength, jerk, begin):
     brake = Brake(begin, strength, jerk)
