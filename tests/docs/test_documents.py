@@ -66,6 +66,12 @@ def test_make_targets_that_the_pages_name_are_there_and_quick_names_files_that_a
         assert (ROOT / path).is_file(), path
 
 
+def test_make_test_takes_as_long_on_every_page_as_it_says_itself() -> None:
+    (minutes,) = re.findall(r"^TEST_MINUTES := (\d+)$", text("Makefile"), flags=re.M)
+    for page in ("README.md", "CONTRIBUTING.md"):
+        assert f"about {minutes} minutes on two" in text(page), page
+
+
 def test_the_tables_that_are_named_for_extension_are_there() -> None:
     from sumo_eval.cosim.doors.controller import DOORS, SHIPPED
     from sumo_eval.drivers.recorded.importing import READERS
