@@ -71,12 +71,8 @@ $(VENV)/.installed-dev: pyproject.toml | $(VENV)/bin/python
 	  echo "The wheel tasi, a recording, cannot be had: the example on recorded people is skipped."
 	@touch $@ $(VENV)/.installed
 
-docs: $(VENV)/.installed-docs
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
-
-$(VENV)/.installed-docs: pyproject.toml | $(VENV)/bin/python
-	$(INSTALL) --editable '.[docs]'
-	@touch $@
+docs: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -m campaign tests/docs/test_site_builds.py
 
 clean:
 	rm -rf $(VENV) build dist

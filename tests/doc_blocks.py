@@ -32,7 +32,7 @@ class Block:
     def commands(self) -> list[list[str]]:
         """The words behind `sumo-eval` of every command in it, with shell variables as the number 1."""
         text = re.sub(r"\\\n|\n +(?=--)", " ", self.text) if self.language in CODE else ""
-        found = re.findall(r"(?<![\w./-])sumo-eval ((?:[^\n'\"&|>]|\"[^\"\n]*\")+)", text)
+        found = re.findall(r"(?<![\w./-])sumo-eval ((?:[^\n'\"&|>]|\"[^\"\n]*\"|'[^'\n]*')+)", text)
         return [words_of(one) for one in found]
 
 
@@ -97,8 +97,11 @@ engine = "serial"
 
 CASE = "front_vehicle_low_speed-0000-idm"
 READS_A_RUN = ("score", "report", "explain", "replay", "plot", "export", "compare", "verify")
-SIMULATES = ("run", "merge", "verify", "nightly", "boundary", "learn", "campaign", "qualify", "drive", "check")
-"""Commands that cost seconds and more."""
+
+
+def as_a_shell(folder: Path, pattern: str) -> list[str]:
+    """The paths that a shell puts in the place of a pattern."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.glob(pattern))
 
 
 @dataclass(frozen=True)
@@ -121,13 +124,16 @@ class Desk:
     def stand_in(self, words: list[str]) -> list[str]:
         """A command as it is run here: placeholders filled, a small evaluation for a dear one, folders made ready."""
         words = [CASE if word == "CASE" else word for word in words if word != "--open"]
+        words = [path for word in words for path in (as_a_shell(self.folder, word) if "*" in word else [word])]
         if words[0] in READS_A_RUN:
             for number, word in enumerate(words[1:3] if words[0] == "compare" else words[1:2], start=1):
                 if not (self.folder / word).exists():
                     shutil.copytree(self.run, self.folder / word)
                 words[number] = word
-        if words[0] == "run" and "--resume" not in words and "--out" in words:
-            shutil.rmtree(self.folder / words[words.index("--out") + 1], ignore_errors=True)
+        if "--resume" in words and "--shard" not in words:
+            shutil.copytree(self.run, self.folder / words[words.index("--out") + 1])
+        if words[0] == "boundary":
+            words += ["--budget", "16", "--workers", "1"]
         if words[0] == "run" and not any(word.endswith(".toml") for word in words):
             words.insert(1, "evaluation.toml")
         return words

@@ -53,11 +53,11 @@ def everything(recording: Recording) -> bytes:
     return repr((recording.end_reason, recording.error, recording.collision, recording.clips)).encode() + channels
 
 
-def digest(ads: str) -> str:
-    """What an ADS does in a few cases of every kind of script."""
+def digest(ads: str, sparse: int) -> str:
+    """What an ADS does in a few cases of every kind of script; sparse: of so many points one is driven."""
     found = hashlib.sha256()
     for name, every in SCENARIOS.items():
-        cases = points(name, 4 * every)
+        cases = points(name, sparse * every)
         for recording in simulate_many(cases, controllers(ads, cases), SETTINGS):
             found.update(everything(recording))
     return found.hexdigest()
@@ -119,17 +119,18 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
-def test_interpreted_and_compiled_rules_drive_alike_to_the_bit():
+@pytest.mark.parametrize("sparse", [16, pytest.param(4, marks=pytest.mark.campaign)])
+def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "
-        "print(*(it.digest(ads) for ads in it.ADS))"
+        f"print(*(it.digest(ads, {sparse}) for ads in it.ADS))"
     )
     environment = {**os.environ, "SUMO_EVAL_INTERPRETED": "1"}
     answer = subprocess.run(
         [sys.executable, "-c", script, str(Path(__file__).parent)], env=environment, capture_output=True, text=True,
         check=True,
     )  # fmt: skip
-    assert answer.stdout.split() == [digest(ads) for ads in ADS]
+    assert answer.stdout.split() == [digest(ads, sparse) for ads in ADS]
 
 
 # -- machine code ------------------------------------------------------------------------------------------------------

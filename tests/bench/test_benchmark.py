@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from click.testing import CliRunner
 
 from sumo_eval.bench.costs import SETTINGS, TenLines, set_speed
@@ -12,6 +13,7 @@ from sumo_eval.scenario import catalogue
 CUT_IN = catalogue.load("cut_in").concrete(ego_speed=30.0, cut_in_speed=12.5, gap=60.0, lateral_speed=0.9)
 
 
+@pytest.mark.campaign
 def test_bench_prints_every_group_with_ratios_and_writes_json(tmp_path):
     result = CliRunner().invoke(main, ["bench", "--small", "--json", str(tmp_path / "bench.json")])
     assert result.exit_code == 0, result.output

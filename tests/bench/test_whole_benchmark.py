@@ -45,6 +45,7 @@ def test_a_scenario_may_have_any_name_and_an_unknown_stage_its_own():
     assert stage_name("a: recorded drivers") == "recorded drivers"
 
 
+@pytest.mark.campaign
 def test_a_whole_evaluation_is_measured_stage_by_stage(tmp_path):
     (tmp_path / "small.toml").write_text(SMALL)
     heard = []

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
 
 ADS = '''
 from pathlib import Path
@@ -73,20 +68,3 @@ def evaluation(folder: Path, levels: str = "3", fault: str = "") -> Path:
 def plant(folder: Path, fault: str) -> None:
     """Give the ADS a fault; none with an empty text."""
     (folder / "fault.txt").write_text(fault or ":")
-
-
-@dataclass(frozen=True)
-class Done:
-    """What a command left behind."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-def sumo_eval(*arguments: str | Path) -> Done:
-    """The command line in this process: a process of its own costs seconds of imports each time."""
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception  # a traceback that a person would have seen
-    return Done(result.exit_code, result.stdout, result.stderr)

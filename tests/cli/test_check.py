@@ -1,17 +1,11 @@
 """`sumo-eval check` as a user has it: what it prints and its exit status."""
 
-import subprocess
-import sys
-
 import pytest
-from click.testing import CliRunner
-
-from sumo_eval.cli import main
+from commands import sumo_eval
 
 
-def check(what, folder):
-    command = [sys.executable, "-m", "sumo_eval", "check", what]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+def check(what, folder, *options):
+    return sumo_eval("check", what, *options, cwd=folder)
 
 
 def test_a_good_controller(tmp_path):
@@ -40,14 +34,14 @@ def test_an_exception_is_told_by_its_place_in_the_users_file_without_the_harness
         "class Brake:\n    def act(self, seen):\n        return self.brake()\n    def brake(self):\n"
         "        raise RuntimeError('brake')\n"
     )
-    done = CliRunner().invoke(main, ["check", f"{tmp_path}/mine.py:Brake"])
-    assert done.exit_code == 1
-    assert "The ADS raised at 0.00 s: RuntimeError: brake. At " in done.output
-    assert "mine.py:5 in brake.\n" in done.output
-    assert "Traceback" not in done.output
-    assert "loop.py" not in done.output
-    assert done.output.count("-> mend what the sentence names") == 1
-    assert "case_timeout" not in done.output  # what a drive that broke off took says nothing of a whole one
+    done = check("mine.py:Brake", tmp_path)
+    assert done.returncode == 1
+    assert "The ADS raised at 0.00 s: RuntimeError: brake. At " in done.said
+    assert "mine.py:5 in brake.\n" in done.said
+    assert "Traceback" not in done.said
+    assert "loop.py" not in done.said
+    assert done.said.count("-> mend what the sentence names") == 1
+    assert "case_timeout" not in done.said  # what a drive that broke off took says nothing of a whole one
 
 
 def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
@@ -55,10 +49,10 @@ def test_what_a_run_would_lose_to_the_clock_fails(tmp_path):
     (tmp_path / "mine.py").write_text(
         "import time\ndef acc(seen):\n    time.sleep(0.3 if seen.time == 0 else 0)\n    return 0.0\n"
     )
-    done = CliRunner().invoke(main, ["check", f"{tmp_path}/mine.py:acc", "--step-timeout", "0.1"])
-    assert done.exit_code == 1
-    assert "FAIL  `run` would lose" in done.output
-    assert "cases to step_timeout = 0.1 s" in done.output
+    done = check("mine.py:acc", tmp_path, "--step-timeout", "0.1")
+    assert done.returncode == 1
+    assert "FAIL  `run` would lose" in done.said
+    assert "cases to step_timeout = 0.1 s" in done.said
 
 
 def test_a_speed_controller_that_run_drives_is_warned_and_not_failed(tmp_path):
@@ -124,10 +118,10 @@ GOOD = 'name = "x"\n[[scenario]]\nuse = "front_vehicle_low_speed"\n[[ads]]\nname
 )
 def test_an_evaluation_file(tmp_path, controller, status, words):
     (tmp_path / "e.toml").write_text(GOOD.format(controller))
-    done = CliRunner().invoke(main, ["check", str(tmp_path / "e.toml")])
-    assert done.exit_code == status
-    assert words in done.output
-    assert "scenario front_vehicle_low_speed: 19 points of ego_speed, lead_speed" in done.output
+    done = check("e.toml", tmp_path)
+    assert done.returncode == status
+    assert words in done.said
+    assert "scenario front_vehicle_low_speed: 19 points of ego_speed, lead_speed" in done.said
 
 
 @pytest.mark.parametrize(

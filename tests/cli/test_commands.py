@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from commands import Done, in_a_process, sumo_eval
 
 from sumo_eval.cli import main
 
@@ -27,22 +28,12 @@ count = 2
 """
 
 
-def sumo_eval(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "sumo_eval", *arguments],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=300,
-        check=False,
-    )
-
-
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Done, Path]:
     folder = tmp_path_factory.mktemp("cli")
     (folder / "evaluation.toml").write_text(EVALUATION)
-    return sumo_eval("run", "evaluation.toml", "--out", "out", cwd=folder), folder / "out"
+    done = in_a_process("run", "evaluation.toml", "--out", "out", cwd=folder)
+    return Done(done.returncode, done.stdout, done.stderr), folder / "out"
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -75,9 +66,7 @@ def test_linear_algebra_keeps_to_one_thread_unless_the_user_says_otherwise(monke
     assert (os.environ["OMP_NUM_THREADS"], os.environ["OPENBLAS_NUM_THREADS"]) == ("3", "1")
 
 
-def test_a_run_ends_with_a_table_a_report_and_status_0(
-    finished: tuple[subprocess.CompletedProcess[str], Path],
-) -> None:
+def test_a_run_ends_with_a_table_a_report_and_status_0(finished: tuple[Done, Path]) -> None:
     done, out = finished
     assert done.returncode == 0, done.stderr
     assert "front_vehicle_low_speed" in done.stdout
@@ -88,7 +77,7 @@ def test_a_run_ends_with_a_table_a_report_and_status_0(
     json.loads((out / "scores.json").read_text())
 
 
-def test_score_prints_the_same_table_again(finished: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_score_prints_the_same_table_again(finished: tuple[Done, Path]) -> None:
     done, out = finished
     before = (out / "scores.json").read_text()
     again = sumo_eval("score", str(out))
@@ -101,7 +90,7 @@ def without_path(text: str) -> list[str]:
     return [line for line in text.splitlines() if not line.startswith("The report is ")]
 
 
-def test_report_writes_the_report_again(finished: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+def test_report_writes_the_report_again(finished: tuple[Done, Path]) -> None:
     _, out = finished
     (out / "report.html").unlink()
     assert sumo_eval("report", str(out)).returncode == 0
@@ -165,7 +154,7 @@ def test_an_unknown_key_an_unknown_ads_and_a_missing_controller_file_get_a_sente
 def test_cases_that_cannot_be_evaluated_give_status_3_and_are_listed(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("def broken(traci, ego, time):\n    raise RuntimeError('no plan')\n")
     (tmp_path / "evaluation.toml").write_text(EVALUATION.replace('"idm"\n[drivers]', '"broken.py:broken"\n[drivers]'))
-    done = sumo_eval("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
+    done = in_a_process("run", "evaluation.toml", "--out", "out", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "no plan" in done.stdout
     assert "C of idm in front_vehicle_low_speed is not computed" in done.stdout

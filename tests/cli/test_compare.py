@@ -7,8 +7,9 @@ from pathlib import Path
 
 import junitparser
 import pytest
+from commands import sumo_eval
 
-from cli.nights import evaluation, sumo_eval
+from cli.nights import evaluation
 
 LEVELS = "{ ego_speed = 20, lead_speed = 13 }"
 FAULT = "30, 0"

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import junitparser
 import pytest
+from commands import sumo_eval
 
-from cli.nights import evaluation, plant, sumo_eval
+from cli.nights import evaluation, plant
 from sumo_eval import open_run
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.nightly.history import Night, open_history

@@ -5,29 +5,29 @@ elsewhere or why nothing here can; and so is every command.
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 import subprocess
 import tomllib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import sumo_eval
 from doc_blocks import (
     BLOCKS,
     CODE,
     PAGES,
     ROOT,
-    SIMULATES,
     Block,
     Desk,
     code_of,
     mentioned,
 )
+from example_files import write_needs
 
 from sumo_eval.cli import COMMANDS, main
 from sumo_eval.cosim.doors.features import read_interface
@@ -54,19 +54,9 @@ NOT_RUN = {
     "--gui": "needs a display",
     "--scheduler": "needs a cluster",
     "drive": "needs somebody at the wheel; tests/wheel has bots there",
-    "highd": "needs a recording; tests/drivers/test_importers.py has one",
     "dlr_highway": "needs a recording; test_recorded_people_example.py runs it where the wheel tasi is",
-    "opinion": "needs a study's ratings; tests/report/test_opinion_section.py has some",
-    "shards/*": "needs the folders of several machines; tests/record has them",
-    "onnx:ppo.onnx": "needs the policy that the program above it trains for minutes",
-    "onnx:policy.onnx": "needs the policy that the line above trains for two minutes; tests/learning trains one",
-    "people.csv.gz": "needs a recording; tests/rates and tests/drivers have some",
+    "afternoon/ratings.csv": "needs a study's ratings; tests/cli/test_as_typed.py has some",
     "people.toml": "needs a recording; test_recorded_people_example.py runs these lines where the wheel tasi is",
-    "departure": "needs a run of a recorded scene, whose file `humans scene` writes; tests/rates has one driven",
-    "highd.csv.gz": "needs a recording; tests/drivers has some",
-    "data/highd": "needs a recording; tests/drivers/test_importers.py has one",
-    "learned/campaign.toml": "needs what `learn` wrote; tests/rates has that",
-    "campaign.toml": "needs what `learn` wrote; tests/rates has that",
     "afternoon/evaluation.toml": "needs a study; tests/wheel has one",
     "/work/evaluation.toml": "a path inside a container",
     "qualify": "takes minutes; tests/studies runs its parts",
@@ -92,7 +82,6 @@ ELSEWHERE = {
     "[[feature]]": "needs a policy; tests/learning/test_onnx.py drives one through such a file",
     "learned/cut_in.toml": "needs what `learn` wrote; tests/rates has that",
     "consent": "needs people who rate; tests/wheel/test_study.py has bots",
-    "train_policy.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a little",
     "train_ppo.py": "trains for minutes; tests/learning/test_examples_of_learning.py trains a little",
     "16384 steps": "what that training printed",
 }
@@ -110,8 +99,8 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     desk = Desk(folder, folder)
     desk.lay_out("docs/bring_your_ads.md")
-    done = CliRunner().invoke(main, ["run", str(folder / "evaluation.toml"), "--out", str(folder / "run")])
-    assert done.exit_code == 0, done.output
+    done = sumo_eval("run", "evaluation.toml", "--out", "run", cwd=folder)
+    assert done.returncode == 0, done.said
     return folder / "run"
 
 
@@ -161,89 +150,27 @@ def why_not_run(words: list[str]) -> str:
     return next((reason for word, reason in NOT_RUN.items() if word in words), "")
 
 
-def run_commands(desk: Desk, page: str, wanted: Callable[[list[str]], bool]) -> int:
-    """Run those commands of a page's shell blocks, in their order, with stand-ins for what is dear."""
-    desk.lay_out(page)
-    done = 0
-    for block in BLOCKS:
-        if block.page != page or block.language not in ("sh", "text"):
-            continue
-        for words in block.commands():
-            if why_not_run(words) or not wanted(words):
-                continue
-            result = CliRunner().invoke(main, desk.stand_in(words))
-            assert result.exit_code == 0, f"{words}\n{result.output}"
-            assert "Traceback" not in result.output
-            done += 1
-    return done
-
-
-def is_quick(words: list[str]) -> bool:
-    """Whether a command takes a second or so. Parquet is dear in that duckdb complains when the interpreter ends."""
-    dear = words[0] in SIMULATES or words[:3] == ["plot", "results/edge", "boundary"] or "parquet" in words
-    return "--install" in words or not dear
-
-
-PAGES_WITH_QUICK_COMMANDS = sorted(
-    {
-        block.page
-        for block in BLOCKS
-        if block.language in ("sh", "text")
-        for words in block.commands()
-        if is_quick(words) and not why_not_run(words)
-    }
-)
-PAGES_WITH_COMMANDS = sorted({block.page for block in BLOCKS if block.commands()})
-
-
-@pytest.mark.parametrize("page", PAGES_WITH_QUICK_COMMANDS)
-def test_quick_commands_of_a_page_run(page: str, desk: Desk) -> None:
-    assert run_commands(desk, page, is_quick) > 0
-
-
-def form(words: list[str]) -> tuple[str, ...]:
-    """A command without the names of its folders and files: its options, and the kind of its first argument."""
-    first = Path(words[1]).suffix.partition(":")[0] if len(words) > 1 and not words[1].startswith("-") else ""
-    kind = first if words[0] in ("check", "nightly") else ""
-    return (words[0], kind, *sorted({word for word in words if word.startswith("--")} - {"--keep"}))
-
-
-FIRST_RUN = ("run", "", "--out")
-"""The form of what the fixture `small_run` runs."""
-
-
-def dear_forms() -> dict[tuple[str, ...], tuple[str, list[str]]]:
-    """The first command of every form among those that take long: form -> its page and words."""
-    found: dict[tuple[str, ...], tuple[str, list[str]]] = {}
+def commands_to_run() -> dict[str, tuple[str, list[str]]]:
+    """Every command of a shell block or a pipeline: as it is typed -> the first page that has it, and its words."""
+    found: dict[str, tuple[str, list[str]]] = {}
     for block in BLOCKS:
         for words in block.commands():
-            taken = block.language in ("sh", "text", "yaml") and "parquet" not in words  # test_exchange.py has that
-            if taken and not is_quick(words) and not why_not_run(words):
-                found.setdefault(form(words), (block.page, words))
-    del found[FIRST_RUN]
+            if not why_not_run(words):
+                found.setdefault(shlex.join(words), (block.page, words))
     return found
 
 
-DEAR = dear_forms()
+TO_RUN = commands_to_run()
 
 
-@pytest.mark.parametrize("kind", DEAR, ids=" ".join)
-def test_every_form_of_a_command_that_takes_long_runs_once_over_three_points(kind: tuple[str, ...], desk: Desk) -> None:
-    page, words = DEAR[kind]
+@pytest.mark.parametrize("typed", TO_RUN)
+def test_every_command_of_a_block_runs_over_few_points(typed: str, desk: Desk) -> None:
+    page, words = TO_RUN[typed]
     desk.lay_out(page)
-    words = desk.stand_in(list(words))
-    if "--resume" in words and "--shard" not in words:
-        shutil.copytree(desk.run, words[words.index("--out") + 1])
-    if words[0] == "boundary":
-        words += ["--budget", "16", "--workers", "1"]
-    result = CliRunner().invoke(main, words)
-    assert result.exit_code == 0, f"{words}\n{result.output}"
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("page", PAGES_WITH_COMMANDS)
-def test_all_commands_of_a_page_run(page: str, desk: Desk) -> None:
-    run_commands(desk, page, lambda words: True)
+    write_needs(words, desk.folder)
+    done = sumo_eval(*desk.stand_in(list(words)))
+    assert done.returncode == 0, done.said
+    assert "Traceback" not in done.said
 
 
 def test_reasons_not_to_run_a_command_are_all_used() -> None:
@@ -453,27 +380,20 @@ def test_the_controller_in_shell_drives(tmp_path: Path) -> None:
 def test_a_gate_of_a_block_judges_a_run_beside_itself(block: Block, desk: Desk) -> None:
     text = block.text.replace('"mine"', '"idm"').replace('"cut_in"', '"front_vehicle_low_speed"')
     (desk.folder / "gate.toml").write_text(text, encoding="utf-8")
-    result = CliRunner().invoke(main, ["compare", str(desk.run), str(desk.run), "--gate", "gate.toml"])
-    assert result.exit_code == 0, result.output
+    done = sumo_eval("compare", desk.run, desk.run, "--gate", "gate.toml")
+    assert done.returncode == 0, done.said
 
 
 # --- all of them ------------------------------------------------------------------------------------------------------
 
 
 def treated(block: Block) -> str:
-    """`run` in CI; `alike`: each of its commands runs there with other names of files, over three points; `read` or
-    `marked`.
-    """
+    """`run` in this file, `read` by the program's own reader, or `marked` as a language that neither is done to."""
     if block.language in MARKED:
         return "marked"
     if block.language == "python" or "read -r briefing" in block.text or drivable(block) or is_gate(block):
         return "run"
-    shell = block.language in ("sh", "text")
-    runs = [
-        words for words in block.commands() if not why_not_run(words) and (shell or form(words) in (FIRST_RUN, *DEAR))
-    ]
-    themselves = [is_quick(words) or (block.page, words) in DEAR.values() for words in runs]
-    return "run" if any(themselves) else "alike" if runs else "read"
+    return "run" if any(not why_not_run(words) for words in block.commands()) else "read"
 
 
 def why_only_read(block: Block) -> str:
@@ -507,7 +427,7 @@ def tell() -> None:
         why = MARKED.get(block.language) or why_only_read(block)
         print(f"{treated(block):8} {block.language or '-':7} {block.place}  {why}")
     commands = [words for block in BLOCKS for words in block.commands()]
-    how = Counter(why_not_run(words) or ("run" if is_quick(words) else "run alike") for words in commands)
+    how = Counter(why_not_run(words) or "run" for words in commands)
     print(Counter(treated(block) for block in BLOCKS), how)
 
 

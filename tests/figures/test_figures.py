@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import commands
 import pytest
 from browser import CHROMIUM, Page
 
@@ -140,12 +139,11 @@ def test_what_is_not_there_is_a_sentence(done: Evaluation, figure: str, more: di
 
 def test_the_command_draws_and_says_what_it_wrote(done: Evaluation, tmp_path: Path) -> None:
     out = tmp_path / "of" / "paper.png"
-    words = [sys.executable, "-m", "sumo_eval", "plot", str(done.folder), "intervals", "--out", str(out)]
-    told = subprocess.run(words, capture_output=True, text=True, check=False)
+    told = commands.sumo_eval("plot", done.folder, "intervals", "--out", out)
     assert told.returncode == 0, told.stderr
     assert told.stdout.strip() == str(out)
     assert out.read_bytes().startswith(b"\x89PNG")
-    wrong = subprocess.run([*words[:-1], str(tmp_path / "x.gif")], capture_output=True, text=True, check=False)
+    wrong = commands.sumo_eval("plot", done.folder, "intervals", "--out", tmp_path / "x.gif")
     assert wrong.returncode == 2
     assert "must end in one of .svg, .png, .pdf, got 'x.gif'" in wrong.stderr
     assert "Traceback" not in wrong.stderr
@@ -164,6 +162,7 @@ def test_on_a_bend_field_and_ways_are_drawn_on_the_map(tmp_path: Path) -> None:
         "ads": [{"name": "idm", "controller": "idm"}],
         "drivers": {"count": 2},
         "run": {"engine": "serial"},
+        "method": {"zones": {"restarts": 0, "refinements": 0, "grid_points": 1000}},
     }
     bent = sumo_eval.evaluate(evaluation, tmp_path / "run")
     for name in ("field", "trajectories"):

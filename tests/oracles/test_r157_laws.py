@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from r157_cases import EGO_X, LANE, SETTINGS, cut_in
 
-from sumo_eval.cosim.simulation import simulate
+from sumo_eval.cosim.simulation import simulate, simulate_many
 
 CONTROLLERS = ["careful_driver", "reg157"]
 Point = tuple[float, float, float, float]
@@ -75,12 +75,11 @@ def test_a_mirrored_cut_in_has_the_mirrored_result(controller, slides):
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_halving_the_step_flips_under_two_per_cent(controller):
     finer = replace(SETTINGS, step=0.025)
-    drawn = points(4, 100)
-    outcomes = [
-        [contact(point, controller) is None, simulate(cut_in(*point), controller, finer).collision is None]
-        for point in drawn
-    ]
-    coarse, fine = np.array(outcomes).T
+    drawn = [cut_in(*point) for point in points(4, 100)]
+    coarse, fine = (
+        np.array([recording.collision is None for recording in simulate_many(drawn, controller, settings)])
+        for settings in (SETTINGS, finer)
+    )
     assert 0 < coarse.sum() < len(coarse)
     assert (coarse != fine).mean() < 0.02
 
@@ -98,11 +97,12 @@ def test_what_halving_the_step_flips_lies_within_two_steps_of_the_boundary(contr
             gap = 0.5 * (low + high)
             clear = contact((ego, other, gap, lateral), controller) is None
             low, high = (gap, high) if clear == safe else (low, gap)
+        shares = 2.0 * np.linspace(-1.0, 1.0, 20) ** 3
+        near = [cut_in(ego, other, low + share * two_steps, lateral) for share in shares]
+        pairs = zip(*(simulate_many(near, controller, step) for step in (SETTINGS, finer)), strict=True)
         seen = set()
-        for share in 2.0 * np.linspace(-1.0, 1.0, 20) ** 3:
-            point = (ego, other, low + share * two_steps, lateral)
-            coarse = contact(point, controller) is None
-            fine = simulate(cut_in(*point), controller, finer).collision is None
-            assert coarse == fine or abs(share) <= 1.0
-            seen.add((coarse, abs(share) > 1.0))
+        for share, (coarse, fine) in zip(shares, pairs, strict=True):
+            clear = coarse.collision is None
+            assert clear == (fine.collision is None) or abs(share) <= 1.0
+            seen.add((clear, abs(share) > 1.0))
         assert seen == {(True, True), (False, True), (True, False), (False, False)}

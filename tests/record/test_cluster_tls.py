@@ -39,6 +39,7 @@ def with_certificates(folder: Path) -> dict[str, str]:
     return dict(pair.split("=", 1) for pair in shown.stdout.split("\0") if "=" in pair)
 
 
+@pytest.mark.campaign
 def test_a_cluster_with_the_certificates_of_the_page_runs_cases_and_refuses_who_has_none(tmp_path: Path) -> None:
     environment = with_certificates(tmp_path)
     address = tmp_path / "scheduler.json"

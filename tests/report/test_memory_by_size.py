@@ -57,16 +57,18 @@ def made_up(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
 def test_law_no_part_holds_more_of_a_case_than_a_million_cases_allow(
     name: str, made_up: dict[int, Path], tmp_path: Path
 ) -> None:
+    def make(cases: int) -> None:
+        SIZES.PARTS[name](SIZES.of_rows_alone(made_up[cases], cases), tmp_path)
+
     def most(cases: int) -> int:
-        run = SIZES.of_rows_alone(made_up[cases], cases)
         tracemalloc.start()
         try:
-            SIZES.PARTS[name](run, tmp_path)
+            make(cases)
             return tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
 
-    most(SMALL)  # what is imported, compiled or kept at the first use
+    make(SMALL)  # what is imported, compiled or kept at the first use
     assert (most(LARGE) - most(SMALL)) / (LARGE - SMALL) <= (MOST - FIXED) * 1e6 / MANY, "bytes a case"
 
 

@@ -34,6 +34,7 @@ def house(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.campaign
 def test_the_project_has_nothing_to_mend() -> None:
     done = check(ROOT)
     assert done.stdout == ""

@@ -83,6 +83,7 @@ def test_a_dry_run_says_what_it_would_do_and_does_nothing(project: Path) -> None
     assert state(project) == before
 
 
+@pytest.mark.campaign
 def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_tree(
     project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -107,6 +108,7 @@ def test_a_release_cuts_the_changelog_sets_the_version_tags_and_leaves_a_clean_t
         assert "sumo_eval-0.2.0/sumo_eval/__init__.py" in source.getnames()
 
 
+@pytest.mark.campaign
 def test_a_wheel_that_cannot_be_built_takes_the_release_back(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PIP_NO_INDEX", "1")  # the build's own environment finds nothing to build with
     before = state(project)

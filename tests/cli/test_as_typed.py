@@ -1,0 +1,155 @@
+"""Each example of `--help`, and a locator of each scheme, runs as it is typed into a shell: quotes, spaces, options."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import ROOT, typed
+from doc_blocks import code_of
+from example_files import ADS, CASES, EVALUATION, GATE, RATINGS, SMALL, write_needs, write_policy
+
+from cli.test_help import all_commands
+
+EXAMPLES = {
+    name: " ".join(str(command.epilog).split()).removeprefix("Example: ")
+    for name, command in all_commands()
+    if name != "humans"  # whose example is that of `humans import`
+}
+NOT_RUN = {
+    "drive": "needs a person in a browser; tests/wheel/test_drive_command.py has bots",
+    "qualify": "takes minutes; tests/studies/test_qualification.py runs a check of each kind",
+    "bench": "tests/bench/test_benchmark.py runs it",
+    "humans coverage": "needs recorded people; tests/docs/test_recorded_people_example.py has some",
+    "import": "needs a file of OpenSCENARIO; tests/scenario/test_openscenario_faults.py has some",
+}
+"""Commands whose example is not run here, and why."""
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the examples name, and the run that the first of them makes."""
+    folder = tmp_path_factory.mktemp("examples")
+    (folder / "evaluation.toml").write_text(EVALUATION)
+    (folder / "cases.csv").write_text(CASES)
+    (folder / "gate.toml").write_text(GATE)
+    (folder / "my_ads.py").write_text(ADS)
+    (folder / "ratings.csv").write_text(RATINGS)
+    done = typed(EXAMPLES["run"], folder)
+    assert done.returncode == 0, done.said
+    return folder
+
+
+def second_run(folder: Path) -> None:
+    """Copy the run to the other names that examples have for runs."""
+    for name in ("second", "before", "after"):
+        shutil.copytree(folder / "results" / "first", folder / "results" / name)
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name not in (*NOT_RUN, "run", "replay")])
+def test_the_example_of_a_command_runs_as_typed(name: str, desk: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(desk, tmp_path / "desk"))
+    line = EXAMPLES[name]
+    write_needs(shlex.split(line), folder)
+    if name in ("compare", "calibrate"):
+        second_run(folder)
+    if name == "trend":
+        typed("sumo-eval trend nights --import results/first", folder)
+    done = typed(line, folder)
+    assert done.returncode == 0, done.said
+    assert "Traceback" not in done.said
+    for place in re.findall(r"(?:--out|--page|--history|>) (\S+)", line):
+        assert (folder / place).exists(), place
+
+
+def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk: Path, tmp_path: Path) -> None:
+    """BROWSER names what opens a page, as on any desktop: here a program that writes down what it was asked for."""
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/opened\n')
+    browser.chmod(0o755)
+    done = in_a_shell(EXAMPLES["replay"], desk, BROWSER=str(browser))
+    assert done.returncode == 0, done.stderr
+    assert "replay-cut_in-0042-idm" in (tmp_path / "opened").read_text()
+
+
+def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Have bash run a line, with this installation first on its path."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-c", line], cwd=folder, env={**os.environ, "PATH": path, **variables}, capture_output=True,
+        text=True, timeout=300, check=False,
+    )  # fmt: skip
+
+
+def test_each_example_that_is_not_run_says_why_and_what_runs_it() -> None:
+    assert set(NOT_RUN) < set(EXAMPLES)
+    for reason in NOT_RUN.values():
+        for place in re.findall(r"tests/[\w/]+\.py", reason):
+            assert (ROOT / place).is_file(), reason
+
+
+# --- locators ---------------------------------------------------------------------------------------------------------
+
+PLACES = "docs/bring_your_ads.md"
+HERE = {
+    "my_ads.py:acc": "my_ads.py:acc",
+    "package.module:Policy": "package.module:Policy",
+    "my_ads.py:MyAds": "my_ads.py:MyAds",
+    "sumo:IDM?tau=1.2": "'sumo:IDM?tau=1.2'",
+    "exec:./my_ads --fast": "'exec:./my_ads --fast'",
+    "traci:python my_client.py": '"traci:python my_client.py"',
+    "fmu:acc.fmu": "'fmu:Acc.fmu?inputs.v=ego_speed&inputs.gap=lead_gap&outputs.acceleration=a_cmd'",
+    "onnx:policy.onnx": "onnx:policy.onnx",
+    "idm": "idm",
+    "lane_changer": "lane_changer",
+    "careful_driver": "careful_driver",
+}
+"""Locators of the table of doors, and how they are typed."""
+ELSEWHERE = {
+    "sumo_eval.adapters:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "exec:/usr/bin/python3 ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
+}
+
+
+def doors(folder: Path) -> None:
+    """Write what the locators name."""
+    (folder / "evaluation.toml").write_text(SMALL)
+    (folder / "my_ads.py").write_text(ADS)
+    (folder / "package").mkdir()
+    (folder / "package" / "module.py").write_text(ADS.replace("MyAds", "Policy"))
+    (folder / "my_ads").write_text(code_of("docs/ads/exec.md", "read -r briefing"))
+    (folder / "my_ads").chmod(0o755)
+    shutil.copy(ROOT / "docs" / "examples" / "traci_client.py", folder / "my_client.py")
+    write_policy("policy")(folder)
+
+
+def fmu(folder: Path) -> None:
+    """Build the example of an FMU."""
+    builder = pytest.importorskip("pythonfmu.builder")
+    shutil.copy(ROOT / "docs" / "examples" / "acc_fmu.py", folder)
+    builder.FmuBuilder.build_FMU(folder / "acc_fmu.py", dest=folder)
+
+
+@pytest.mark.parametrize("locator", HERE)
+def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) -> None:
+    doors(tmp_path)
+    if locator.startswith("fmu:"):
+        fmu(tmp_path)
+    line = f"sumo-eval run evaluation.toml --ads {HERE[locator]} --out out"
+    done = in_a_shell(line, tmp_path) if locator.startswith("exec:") else typed(line, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "not evaluated" not in done.stdout
+
+
+def test_the_table_of_doors_has_no_locator_that_nothing_types() -> None:
+    table = (ROOT / PLACES).read_text(encoding="utf-8").split("## 3. Choose your door")[1].split("\n\n")[1]
+    named = [locator for row in table.splitlines()[2:] for locator in re.findall(r"`([^`]+)`", row.split("|")[2])]
+    assert {one for one in named if not one.startswith(tuple(ELSEWHERE))} == set(HERE)
+    for reason in ELSEWHERE.values():
+        assert (ROOT / re.findall(r"tests/\S+\.py", reason)[0]).is_file()

@@ -1,0 +1,100 @@
+"""The command line in this process: a process of its own costs seconds of imports each time.
+
+What a command changes of the process is put back, so that tests pass in any order: the folder, the environment, where
+modules are looked for, the user's modules, who hears signals, warnings, the state of the random generators.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import shlex
+import signal
+import subprocess
+import sys
+import sysconfig
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+
+ROOT = Path(__file__).parents[1]
+INSTALLED = (*map(sysconfig.get_path, ("stdlib", "purelib", "platlib")), str(ROOT / "sumo_eval"), str(ROOT / "tests"))
+"""Where modules stay loaded; a module from elsewhere is a user's."""
+HEARD = (signal.SIGINT, signal.SIGTERM, signal.SIGALRM, signal.SIGHUP)
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command left behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+    @property
+    def said(self) -> str:
+        return self.stdout + self.stderr
+
+
+def sumo_eval(*arguments: object, cwd: Path | None = None) -> Done:
+    """Run one command in this process as from that folder, and leave the process as it was."""
+    with as_it_was():
+        os.chdir(cwd or Path.cwd())
+        result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception  # a traceback that a person would have seen
+    return Done(result.exit_code, result.stdout, result.stderr)
+
+
+def typed(line: str, cwd: Path | None = None) -> Done:
+    """Run one line as a shell takes it apart: quotes, spaces and comments; `> file` gets what was printed."""
+    command, _, file = line.partition(" > ")
+    program, *words = shlex.split(command, comments=True)
+    assert program == "sumo-eval", line
+    done = sumo_eval(*words, cwd=cwd)
+    if file:
+        ((cwd or Path.cwd()) / file.strip()).write_text(done.stdout, encoding="utf-8")
+    return done
+
+
+def in_a_process(*arguments: object, cwd: Path | None = None, **options: object) -> subprocess.CompletedProcess[str]:
+    """Run one command in a process of its own: for signals, encodings, devices and exit statuses."""
+    words = [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    return subprocess.run(words, cwd=cwd, text=True, timeout=300, check=False, **pipes)  # type: ignore[call-overload, no-any-return]
+
+
+@contextlib.contextmanager
+def as_it_was() -> Iterator[None]:
+    """Put back what a command changes of this process."""
+    folder, environment, places, modules = Path.cwd(), dict(os.environ), list(sys.path), set(sys.modules)
+    handlers = {number: signal.getsignal(number) for number in HEARD}
+    drawn, drawn_by_numpy = random.getstate(), np.random.get_state()  # noqa: NPY002 - the generator that users share
+    try:
+        with warnings.catch_warnings():
+            yield
+    finally:
+        os.chdir(folder)
+        os.environ.clear()
+        os.environ.update(environment)
+        sys.path[:] = places
+        for name in set(sys.modules) - modules:
+            if is_a_users(name):
+                del sys.modules[name]
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        random.setstate(drawn)
+        np.random.set_state(drawn_by_numpy)  # noqa: NPY002
+
+
+def is_a_users(name: str) -> bool:
+    """Whether a loaded module comes from a file that is neither installed nor this repository's."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    return file is not None and not file.startswith(INSTALLED)
