@@ -21,6 +21,8 @@ _CASE, _SCORE = "sumo_eval.report.notebook:case_html", "sumo_eval.report.noteboo
 
 EVALUATED = ("ok", "collision", "off_road")
 """Statuses of cases whose outcome counts; all others could not be evaluated."""
+GAVE_UP = ("ads_error", "ads_timeout", "timeout", "crashed", "rejected")
+"""Statuses of cases that their ADS gave up: they count in T, A, A', H and S+ all the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,11 @@ class CaseResult:
     ideal vehicle and of `no_reaction` in the same concrete scenario, 0 where they avoid, None where their drive could
     not be evaluated, and ideal_error, no_reaction_error: why not. ideal_collided: whether the former hit something.
     weight: r of Eq. 16, of every case.
+
+    departure_time s, departure_speed m/s: when a corner of the body was first more than `road_margin` off the road, and
+    departure_severity: U of a contact beside the road at that speed; None where it stayed on the road. task_share: t_i,
+    at safe points part of T; None without a reference. no_reaction_severity likewise counts departures, ideal_severity
+    contacts alone.
 
     index (in tables also `d_i`): D_i and its factors, of safe-zone cases without a collision, Eqs. 11-12. Beside it the
     terms of H: operation_tolerance f_n+, mixture_similarity, plausibility (of every evaluated case) and human_likeness,
@@ -127,6 +134,10 @@ class CaseResult:
     time_to_conflict: float | None = None
     ideal_error: str = ""
     no_reaction_error: str = ""
+    task_share: float | None = None
+    departure_time: float | None = None
+    departure_speed: float | None = None
+    departure_severity: float | None = None
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -145,6 +156,29 @@ class CaseResult:
     def counts_for_index(self) -> bool:
         """Whether the case may have a D_i that counts: in the safe zone and without a collision."""
         return self.zone == "safe" and not self.collided and not self.struck_from_behind
+
+    @property
+    def departed(self) -> bool:
+        """Whether it left the road."""
+        return self.departure_time is not None
+
+    @property
+    def gave_up(self) -> bool:
+        """Whether the ADS gave it up."""
+        return self.status in GAVE_UP
+
+    @property
+    def incident(self) -> bool:
+        """Whether the case holds a contact, a departure or a giving up."""
+        return self.collided or self.departed or self.gave_up
+
+    @property
+    def incident_severity(self) -> float | None:
+        """U of the worst of its incidents, 0 without one; None where the harness failed, or giving up has no U0."""
+        if not (self.evaluated or self.gave_up) or (self.gave_up and self.no_reaction_severity is None):
+            return None
+        idle = (self.no_reaction_severity or 0.0) if self.gave_up else 0.0
+        return max((self.severity or 0.0) if self.collided else 0.0, self.departure_severity or 0.0, idle)
 
     @property
     def avoidable(self) -> bool:
@@ -339,8 +373,10 @@ class ScenarioResult:
     """One ADS in one logical scenario: C, D, S, the scores that order ADSs, and what stands beside them.
 
     c None: no case, or no collision, could be evaluated. d None: not computed, see `d_reason`. s None: neither C nor D.
-    avoided_share A (w = r), avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`) and
-    s_plus S+, with a_points and h_points, what A and H give to S+; None where nothing could be evaluated.
+    task_share T and s_plus S+ (None where there is no safe point), avoided_share A (w = r) and its grade
+    avoidance_grade A', avoided_share_exposure (w = p), regret m/s, human_likeness H (None: see `h_reason`); None where
+    nothing could be evaluated. a_points and h_points: T A' a and T A' b H, the terms of S+. departures, gave_up:
+    numbers of such cases. task_reference: the reference car of T; "": the run holds none, and T has the drivers alone.
 
     collisions = avoidable_collisions (the ideal vehicle avoids) + unavoidable_collisions (it collides as well) + those
     whose ideal vehicle could not be evaluated. caused_collisions: the avoidable ones that doing nothing avoids too.
@@ -391,6 +427,13 @@ class ScenarioResult:
     caused_collisions: int = 0
     half_widths_by_source: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     requirements_missed: int | None = None
+    task_share: float | None = None
+    avoidance_grade: float | None = None
+    departures: int = 0
+    gave_up: int = 0
+    task_reference: str = ""
+    task_share_interval: tuple[float, float] | None = None
+    avoidance_grade_interval: tuple[float, float] | None = None
 
     @property
     def nobody_compared(self) -> bool:
@@ -425,8 +468,8 @@ class ZoneResult:
 @dataclass(frozen=True, slots=True)
 class RankedAds:
     """An ADS in the order of an evaluation. s_plus: the mean over its scenarios by their weights, with its interval;
-    None, like place, where a scenario that weighs has no S+ of it but for want of people. a_points, h_points: what A
-    and H give to it.
+    None, like place, where a scenario that weighs and has a task has no S+ of it. a_points, h_points: its two terms, T
+    A' a and T A' b H.
     """
 
     ads: str
@@ -460,7 +503,8 @@ class Ranking:
     """ADSs in the order of S+ over all scenarios; neighbours that cannot be told apart share a place.
 
     weights: of every scenario. level: of the intervals. pairs: all, by the order of `ads`. without_people: scenarios
-    that weigh and in which nobody is there to compare with; there A counts, and H is the mean over the others.
+    that weigh and in which nobody is there to compare with: there H counts 0. without_task: scenarios that weigh and
+    have no safe point, so no S+: they have no part in the order.
     """
 
     weights: Mapping[str, float]
@@ -468,6 +512,7 @@ class Ranking:
     ads: tuple[RankedAds, ...]
     pairs: tuple[RankedPair, ...]
     without_people: tuple[str, ...] = ()
+    without_task: tuple[str, ...] = ()
 
     @property
     def with_people(self) -> int:

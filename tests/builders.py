@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.method.anthropomorphic import IndexNote
+from sumo_eval.method.score import plus_of
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.cases import Case, Outcome, Status
 from sumo_eval.record.run_folder import FACTS
@@ -176,6 +177,7 @@ def _empty(case: Case, zone: str, status: str) -> CaseResult:
         loss=None, ideal_severity=0.0, no_reaction_severity=12.0 if zone == "hazardous" else 0.0, weight=None,
         beats_ideal=False, index=None, length_factor=None,
         operation_factor=None, similarity=None, index_note=(), clips="",
+        task_share=None if zone == "hazardous" else 1.0 if status == "ok" else 0.0,
     )  # fmt: skip
 
 
@@ -188,7 +190,8 @@ def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
     indexes = [row.index for row in rows if row.index is not None]
     d = None if safe_hits else float(np.mean(indexes))
     values = point_values(case_terms(rows, MethodSettings()), MethodSettings())
-    avoided, human = values["avoided_share"], values["human_likeness"]
+    human = values["human_likeness"]
+    plus = plus_of(values["task_share"], values["avoidance_grade"], human, MethodSettings().score)
     return ScenarioResult(
         ads=ads, scenario=scenario, c=c, d=d,
         d_reason=NotComputed("collisions", safe_hits) if safe_hits else None,
@@ -197,9 +200,12 @@ def _score(ads: str, scenario: str, rows: list[CaseResult]) -> ScenarioResult:
         hazardous_cases=sum(row.zone == "hazardous" for row in rows), collisions=len(hits), safe_collisions=safe_hits,
         avoidable_collisions=sum(row.avoidable for row in hits),
         unavoidable_collisions=sum(row.unavoidable for row in hits), caused_collisions=sum(row.caused for row in hits),
-        avoided_share=avoided, avoided_share_exposure=values["avoided_share_exposure"], regret=values["regret"],
+        avoided_share=values["avoided_share"], avoided_share_exposure=values["avoided_share_exposure"],
+        regret=values["regret"],
         human_likeness=human, h_reason=None if human is not None else NotComputed("no_safe_case"),
-        s_plus=values["s_plus"], a_points=50.0 * max(avoided or 0.0, 0.0), h_points=50.0 * (human or 0.0),
+        s_plus=values["s_plus"], a_points=plus.a_points, h_points=plus.h_points,
+        task_share=values["task_share"], avoidance_grade=values["avoidance_grade"], task_reference="attentive",
+        departures=sum(row.departed for row in rows), gave_up=sum(row.gave_up for row in rows),
         collision_probability=len(hits) / len(rows), off_road=sum(row.status == "off_road" for row in rows),
         not_evaluated=sum(not row.evaluated for row in rows), notes=(BeyondRange("<this> score", (("reason", 1),)),),
     )  # fmt: skip

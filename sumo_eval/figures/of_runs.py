@@ -44,6 +44,8 @@ _STAIRS = 2  # cells beside what cannot be in which no learnt boundary is drawn
 MOST_COLUMNS = 4
 LONGEST_LINE = 100  # characters of a note above a figure of a page's width
 INDEXES = {
+    "T": "task_share",
+    "A'": "avoidance_grade",
     "A": "avoided_share",
     "H": "human_likeness",
     "C": "c",
@@ -384,7 +386,8 @@ def points(evaluation: Evaluation, *, scenario: str | None, ads: str | None, cas
     return figure
 
 
-LOST = {"A": "#d55e00", "C": "#d55e00", "H": "#e69f00", "D": "#e69f00"}
+LOST = {"T": "#56b4e9", "A": "#d55e00", "C": "#d55e00", "H": "#e69f00", "D": "#e69f00"}
+LOST_BY = {"T": "lost by not driving (T)", **dict.fromkeys("AC", "lost by harm (A, C)")}
 KEPT = "#0072b2"
 
 
@@ -401,7 +404,7 @@ def _ledger_bar(ax: Axes, found: Ledger, place: int, drawn: dict[str, str]) -> N
         lost = -math.fsum(line.points for line in found.lines if line.term == term and line.points < 0.0)
         if lost > 0.0:
             ax.barh([place], [lost], left=[at], color=LOST[term], height=0.6)
-            drawn["lost by collisions (A, C)" if term in "AC" else "lost by driving otherwise (H, D)"] = LOST[term]
+            drawn[LOST_BY.get(term, "lost by driving otherwise (H, D)")] = LOST[term]
             at += lost
 
 

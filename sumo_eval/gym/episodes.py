@@ -59,6 +59,9 @@ COMFORTABLE_JERK = 15.0  # m/s3, likewise
 def usual_reward(it: Transition) -> Floats:
     """Progress, comfort and collision: a second at the speed of the start is worth 1.
 
+    It stands for the parts of S+ = T A' (a + b H) that a step knows: T for progress, A' for contacts and departures, H
+    for comfort. S+ itself needs the references of an evaluation.
+
     A second costs (a / 3 m/s2)^2 / 10 + (jerk / 15 m/s3)^2 / 100, a contact 20 + 2 for each m/s of its impact, leaving
     the road 20.
     """

@@ -63,16 +63,16 @@ def score_of(c: float | None, d: float | None, points: ScoreSettings) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class PlusPoints:
-    """What A, at least 0, and H add to S+, points; 0 where they were not computed."""
+    """The two terms of S+, points: T A' a, for driving the task without harm, and T A' b H; 0 where not computed."""
 
     a_points: float
     h_points: float
 
 
-def plus_of(avoided: float | None, human_likeness: float | None, points: ScoreSettings) -> PlusPoints:
-    """The terms of S+ = a max(A, 0) + b H. avoided: A, at most 1. human_likeness: H, 0..1. None: not computed."""
-    worth = score_terms.worth(points)
-    return PlusPoints(worth.a * max(avoided or 0.0, 0.0), worth.h * (human_likeness or 0.0))
+def plus_of(task: float | None, grade: float | None, human_likeness: float | None, points: ScoreSettings) -> PlusPoints:
+    """The terms of S+ = T max(A', 0) (a + b H). None: not computed."""
+    done = (task or 0.0) * max(grade or 0.0, 0.0)
+    return PlusPoints(points.a * done, points.b * done * (human_likeness or 0.0))
 
 
 def population_scale(

@@ -120,17 +120,15 @@ def combined(
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """How many points a whole index gives: C and D to S (Eq. 18, with k5 and k6), A and H to S+."""
+    """How many points a whole index gives to S: C and D (Eq. 18, with k5 and k6)."""
 
     c: float
     d: float
-    a: float
-    h: float
 
 
 def worth(points: ScoreSettings) -> Worth:
-    """Eq. 18: a k5 for C and b k6 for D; a for A and b for H."""
-    return Worth(points.a * points.k5, points.b * points.k6, points.a, points.b)
+    """Eq. 18: a k5 for C and b k6 for D."""
+    return Worth(points.a * points.k5, points.b * points.k6)
 
 
 def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray:
@@ -138,9 +136,9 @@ def paper_score(c: ArrayLike, d: ArrayLike, points: ScoreSettings) -> FloatArray
     return combined(c, d, points.a, points.b, points.k5, points.k6)
 
 
-def ordering_score(avoided: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings) -> FloatArray:
-    """S+ = a max(A, 0) + b H, points, (m,), with the settings' a and b; see `score_plus`."""
-    return score_plus(avoided, human_likeness, points.a, points.b)
+def ordering_score(task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, points: ScoreSettings) -> FloatArray:
+    """S+ = T max(A', 0) (a + b H), points, (m,), with the settings' a and b; see `score_plus`."""
+    return score_plus(task, grade, human_likeness, points.a, points.b)
 
 
 def mean_shares(weights: ArrayLike) -> FloatArray:
@@ -230,13 +228,29 @@ def regret(severity: ArrayLike, ideal: ArrayLike, weights: ArrayLike, counts: Co
     return np.where(np.isnan(mean), weighted_mean(lost, np.ones(lost.shape), counts), mean)
 
 
-def score_plus(avoided: ArrayLike, human_likeness: ArrayLike, a: float, b: float) -> FloatArray:
-    """S+ = a max(A, 0) + b H, points, (m,). What is nan was not computed and counts 0; nan where both are.
+def avoidance_grade(avoided: ArrayLike, sharpness: float) -> FloatArray:
+    """A' = 1 - ln(1 + x/x0) / ln(1 + 1/x0), x = 1 - A, any shape: 1 as the ideal vehicle, 0 as doing nothing.
 
-    avoided: A, (m,), at most 1. human_likeness: H, (m,), 0..1. a, b: points for either, together 100.
+    avoided: A, at most 1; nan stays nan. sharpness: x0, above 0: harm below it hardly counts.
     """
-    share = np.asarray(avoided, dtype=np.float64)
-    return combined(np.where(np.isnan(share), np.nan, np.maximum(share, 0.0)), human_likeness, a, b)
+    x = 1.0 - np.asarray(avoided, dtype=np.float64)
+    return np.asarray(1.0 - np.log1p(x / sharpness) / np.log1p(1.0 / sharpness))
+
+
+def grade_slope(avoided: float, sharpness: float) -> float:
+    """dA'/dA = 1 / ((x0 + x) ln(1 + 1/x0)), x = 1 - A; 0 where A' counts 0. Arguments as in `avoidance_grade`."""
+    return 0.0 if avoided < 0.0 else 1.0 / ((sharpness + 1.0 - avoided) * math.log1p(1.0 / sharpness))
+
+
+def score_plus(task: ArrayLike, grade: ArrayLike, human_likeness: ArrayLike, a: float, b: float) -> FloatArray:
+    """S+ = T max(A', 0) (a + b H), points, (m,). An H that was not computed counts 0; nan without T or A'.
+
+    task: T, (m,), 0..1. grade: A', (m,), at most 1. human_likeness: H, (m,), 0..1.
+    a, b: points for driving the task without harm, and for doing it as human drivers do, together 100.
+    """
+    likeness = np.nan_to_num(np.asarray(human_likeness, dtype=np.float64))
+    safely = np.maximum(np.asarray(grade, dtype=np.float64), 0.0)
+    return np.asarray(np.asarray(task, dtype=np.float64) * safely * (a + b * likeness))
 
 
 def _weighted_sum(values: FloatArray, weights: ArrayLike, known: BoolArray, counts: Counts) -> FloatArray:

@@ -15,7 +15,7 @@ from sumo_eval.settings import PopulationSettings, RunSettings, SimulationSettin
 from sumo_eval.text import clean, clean_log
 from sumo_eval.trajectory import Alone, Recording
 
-Role = Literal["ads", "ideal", "no_reaction", "human"]
+Role = Literal["ads", "ideal", "no_reaction", "task_reference", "human"]
 Status = Literal[
     "ok", "collision", "off_road", "timeout", "ads_error", "ads_timeout", "sim_error", "crashed", "rejected"
 ]

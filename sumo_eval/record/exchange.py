@@ -51,7 +51,7 @@ class Run:
 
     @property
     def drives(self) -> pd.DataFrame:
-        """One row for each recorded drive: the ADSs', the ideal vehicle's, `no_reaction`'s and the human drivers'."""
+        """One row for each recorded drive: the ADSs', the references' and the human drivers'."""
         import pandas as pd
 
         with self._store() as store:
@@ -161,7 +161,7 @@ _ROWS_AT_ONCE = 1000
 
 
 def _drive_rows(store: Store) -> Iterator[dict[str, Any]]:
-    roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "human")
+    roles: tuple[Role, ...] = ("ads", "ideal", "no_reaction", "task_reference", "human")
     for role in roles:
         for fact in store.each_fact(role):
             hit = fact.collision

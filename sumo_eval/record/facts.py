@@ -78,7 +78,7 @@ class Recorded:
 class Estimate:
     """What an evaluation will take: drives of ADSs, humans and references, those recorded already, s of wall time.
 
-    references: drives of the ideal vehicle and of `no_reaction`, one each at every point.
+    references: drives of the ideal vehicle, of `no_reaction` and of the reference car, one each at every point.
     """
 
     ads: int
@@ -94,8 +94,8 @@ class Estimate:
         minutes, seconds = divmod(round(self.seconds), 60)
         time = f"{minutes} min {seconds} s" if minutes else f"{self.seconds:.1f} s"
         return (
-            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the ideal vehicle "
-            f"and of `no_reaction`{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
+            f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the "
+            f"references{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
             f"by {self.timed} drives timed just now; scoring comes on top."
         )
 

@@ -17,7 +17,9 @@ from typing import Any, Literal
 from sumo_eval.errors import InputError
 
 KEPT = "kept.sqlite"
-Kind = Literal["evaluation", "rows", "zones", "weights", "index", "band", "left_out", "drive", "checked", "report"]
+Kind = Literal[
+    "evaluation", "rows", "zones", "weights", "index", "band", "left_out", "drive", "task", "checked", "report"
+]
 Part = tuple[Kind, bytes, int, bytes]
 """What it is, what it depends on, its number among those of one key, and its content."""
 

@@ -36,7 +36,7 @@ from sumo_eval.settings.evaluation import EvaluationSettings
 
 WORLD, PLAYED, PEOPLE = "~world", "~world that reacts", "~people"
 AHEAD, FIELDS = "~what comes before a drive", "~fields"  # a run compiles them where it meets them
-OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction")
+OF_EVERY_RUN = (WORLD, PEOPLE, "ideal_braking", "no_reaction", "idm")
 _LONG = {
     WORLD: 14, PLAYED: 12, AHEAD: 8, FIELDS: 6, "careful_driver": 5, PEOPLE: 4, "lane_changer": 4, "fsm": 3, "rss": 2,
     "reg157": 2,
@@ -142,7 +142,8 @@ def of_evaluation(settings: EvaluationSettings) -> set[str]:
     drivers = settings.drivers
     fills = drivers.too_thin == "fill" and ":" not in drivers.source  # recorded people, where they are too few
     people = {PEOPLE} if drivers.source == "synthetic" or fills else set()
-    return {WORLD, "ideal_braking", "no_reaction"} | people | _rules(ads.locator for ads in settings.ads)
+    driven = (settings.method.task.task_reference, *(ads.locator for ads in settings.ads))
+    return {WORLD, "ideal_braking", "no_reaction"} | people | _rules(driven)
 
 
 def of_cases(cases: Iterable[Case]) -> set[str]:

@@ -1,4 +1,4 @@
-"""Fill a run's store: ADSs and the two references in every concrete scenario, drivers where it is safe."""
+"""Fill a run's store: ADSs and the references in every concrete scenario, drivers where it is safe."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
-from sumo_eval.errors import InputError, StoppedError, said
+from sumo_eval.errors import InputError, StoppedError, said, unknown
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import identify, run_packs
@@ -34,8 +35,10 @@ from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
 from sumo_eval.trajectory import BoolArray, FloatArray, Recording, Trajectory
 
-REFERENCES: Mapping[Role, str] = {"ideal": "ideal_braking", "no_reaction": "no_reaction"}
-"""What collisions are measured against, by role: Ug is the ideal vehicle's, U0 that of one who does nothing."""
+REFERENCES: Mapping[Role, str] = {
+    "ideal": "ideal vehicle", "no_reaction": "no reaction", "task_reference": "reference car",
+}  # fmt: skip
+"""What scores are measured against, by role: Ug of the ideal vehicle, U0 of doing nothing, times of T."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,14 +103,21 @@ class Planner:
                     yield self._finished(case)
 
     @property
+    def _controllers(self) -> Mapping[Role, str]:
+        """The controller of each reference."""
+        car = self.settings.method.task.task_reference
+        return {"ideal": "ideal_braking", "no_reaction": "no_reaction", "task_reference": car}
+
+    @property
     def _cases_in_block(self) -> int:
         """How many cases a policy over arrays drives together: of the points, whoever works them off."""
         return min(self.settings.run.cases_per_pack, self.settings.run.cases_per_child)
 
     def reference(self, space: Space, role: Role) -> Iterator[Case]:
-        """The ideal vehicle, or the one that does nothing, at every point, whatever the ADSs did there."""
+        """One of the references at every point, whatever the ADSs did there."""
+        controller = self._controllers[role]
         for number in space.numbers:
-            case = Case(number, space.concrete(number), role, role, REFERENCES[role])
+            case = Case(number, space.concrete(number), role, role, controller)
             # Without an identity of its own: an ADS that is called by the same locator must not change a reference.
             yield with_fingerprint(case, self.settings.simulation, "", self.harness)
 
@@ -142,6 +152,8 @@ def planner(settings: EvaluationSettings, source: Path) -> Planner:
     named = [("ADS", ads.locator) for ads in settings.ads]
     if settings.drivers.source not in ("synthetic", RECORDED):
         named.append(("Human reference", settings.drivers.source))
+    if (car := settings.method.task.task_reference) not in SHIPPED:
+        raise unknown("baseline for `method.task.task_reference`", car, SHIPPED)
     setup = Setup(settings.simulation, settings.run, source)
     harness = harness_identity() + _plant_identity(settings, source)
     identities = dict(identify(list(dict.fromkeys(named)), setup))
@@ -211,8 +223,8 @@ def _ads_stage(space: Space, plan: Planner) -> _Stage:
 
 
 def _reference_stage(space: Space, plan: Planner, role: Role) -> _Stage:
-    name, who = space.logical.name, "ideal vehicle" if role == "ideal" else "no reaction"
-    return _Stage(f"{name}: {who}", name, role, plan.reference(space, role), len(space.numbers))
+    name = space.logical.name
+    return _Stage(f"{name}: {REFERENCES[role]}", name, role, plan.reference(space, role), len(space.numbers))
 
 
 def _drivers_stage(space: Space, plan: Planner) -> _Stage:

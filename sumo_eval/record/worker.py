@@ -107,6 +107,8 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         return simulate(case.concrete, IdealBraking(settings.vehicle.max_deceleration), settings)
     if case.role == "no_reaction":
         return simulate(case.concrete, no_reaction, settings)
+    if case.role == "task_reference":
+        return simulate(case.concrete, case.controller, settings)
     _seed_global_generators(case)
     controller = watched(load_controller(case.controller, setup.folder), setup.run)
     return simulate(
@@ -131,6 +133,8 @@ def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recordin
         return simulate_together(concretes, IdealBraking(settings.vehicle.max_deceleration), settings)
     if role == "no_reaction":
         return simulate_together(concretes, no_reaction, settings)
+    if role == "task_reference":
+        return simulate_together(concretes, cases[0].controller, settings)
     if cases[0].block is not None:
         return _simulate_block(cases, cases[0].block, setup)
     _seed_global_generators(cases[0])

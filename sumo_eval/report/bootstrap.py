@@ -29,7 +29,9 @@ BLOCK_OF_BLOCKS = 4_000_000  # drawn at once of blocks: for each such part, term
 MOST_DRAWN = 10_000  # scenarios that a resample is drawn from one by one
 BLOCKS = 2_000  # that more scenarios are put together to
 COMPARED = {
+    "T": "task_share",
     "A": "avoided_share",
+    "A'": "avoidance_grade",
     "regret": "regret",
     "H": "human_likeness",
     "S+": "s_plus",

@@ -41,6 +41,7 @@ def differences(base: Evaluation, new: Evaluation) -> tuple[Difference, ...]:
         *_differing(_comparable(base.settings), _comparable(new.settings), "", decides=True),
         *_differing(_files(base), _files(new), "", decides=True),
         *_differing(_severity_file(base), _severity_file(new), "", decides=True),
+        *_differing(_reference_car(base), _reference_car(new), "", decides=True),
         *_versions(base, new),
         *_differing(_controllers(base.settings), _controllers(new.settings), "controller of ", decides=False),
     ]
@@ -86,6 +87,11 @@ def _severity_file(evaluation: Evaluation) -> dict[str, str]:
     """Content of the file that holds a severity of one's own: an edited one measures otherwise under the same name."""
     digest = str(evaluation.manifest.get("severity", {}).get("sha256", ""))
     return {"file of the severity": digest[:12]} if digest else {}
+
+
+def _reference_car(evaluation: Evaluation) -> dict[str, str]:
+    """The reference car of T, which runs recorded earlier do not have: T and S+ with and without it are never mixed."""
+    return {"reference car of T": evaluation.scores[0].task_reference or "none"} if evaluation.scores else {}
 
 
 def _versions(base: Evaluation, new: Evaluation) -> Iterator[Difference]:

@@ -358,6 +358,8 @@ class _Table:
             "caused_collisions": there.caused,
             "safe_collisions": there.collided & there.safe,
             "off_road": there.off_road,
+            "departures": there.departed,
+            "gave_up": there.gave_up,
             "not_evaluated": ~there.evaluated,
             "requirements_missed": _missing_requirements(cases),
         }

@@ -13,7 +13,16 @@ from sumo_eval.scoring.confidence.assessment import Assessment, Confidence
 from sumo_eval.scoring.confidence.coverage import PairCoverage, SpaceCoverage
 from sumo_eval.scoring.confidence.intervals import Interval
 
-SHOWN_SCORES = {"avoided_share": 3, "human_likeness": 3, "s_plus": 1, "c": 3, "d": 3, "s": 1}  # and their digits
+SHOWN_SCORES = {
+    "task_share": 3,
+    "avoidance_grade": 3,
+    "avoided_share": 3,
+    "human_likeness": 3,
+    "s_plus": 1,
+    "c": 3,
+    "d": 3,
+    "s": 1,
+}  # and their digits
 SHOWN = 8  # further cases that the page lists; the file has all of them
 CELL = 17  # pixels of a bucket in the picture
 

@@ -75,6 +75,7 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
             *(f"  {line}" for line in _zone(case, zones)),
             *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
             *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),
+            *(f"  {line}" for line in _task(case, score, evaluation)),
             *(f"  {line}" for line in _avoided(case, score, evaluation)),
             *(f"  {line}" for line in _human(case, score, evaluation)),
             *(f"  {line}" for line in _measures(case)),
@@ -228,7 +229,7 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     unknown = [
         words
         for words, known in (
-            ("the case", case.evaluated),
+            ("the case", case.evaluated or case.gave_up),
             ("the ideal vehicle's", case.ideal_severity is not None),
             ("that of `no_reaction`", case.no_reaction_severity is not None),
         )
@@ -245,6 +246,10 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     losses = avoided_share_losses(terms)
     u, ideal, nothing = (float(part[row]) for part in (terms.severity, terms.ideal, terms.unreacting))
     lost, at_stake = (float(excess(part, ideal)) for part in (u, nothing))
+    if case.departed:
+        yield f"A: left the road at t = {case.departure_time:z.2f} s with {case.departure_speed:z.3f} m/s"
+    if case.gave_up:
+        yield "A: the ADS gave the case up, which counts as doing nothing, U0, at least"
     kinds = ((case.caused, "caused by the ADS"), (case.avoidable, "avoidable"), (case.unavoidable, "unavoidable"))
     which = next((f": the collision is {words}" for holds, words in kinds if holds), "")
     beside = f"ideal vehicle Ug = {ideal:z.3f}{unit}, doing nothing U0 = {nothing:z.3f}{unit}"
@@ -253,8 +258,29 @@ def _avoided(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) ->
     yield (
         f"A: w = r = {number(case.weight, 4)}; w max(0, U - Ug) = {(case.weight or 0.0) * lost:z.4f}, "
         f"w max(0, U0 - Ug) = {(case.weight or 0.0) * at_stake:z.4f}; of 1 - A = {1.0 - score.avoided_share:z.4f} this "
-        f"case took {taken:z.4f}, {settings.method.score.a * taken:z.2f} points of S+"
-        + (" before A below 0 counts 0" if score.avoided_share < 0.0 else "")
+        f"case took {taken:z.4f}; A' = {number(score.avoidance_grade, 4)}"
+        + (": below 0, S+ takes 0" if score.avoided_share < 0.0 else "")
+    )
+
+
+def _task(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> Iterator[str]:
+    """What the case gives to T, the mean of t_i over the safe cases."""
+    if case.zone != "safe":
+        yield "T: the hazardous zone has no part in it"
+        return
+    if case.task_share is None:
+        yield "T: this case has no part in it: no reference is there without an incident"
+        return
+    beside = f"`{score.task_reference}` and the drivers" if score.task_reference else "the drivers"
+    why = " for its incident" if case.incident else ""
+    exposures, share = _share(
+        case, cases_of(evaluation, score), "exposure",
+        lambda zone, part: zone == "safe" and part is not None, "zone", "task_share",
+    )  # fmt: skip
+    yield (
+        f"T: t_i = {case.task_share:z.4f}{why}, mean over the way of min(1, time of the slowest of {beside} / own "
+        f"time); of 1 - T = {1.0 - (score.task_share or 0.0):z.4f} this case took "
+        f"{share * (1.0 - case.task_share):z.4f} ({len(exposures)} cases)"
     )
 
 
@@ -271,8 +297,8 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
         )
         yield f"H: this case has no part in it: {why}"
         return
-    if case.collided:
-        yield "H: 0, a collision in a safe case that the ideal vehicle avoids"
+    if case.incident:
+        yield "H: 0, an avoidable incident in a safe case"
     else:
         factors = [getattr(case, field) for field, _ in LIKENESS_FACTORS.values()]
         yield (
@@ -285,8 +311,7 @@ def _human(case: CaseResult, score: ScenarioResult, evaluation: Evaluation) -> I
     if math.fsum(exposures) > 0.0:
         yield (
             f"H: share of the mean {share:z.5f} ({len(exposures)} cases); of H = {number(score.human_likeness, 4)} "
-            f"this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}, "
-            f"{worth(evaluation.settings.method.score).h * share * (1.0 - case.human_likeness):z.2f} points of S+"
+            f"this case gives {share * case.human_likeness:z.5f} and took {share * (1.0 - case.human_likeness):z.5f}"
         )
 
 

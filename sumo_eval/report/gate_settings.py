@@ -13,13 +13,13 @@ from sumo_eval.settings import About, Checked, NotNegative
 from sumo_eval.settings.config import read_checked
 
 Quantity = Literal[
-    "A", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
-    "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "not_evaluated",
-    "requirements_missed",
+    "T", "A", "A'", "H", "S+", "regret", "C", "D", "S", "collision_probability", "collisions", "avoidable_collisions",
+    "unavoidable_collisions", "caused_collisions", "safe_collisions", "off_road", "departures", "gave_up",
+    "not_evaluated", "requirements_missed",
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",
 ]  # fmt: skip
 
-HIGHER_IS_BETTER: tuple[Quantity, ...] = ("A", "H", "S+", "C", "D", "S")
+HIGHER_IS_BETTER: tuple[Quantity, ...] = ("T", "A", "A'", "H", "S+", "C", "D", "S")
 WITH_INTERVAL: tuple[Quantity, ...] = (*HIGHER_IS_BETTER, "regret", "collision_probability")
 OF_THE_COMPARISON: tuple[Quantity, ...] = (
     "new_collisions", "harsher", "less_human", "newly_off_road", "newly_not_evaluated",

@@ -13,7 +13,16 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
     Quantity,
 )
-from sumo_eval.report.words import SCORES, count, not_computed, number, point, reason_without_d, reason_without_h
+from sumo_eval.report.words import (
+    REASON_WITHOUT_T,
+    SCORES,
+    count,
+    not_computed,
+    number,
+    point,
+    reason_without_d,
+    reason_without_h,
+)
 from sumo_eval.results import Evaluation, ScenarioResult
 
 _CHANGES: dict[Quantity, Change] = {
@@ -24,7 +33,7 @@ _CHANGES: dict[Quantity, Change] = {
     "newly_not_evaluated": "not evaluated any more",
 }
 _DIGITS: dict[Quantity, int] = {
-    "A": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
+    "T": 4, "A": 4, "A'": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
 }  # fmt: skip
 MOST_NAMED = 5  # cases in a sentence
 MOST_KEYS = 1_000  # cases that a failed limit names by key
@@ -156,8 +165,10 @@ def _why_missing(quantity: Quantity, score: ScenarioResult) -> str:
     reason = ""
     if quantity in ("D", "S"):
         reason = reason_without_d(score)
-    elif quantity in ("H", "S+"):
+    elif quantity == "H":
         reason = reason_without_h(score)
+    elif quantity == "T" or (quantity == "S+" and score.task_share is None):
+        return not_computed(REASON_WITHOUT_T)
     elif quantity == "requirements_missed":
         return "the scenario requires nothing"
     return not_computed(reason) or "no case could be evaluated"

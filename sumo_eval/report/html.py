@@ -41,6 +41,7 @@ from sumo_eval.report.words import (
     explain_h,
     explain_s,
     explain_s_plus,
+    explain_t,
     factor_means,
     index_notes,
     interval_words,
@@ -316,6 +317,7 @@ def _row(score: ScenarioResult, evaluation: Evaluation) -> dict[str, Any]:
         "h_width": f"{min(score.h_points, 100.0 - min(score.a_points, 100.0)):z.2f}",
         "probability": percent(score.collision_probability),
         "explained": [
+            explain_t(score),
             explain_a(score, cases, settings),
             explain_h(score, cases),
             [explain_s_plus(score, settings)],

@@ -1,7 +1,8 @@
 """The ledger of a score: where every point went, term by term and case by case, adding up to the printed number.
 
-That of S+ begins with what A = 1 and H = 1 would give, that of S with what C = 1 and D = 1 would give; off go what each
-collision and each factor of a case's human-likeness cost. A case loses 1 minus the product of its factors. A factor's
+S+ is 100 times the product of T, A' and (a + b H) / 100: each of the three costs its Shapley value of 100 - S+, which
+its cases share by what they take from T, A and H. S begins with what C = 1 and D = 1 would give; off go what each
+collision and each factor of a case's D_i cost. A case loses 1 minus the product of its factors. A factor's
 part of that loss is its Shapley value (`score_terms.product_losses`).
 """
 
@@ -19,6 +20,7 @@ from sumo_eval.method.score_terms import mean_shares, product_losses, worth
 from sumo_eval.report.words import (
     FACTORS,
     LIKENESS_FACTORS,
+    REASON_WITHOUT_T,
     cases_of,
     collision_shares,
     count,
@@ -33,11 +35,12 @@ from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
+FULL = 100.0  # points
 ROUNDING = 1e-9  # an index off the product of its factors by less is only rounding
 WORTH_COUNTING = 1e-4  # of an index: a case that lost less is not one of the cases that lost
 
 
-Term = Literal["A", "H", "C", "D"]
+Term = Literal["S+", "T", "A", "H", "C", "D"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +69,7 @@ NOBODY: Final = Entries((), np.empty(0, dtype=np.intp), np.empty(0), 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One term of the ledger. index: in units of A, H, C or D; points: of S+ or S. entries: its cases, the costliest
+    """One term of the ledger. index: in units of T, A, H, C or D; points: of S+ or S. entries: its cases, the costliest
     first. equation: its number in the paper; empty for what is not the paper's.
     """
 
@@ -94,19 +97,28 @@ class Ledger:
     total: float
 
     def index(self, term: Term) -> float:
-        """The sum of a term's lines in units of the index: A (at least 0), H, C or D, 0 where it was not computed."""
+        """The sum of a term's lines in units of the index: C or D, 0 without; T - 1, A - 1 or H - 1."""
         return math.fsum(line.index for line in self.lines if line.term == term)
 
 
 def ledger_plus(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
-    """Every term of S+ = a max(A, 0) + b H."""
+    """100 points less what T, A' and (a + b H) / 100 take from S+ = T max(A', 0) (a + b H)."""
     settings, cases = evaluation.settings, cases_of(evaluation, score)
-    whole = worth(settings.method.score)
-    lines = (
-        *_scaled("A", whole.a, cases, _avoided_lines(score, cases, settings)),
-        *_scaled("H", whole.h, cases, _human_lines(score, cases)),
+    points = settings.method.score
+    grade = max(score.avoidance_grade or 0.0, 0.0)
+    manner = (points.a + points.b * (score.human_likeness or 0.0)) / FULL
+    losses = product_losses(np.array([[score.task_share or 0.0, grade, manner]]))[0] * FULL
+
+    terms: tuple[tuple[Term, float, _Lines], ...] = (
+        ("T", float(losses[0]), list(_task_lines(score, cases))),
+        ("A", float(losses[1]), list(_avoided_lines(score, cases, settings))),
+        ("H", float(losses[2]), list(_human_lines(score, cases))),
     )
-    return Ledger("S+", score.ads, score.scenario, lines, _total(lines))
+    lines = [Line("S+", "", "the task driven without avoidable harm, as people drive", 1.0, FULL)]
+    for term, lost, parts in terms:
+        taken = -math.fsum(alone if not len(places) else float(its.sum()) for _, _, alone, (places, its) in parts)
+        lines += _scaled(term, lost / taken if taken > 0.0 else 0.0, cases, parts)
+    return Ledger("S+", score.ads, score.scenario, tuple(lines), _total(lines))
 
 
 def ledger(evaluation: Evaluation, score: ScenarioResult) -> Ledger:
@@ -131,7 +143,7 @@ def sentences(found: Ledger) -> list[str]:
     whole = {line.term: line.points for line in found.lines if line.index > 0.0}
     losses = sorted((line for line in found.lines if line.points < 0.0), key=lambda line: line.points)
     return [
-        f"{line.term} lost {-line.points:z.1f} of {whole[line.term]:g} points: {line.words}"
+        f"{line.term} lost {-line.points:z.1f} of {whole.get(line.term, FULL):g} points: {line.words}"
         + (f" in {count(line.cases, 'case')}" if line.cases else "")
         + "."
         for line in losses
@@ -156,37 +168,64 @@ def _scaled(term: Term, scale: float, cases: Sequence[CaseResult], lines: _Lines
     return scaled
 
 
+def _task_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
+    if score.task_share is None:
+        yield "", f"T not computed: {REASON_WITHOUT_T}", -1.0, _NONE
+        return
+    there, read = OutcomeColumns.of(cases), arrays(cases, "task_share", "end_reason")
+    counted = there.safe & np.isfinite(read["task_share"])
+    lost = np.nan_to_num(_shares(cases, counted) * (1.0 - read["task_share"]))
+    stands = read["end_reason"] == "standstill"
+    yield from _first_of(
+        (
+            ("given up", there.gave_up),
+            ("a contact", there.collided),
+            ("left the road", there.departed),
+            ("stands where the references drive", stands),
+            ("slower than the slowest reference", np.ones(len(lost), dtype=np.bool_)),
+        ),
+        lost,
+    )
+
+
+def _first_of(groups: Sequence[tuple[str, BoolArray]], lost: FloatArray) -> _Lines:
+    """A line for each group: the cases of it that lost something and are in no group before it."""
+    left = lost > 0.0
+    for words, belongs in groups:
+        places = np.flatnonzero(belongs & left)
+        left = left & ~belongs
+        if len(places):
+            yield "", words, 0.0, (places, -lost[places])
+
+
 def _avoided_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:
-    yield "", "A = 1, no collision is harder than the ideal vehicle's", 1.0, _NONE
     if score.avoided_share is None:
         yield "", "A not computed", -1.0, _NONE
         return
     there = OutcomeColumns.of(cases)
-    losses = avoided_share_losses(case_terms(cases, settings.method, there))
-    groups = (
-        ("collisions that the ADS caused: doing nothing has none", there.caused),
-        ("collisions that the ideal vehicle avoids", there.avoidable & ~there.caused),
-        ("collisions that the ideal vehicle has too, but softer", there.unavoidable),
+    losses = np.nan_to_num(avoided_share_losses(case_terms(cases, settings.method, there)))
+    yield from _first_of(
+        (
+            ("given up, which counts as doing nothing", there.gave_up),
+            ("collisions that the ADS caused: doing nothing has none", there.caused),
+            ("collisions that the ideal vehicle avoids", there.avoidable),
+            ("collisions that the ideal vehicle has too, but softer", there.unavoidable),
+            ("left the road", there.departed),
+        ),
+        losses,
     )
-    for words, belongs in groups:
-        places = np.flatnonzero(belongs & (losses > 0.0))
-        if len(places):
-            yield "", words, 0.0, (places, -losses[places])
-    if score.avoided_share < 0.0:
-        yield "", "A is below 0, worse than doing nothing, and S+ takes 0", -score.avoided_share, _NONE
 
 
 def _human_lines(score: ScenarioResult, cases: Sequence[CaseResult]) -> _Lines:
-    yield "", "H = 1, as people drive in every safe case", 1.0, _NONE
     if score.human_likeness is None:
         yield "", f"H not computed: {reason_without_h(score)}", -1.0, _NONE
         return
     counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
-    weights, collided = _shares(cases, counted), OutcomeColumns.of(cases).collided
-    hits = np.flatnonzero(counted & collided)
+    weights, incident = _shares(cases, counted), OutcomeColumns.of(cases).incident
+    hits = np.flatnonzero(counted & incident)
     if len(hits):
-        yield "", "a collision in a safe case that the ideal vehicle avoids", 0.0, (hits, -weights[hits])
-    yield from _factor_lines(cases, np.flatnonzero(counted & ~collided), weights, "human_likeness")
+        yield "", "an avoidable incident in a safe case", 0.0, (hits, -weights[hits])
+    yield from _factor_lines(cases, np.flatnonzero(counted & ~incident), weights, "human_likeness")
 
 
 def _collision_lines(score: ScenarioResult, cases: Sequence[CaseResult], settings: EvaluationSettings) -> _Lines:

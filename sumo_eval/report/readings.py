@@ -117,14 +117,22 @@ def readings(settings: EvaluationSettings) -> list[tuple[str, str]]:
         (
             "beside 17",
             "A = 1 − Σ w max(0, U − Ug) / Σ w max(0, U0 − Ug) over all evaluated points, w = r: U0 is that of "
-            "`no_reaction`, U = 0 without contact. Who is no worse in any case and better in one never has a lower A.",
+            "`no_reaction`, U that of the worst incident: contact, departure, giving up. An ADS that is no worse in "
+            "any case and better in one never has a lower A. A' = 1 − ln(1 + x/x0) / ln(1 + 1/x0), x = 1 − A, "
+            f"x0 = {method.task.sharpness:g}.",
+        ),
+        (
+            "beside 13",
+            "T is the mean over the safe cases of t_i: along the way that the drivers and the reference car "
+            f"`{method.task.task_reference}` drove, the mean of min(1, time of the slowest of them / own time); 0 with "
+            f"an incident. A departure: a corner of the body more than {method.task.road_margin:g} m off the road.",
         ),
         (
             "beside 13",
             "H is the mean over the safe cases of f_L, f_n+, the similarity among drivers who make the same kind of "
-            "manoeuvre and the plausibility, multiplied. A collision there that the ideal vehicle avoids counts 0; one "
-            "that it has as well is left out.",
+            "manoeuvre and the plausibility, multiplied. An avoidable incident there counts 0; a collision that the "
+            "ideal vehicle has as well is left out.",
         ),
-        ("beside 18", f"S+ = {method.score.a:g} max(0, A) + {method.score.b:g} H."),
+        ("beside 18", f"S+ = T max(0, A') ({method.score.a:g} + {method.score.b:g} H)."),
         ("18", f"S = {method.score.a:g} k5 C + {method.score.b:g} k6 D. Where D is not computed its term counts 0."),
     ]

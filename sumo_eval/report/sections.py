@@ -199,8 +199,6 @@ def ranking_content(evaluation: Evaluation, beside: Beside) -> Mapping[str, Any]
                 "place": "–" if one.place is None else str(one.place),
                 "s_plus": number(one.s_plus, 1),
                 "interval": interval_words(one.interval, 1).replace("..", " to "),
-                "a_points": number(one.a_points, 1),
-                "h_points": number(one.h_points, 1),
             }
             for one in found.ads
         ],

@@ -108,8 +108,8 @@ def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:
 
 def _without_total(evaluation: Evaluation) -> str:
     if nobody_drove(evaluation):
-        return "There is nobody to compare an ADS with, so no H and no S+: A and C say how well each avoids collisions."
-    return "No ADS has an S+ in every logical scenario that has people to compare with."
+        return "No scenario has people to compare with and a task to drive: A' and C say how well each ADS avoids harm."
+    return "No ADS has an S+ in every logical scenario that has a task to drive."
 
 
 def _between(interval: tuple[float, float] | None) -> str:

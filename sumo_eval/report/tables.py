@@ -27,7 +27,8 @@ from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.text import cell
 
 CHECKS = "checks.csv"
-_ALSO = {"d_i": "index"}  # columns that show a field under a second name
+_ALSO = {"d_i": "index"} | {name: name for name in ("departed", "gave_up", "incident_severity")}
+"""Columns behind the fields: (heading, attribute of CaseResult)."""
 _IN_WORDS: dict[str, Callable[[CaseResult], str]] = {
     "index_note": index_note_words,
     "reference_note": reference_note_words,

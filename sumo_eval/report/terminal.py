@@ -19,7 +19,9 @@ from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
+    REASON_WITHOUT_T,
     SCORES,
+    WITHOUT_REFERENCE_CAR,
     count,
     drivers_are_synthetic,
     interval_words,
@@ -37,20 +39,24 @@ from sumo_eval.text import without_numbers
 
 GROUPS = (
     ("collisions", "avoidable", "unavoidable", "caused"),
-    ("A", "H", "S+"),
+    ("T", "A'", "A", "H", "S+"),
     ("C", "D", "S"),
-    ("cases", "in safe zone", "not evaluated"),
+    ("cases", "collisions in safe zone", "left the road", "gave up", "not evaluated"),
 )
 """Columns that stand in one table however narrow the terminal is: the scores that order come before the paper's."""
 COLUMNS = ("ADS", "scenario", *(heading for group in GROUPS for heading in group))
 """What is said of an ADS in a logical scenario, in this order."""
-WARNING = frozenset({"avoidable", "caused", "in safe zone", "not evaluated"})
+WARNING = frozenset({"avoidable", "caused", "collisions in safe zone", "left the road", "gave up", "not evaluated"})
 BOLD = frozenset({"S+", "S"})
-HEADINGS = {"in safe zone": "in safe\nzone", "not evaluated": "not\nevaluated"}
-"""Headings of two words, one below the other."""
+HEADINGS = {
+    "collisions in safe zone": "collisions\nin safe zone", "left the road": "left the\nroad", "gave up": "gave\nup",
+    "not evaluated": "not\nevaluated",
+}  # fmt: skip
+"""Headings of several words, one below the other."""
 WORDS = (
     "Avoidable: the ideal vehicle has no collision there; caused: of these, a car that does nothing has none either. "
-    "A: avoided share, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+: both, of 100 points. "
+    "T: share of the driving task done. A: avoided share, 1 as the ideal vehicle, 0 as doing nothing; A': its grade. "
+    "H: human-likeness, 0 to 1. S+ = T A' (a + b H), of 100 points. "
     "C, D, S: the paper's scores. Below a score: its interval."
 )
 NOT_COMPUTED = "not computed"
@@ -148,7 +154,12 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     alone = [score for score in evaluation.scores if score.nobody_compared]
     if alone:
         names = ", ".join(dict.fromkeys(score.scenario for score in alone))
-        lines.append(f"D, H and S+ are not computed in {names}: {reason_without_h(alone[0])}. In S, D counts 0 points.")
+        lines.append(f"D and H are not computed in {names}: {reason_without_h(alone[0])}. They count 0 points.")
+    taskless = list(dict.fromkeys(score.scenario for score in evaluation.scores if score.task_share is None))
+    if taskless:
+        lines.append(f"T and S+ are not computed in {', '.join(taskless)}: {REASON_WITHOUT_T}. Read A' there.")
+    if any(not score.task_reference and score.task_share is not None for score in evaluation.scores):
+        lines.append(WITHOUT_REFERENCE_CAR)
     missing = unevaluated(evaluation)
     if missing:
         lines.append(f"{count(len(missing), 'case')} could not be evaluated and left the means:")
@@ -239,7 +250,9 @@ def _cells(score: ScenarioResult, coarser: int = 0) -> dict[str, tuple[str, str]
         "unavoidable": score.unavoidable_collisions,
         "caused": score.caused_collisions,
         "cases": score.cases,
-        "in safe zone": score.safe_collisions,
+        "collisions in safe zone": score.safe_collisions,
+        "left the road": score.departures,
+        "gave up": score.gave_up,
         "not evaluated": score.not_evaluated,
     }
     cells = {heading: (str(value), "") for heading, value in counts.items()}
@@ -275,13 +288,10 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
     above = ""
     for one in ranking.ads:
         if one.place is None or one.s_plus is None:
-            where = "some scenario" if ranking.with_people else "any scenario"
-            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in {where}")
+            lines.append(f"  not ranked: {one_line(one.ads)} has no S+ in some scenario")
             continue
         interval = interval_words(one.interval, 1)
         words = f"  {one.place}. {one_line(one.ads)}  {number(one.s_plus, 1)}{f' ({interval})' if interval else ''}"
-        if ranking.without_people:
-            words += f", {number(one.a_points, 1)} from A and {number(one.h_points, 1)} from H"
         if above:
             pair = ranking.pair(above, one.ads)
             ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
@@ -296,7 +306,7 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
 # --- two runs ---------------------------------------------------------------------------------------------------------
 
 MOST_CHANGES = 10  # of one kind on a terminal; the report has all of them
-_COMPARED = {"A": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 4}
+_COMPARED = {"T": 4, "A": 4, "A'": 4, "regret": 4, "H": 4, "S+": 2, "S": 2, "C": 4, "D": 4, "collision_probability": 4}
 
 
 def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evaluation: Evaluation) -> list[str]:

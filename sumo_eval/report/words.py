@@ -48,6 +48,11 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 IntArray = NDArray[np.intp]
 
 REASON_WITHOUT_C = "no case that tells how collisions are avoided could be evaluated"
+REASON_WITHOUT_T = "no safe case could be compared with a reference"
+WITHOUT_REFERENCE_CAR = (
+    "T compares with the drivers alone: this run was recorded without the reference car. "
+    "`sumo-eval run --resume` adds it."
+)
 
 OUTCOMES = ("no contact", "collision", "off road", "not evaluated")
 """What became of a case, in the order in which the report shows it."""
@@ -71,8 +76,15 @@ GLOSSARY = {
     "A": "avoided share: how much of the collision severity that doing nothing would bring and the ideal vehicle would "
     "not was avoided, over all cases. 1: as the ideal vehicle; 0: as doing nothing; below 0: worse than that",
     "H": "human-likeness: mean over the safe cases of length factor, operations factor, similarity and plausibility "
-    "multiplied; 0 for a safe case with an avoidable collision",
-    "S+": "the score that orders: a A + b H, 0 to 100 points; an A below 0 counts 0",
+    "multiplied; 0 for a safe case with an avoidable incident",
+    "T": "share of the driving task done: mean over the safe cases of t_i, how much of the way that the drivers and "
+    "the reference car drove was driven in no more time than the slowest of them; 0 with an incident",
+    "A'": "grade of A: each ten times as much avoidable harm costs 0.37 to 0.48 of it. 1: as the ideal vehicle; 0: as "
+    "doing nothing",
+    "S+": "the score that orders: T A' (a + b H), 0 to 100 points; an A' below 0 counts 0",
+    "departure": "a corner of the body is more than 0.5 m off the road; it weighs as a full-width contact with a "
+    "standing car at that speed",
+    "gave up": "the ADS failed, ran out of time or ended its process: as bad as doing nothing, no task done",
     "regret": "by how much severity the ADS exceeds the ideal vehicle: mean over all cases, weighted by r; 0 is best",
     "C": "collision avoidance of the paper, Eq. 17: mean of Ug/U over the collisions alone; 1 without a collision",
     "D": "human-likeness index of the paper, Eq. 13: mean of D_i over the safe cases; none after an avoidable "
@@ -158,6 +170,8 @@ _END = {
     "sim_error": "SUMO failed",
 }
 SCORES = {
+    "T": ("task_share", 3),
+    "A'": ("avoidance_grade", 3),
     "A": ("avoided_share", 3),
     "H": ("human_likeness", 3),
     "S+": ("s_plus", 1),
@@ -407,9 +421,10 @@ def explain_a(score: ScenarioResult, cases: Sequence[CaseResult], settings: Eval
         return [*said, "A is not computed: no case could be evaluated. Its term counts 0 points."]
     regret = "" if score.regret is None else f"; the regret is {number(score.regret, 3)}{severity_unit(settings)}"
     if score.avoided_share == 1.0:
-        return [*said, f"A = 1: no collision is harder than the ideal vehicle's{regret}."]
+        return [*said, f"A = A' = 1: no incident is harder than the ideal vehicle's{regret}."]
     below = ": worse than doing nothing, and S+ takes 0" if score.avoided_share < 0.0 else ""
-    said.append(f"A = {number(score.avoided_share, 3)}{below}{regret}.")
+    grade = number(score.avoidance_grade, 3)
+    said.append(f"A = {number(score.avoided_share, 3)}, A' = {grade}{below}{regret}.")
     losses = np.nan_to_num(share_lost(cases, settings))
     worst = int(np.argmax(losses))
     if losses[worst] >= SHARE_WORTH_NAMING * (1.0 - score.avoided_share):
@@ -439,18 +454,33 @@ def explain_h(score: ScenarioResult, cases: Sequence[CaseResult]) -> list[str]:
             if means[name] >= NEGLIGIBLE_LIMIT
             else f", limited most by {name} (mean {means[name]:z.2f}; {others})"
         )
-    lost = f"{count(hits, 'case')} with an avoidable collision {'counts' if hits == 1 else 'count'} 0."
+    lost = f"{count(hits, 'case')} with an avoidable incident {'counts' if hits == 1 else 'count'} 0."
     return [f"{said}.", *([lost] if hits else [])]
 
 
 def explain_s_plus(score: ScenarioResult, settings: EvaluationSettings) -> str:
-    """How S+ adds up."""
+    """How S+ is made of T, A' and H."""
     if score.s_plus is None:
-        return "S+ is not computed: nothing could be evaluated."
-    terms = settings.method.score
-    a_term = f"A gives {score.a_points:z.1f} of {terms.a:g} points"
-    h_term = f"H gives {score.h_points:z.1f}" if score.human_likeness is not None else "H, not computed, gives 0"
-    return f"S+ = {score.s_plus:z.1f}: {a_term}, {h_term} of {terms.b:g} points."
+        return f"S+ is not computed: {REASON_WITHOUT_T if score.task_share is None else REASON_WITHOUT_C}."
+    points = settings.method.score
+    done = f"{score.task_share:z.3f} x {max(score.avoidance_grade or 0.0, 0.0):z.3f}"
+    human = 0.0 if score.human_likeness is None else score.human_likeness
+    missing = "" if score.human_likeness is not None else ", H not computed"
+    manner = f"({points.a:g} + {points.b:g} x {human:z.3f}{missing})"
+    return f"S+ = T A' (a + b H) = {done} x {manner} = {score.s_plus:z.1f} points."
+
+
+def explain_t(score: ScenarioResult) -> list[str]:
+    """Why T is what it is."""
+    if score.task_share is None:
+        return [f"T is not computed: {REASON_WITHOUT_T}."]
+    beside = f"`{score.task_reference}`" if score.task_reference else "the drivers alone: the run has no reference car"
+    lost = [
+        f"{count(number, 'case')} {words}"
+        for number, words in ((score.departures, "left the road"), (score.gave_up, "given up"))
+        if number
+    ]
+    return [f"T = {number(score.task_share, 3)} beside {beside}{'; ' if lost else ''}{', '.join(lost)}."]
 
 
 def reason_without_h(score: ScenarioResult) -> str:
@@ -459,16 +489,15 @@ def reason_without_h(score: ScenarioResult) -> str:
 
 
 def likeness_means(cases: Sequence[CaseResult]) -> dict[str, float]:
-    """Mean of every factor of a case's human-likeness over the safe cases without a collision, by exposure."""
-    read = arrays(cases, "human_likeness", "collided")
-    return _means(cases, np.isfinite(read["human_likeness"]) & (read["collided"] != 1.0), LIKENESS_FACTORS)
+    """Mean of every factor of a case's human-likeness over the safe cases without an incident, by exposure."""
+    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
+    return _means(cases, counted & ~OutcomeColumns.of(cases).incident, LIKENESS_FACTORS)
 
 
 def likened(cases: Sequence[CaseResult]) -> tuple[int, int]:
-    """How many cases have a human-likeness, and how many of them are collisions."""
-    read = arrays(cases, "human_likeness", "collided")
-    counted = np.isfinite(read["human_likeness"])
-    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & (read["collided"] == 1.0)))
+    """How many cases have a human-likeness, and how many of them hold an incident."""
+    counted = np.isfinite(arrays(cases, "human_likeness")["human_likeness"])
+    return int(np.count_nonzero(counted)), int(np.count_nonzero(counted & OutcomeColumns.of(cases).incident))
 
 
 # --- why C, D and S are what they are ---------------------------------------------------------------------------------
@@ -581,11 +610,15 @@ def reason_without_d(score: ScenarioResult) -> str:
 
 
 def parts_of_total(ranking: Ranking) -> str:
-    """Over which scenarios A and H of an evaluation's S+ are means, where these are not the same; else nothing."""
-    if not ranking.without_people:
-        return ""
-    known = ranking.with_people
-    return f": A over all {known + len(ranking.without_people)}, H over the {known} with people to compare with"
+    """Which scenarios of an evaluation have no S+, and in which H counts 0; else nothing."""
+    parts = [
+        f"{why} in {', '.join(names)}"
+        for names, why in (
+            (ranking.without_task, "no task, so no S+,"), (ranking.without_people, "H counts 0, without people,"),
+        )
+        if names
+    ]  # fmt: skip
+    return f": {'; '.join(parts)}" if parts else ""
 
 
 def _reason(found: NotComputed | None, what: str) -> str:

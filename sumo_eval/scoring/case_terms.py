@@ -17,7 +17,8 @@ from sumo_eval.settings import MethodSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
 _FIELDS = (
-    "severity", "ideal_severity", "no_reaction_severity", "exposure", "weight", "index", "human_likeness",
+    "severity", "departure_severity", "ideal_severity", "no_reaction_severity", "exposure", "weight", "index",
+    "human_likeness", "task_share",
 )  # fmt: skip
 """Of a row of cases.csv what scores are made of, besides what became of the case."""
 SCORES = (
@@ -28,6 +29,8 @@ SCORES = (
     "avoided_share_exposure",
     "regret",
     "human_likeness",
+    "task_share",
+    "avoidance_grade",
     "s_plus",
     "collision_probability",
 )
@@ -39,11 +42,11 @@ SUMMED_AT_ONCE = 8_192  # cases whose terms are in memory at a time: memory that
 class CaseTerms:
     """The cases of one ADS in one logical scenario, arrays (n,); nan where a case has no part in a term.
 
-    exposure: p_i. weight: r_i. severity: U_i, 0 without contact, nan where it could not be evaluated. ideal: Ug_i and
-    unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all three, 0.1
-    without contact. ratio: Ug_i/U_i (Lg/L) of a collision. collided, evaluated: flags. index: D_i, likeness:
-    human-likeness, of the safe cases that have one.
-    voids: collisions after which there is no D.
+    exposure: p_i. weight: r_i. severity: U_i of the worst incident, 0 without one, nan where the harness failed. ideal:
+    Ug_i and unreacting: U0_i in the same concrete scenarios, likewise; with `loss = "class"` the classes L of all
+    three, 0.1 without an incident. ratio: Ug_i/U_i (Lg/L) of a contact. collided, evaluated, incident, counted (also
+    where the ADS gave up): flags. index: D_i, likeness: human-likeness, of the safe cases that have one. task: t_i of
+    the cases that T is the mean of. voids: collisions after which there is no D.
     """
 
     exposure: FloatArray
@@ -57,6 +60,9 @@ class CaseTerms:
     index: FloatArray
     likeness: FloatArray
     voids: BoolArray
+    incident: BoolArray
+    counted: BoolArray
+    task: FloatArray
 
     def part(self, rows: NDArray[np.intp] | slice) -> CaseTerms:
         """Those of some of the cases."""
@@ -69,12 +75,15 @@ def case_terms(cases: Sequence[CaseResult], method: MethodSettings, there: Outco
     """
     there = OutcomeColumns.of(cases) if there is None else there
     read = arrays(cases, *_FIELDS)
-    hit, ideal, unreacting, exposure, weight, index, likeness = (
+    hit, departure, ideal, unreacting, exposure, weight, index, likeness, task = (
         np.ascontiguousarray(read[name], dtype=np.float64) for name in _FIELDS
     )
-    severity, ideal, unreacting = (
+    worst = np.fmax(np.where(there.collided, hit, 0.0), np.nan_to_num(departure))
+    worst = np.where(there.gave_up, np.maximum(worst, unreacting), worst)
+    worst = np.where(there.counted, worst, np.nan)
+    contact, severity, ideal, unreacting = (
         _loss(values) if method.collision.loss == "class" else values
-        for values in (np.where(there.collided, hit, np.where(there.evaluated, 0.0, np.nan)), ideal, unreacting)
+        for values in (np.where(there.collided, hit, np.nan), worst, ideal, unreacting)
     )
     return CaseTerms(
         exposure=exposure,
@@ -82,12 +91,15 @@ def case_terms(cases: Sequence[CaseResult], method: MethodSettings, there: Outco
         severity=severity,
         ideal=ideal,
         unreacting=unreacting,
-        ratio=score_terms.ideal_ratio(np.where(there.collided, severity, np.nan), ideal),
+        ratio=score_terms.ideal_ratio(contact, ideal),
         collided=there.collided,
         evaluated=there.evaluated,
         index=np.where(there.counts_for_index, index, np.nan),
         likeness=likeness,
         voids=there.voids_index,
+        incident=there.incident,
+        counted=there.counted,
+        task=np.where(there.safe, task, np.nan),
     )
 
 
@@ -125,6 +137,8 @@ def scores_of(
     if terms.exposure.any() if exposed is None else exposed:
         by_exposure = score_terms.avoided_share(terms.severity, terms.ideal, terms.unreacting, terms.exposure, counts)
     human = score_terms.exposure_mean(terms.likeness, terms.exposure, counts)
+    task = score_terms.exposure_mean(terms.task, terms.exposure, counts)
+    grade = score_terms.avoidance_grade(avoided, method.task.sharpness)
     contact = np.where(terms.evaluated, terms.collided.astype(np.float64), np.nan)
     return {
         "c": c,
@@ -134,7 +148,9 @@ def scores_of(
         "avoided_share_exposure": by_exposure,
         "regret": score_terms.regret(u, ideal, weight, counts),
         "human_likeness": human,
-        "s_plus": score_terms.ordering_score(avoided, human, method.score),
+        "task_share": task,
+        "avoidance_grade": grade,
+        "s_plus": score_terms.ordering_score(task, grade, human, method.score),
         "collision_probability": score_terms.exposure_mean(contact, terms.exposure, counts),
     }
 
@@ -166,7 +182,7 @@ def point_values(terms: CaseTerms, method: MethodSettings) -> dict[str, float | 
 def missing_bounds(
     terms: CaseTerms, safe: BoolArray, method: MethodSettings, *, people: bool = True
 ) -> dict[str, tuple[float, float]]:
-    """Worst and best of A, regret, H and S+ with every missing case counted in; empty where none of them moves.
+    """Worst and best of T, A, A', regret, H and S+ with every missing case counted in; empty where none of them moves.
 
     A case that could not be evaluated counts as doing nothing, or as the ideal vehicle where that is harder; at best as
     the ideal vehicle. Where the ideal vehicle's own drive is missing, at worst it avoids, or the point has no part in A
@@ -176,8 +192,9 @@ def missing_bounds(
     vehicle avoids it counts 0, and not at all. safe: flags, (n,). people: whether there is anybody to be like.
     """
     no_ideal, no_unreacting = np.isnan(terms.ideal), np.isnan(terms.unreacting)
-    lost, unsure = ~terms.evaluated, no_ideal | no_unreacting
-    unlike = safe & np.isnan(terms.likeness) & (~terms.collided | no_ideal) & people
+    lost, unsure = ~terms.counted, no_ideal | no_unreacting
+    unlike = safe & np.isnan(terms.likeness) & (~terms.incident | no_ideal) & people
+    untimed = safe & lost
     if not (lost.any() or unsure.any() or unlike.any()):
         return {}
     hardest = float(np.max(terms.unreacting, initial=0.0, where=~no_unreacting))
@@ -189,6 +206,7 @@ def missing_bounds(
         ideal=gentlest,
         unreacting=np.where(no_unreacting, hit, terms.unreacting),
         likeness=np.where(unlike, 0.0, terms.likeness),
+        task=np.where(untimed, 0.0, terms.task),
     )
     severity = np.where(lost, gentlest, terms.severity)
     best = replace(
@@ -196,11 +214,15 @@ def missing_bounds(
         severity=severity,
         ideal=np.where(no_ideal, severity, terms.ideal),
         unreacting=np.where(no_unreacting, np.maximum(hardest, severity), terms.unreacting),
-        likeness=np.where(unlike & ~terms.collided, 1.0, terms.likeness),
+        likeness=np.where(unlike & ~terms.incident, 1.0, terms.likeness),
+        task=np.where(untimed, 1.0, terms.task),
     )
     found = [point_values(one, method) for one in (worst, _without_what_lifts(worst, unsure, method), best)]
     bounds: dict[str, tuple[float, float]] = {}
-    for name in ("avoided_share", "avoided_share_exposure", "regret", "human_likeness", "s_plus"):
+    for name in (
+        "task_share", "avoided_share", "avoided_share_exposure", "avoidance_grade", "regret", "human_likeness",
+        "s_plus",
+    ):  # fmt: skip
         ends = [value for value in (one[name] for one in found) if value is not None]
         if ends:
             bounds[name] = min(ends), max(ends)

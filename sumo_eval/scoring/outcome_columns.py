@@ -9,11 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sumo_eval.results import EVALUATED, CaseResult
+from sumo_eval.results import EVALUATED, GAVE_UP, CaseResult
 from sumo_eval.scoring.kept_rows import arrays_in_parts
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-_FIELDS = ("zone", "status", "collided", "struck_from_behind", "ideal_severity", "no_reaction_severity")
+_FIELDS = (
+    "zone",
+    "status",
+    "collided",
+    "struck_from_behind",
+    "ideal_severity",
+    "no_reaction_severity",
+    "departure_time",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +37,8 @@ class OutcomeColumns:
     struck: BoolArray
     ideal: FloatArray
     unreacting: FloatArray
+    departed: BoolArray
+    gave_up: BoolArray
 
     @classmethod
     def of(cls, cases: Sequence[CaseResult]) -> OutcomeColumns:
@@ -48,7 +58,19 @@ class OutcomeColumns:
             struck=read["struck_from_behind"] == 1.0,
             ideal=read["ideal_severity"],
             unreacting=read["no_reaction_severity"],
+            departed=np.isfinite(read["departure_time"]),
+            gave_up=np.isin(read["status"], GAVE_UP),
         )
+
+    @property
+    def counted(self) -> BoolArray:
+        """Cases that count in T, A, H and S+: those given up among them."""
+        return np.asarray(self.evaluated | self.gave_up)
+
+    @property
+    def incident(self) -> BoolArray:
+        """Cases with a contact, a departure or a giving up."""
+        return np.asarray(self.collided | self.departed | self.gave_up)
 
     @property
     def avoidable(self) -> BoolArray:

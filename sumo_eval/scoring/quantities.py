@@ -17,6 +17,7 @@ from sumo_eval.method.collision_avoidance import (
     impact_severity,
 )
 from sumo_eval.method.conflict import Conflict, conflict_at
+from sumo_eval.method.driving_task import roadside_contact
 from sumo_eval.method.measures import CriticalityMeasures
 from sumo_eval.method.score import plus_of, score_of
 from sumo_eval.method.severity import Severity
@@ -26,6 +27,7 @@ from sumo_eval.record.human_reference import CaseIndex
 from sumo_eval.record.store import Fact, Store
 from sumo_eval.results import (
     EVALUATED,
+    GAVE_UP,
     ActorsLeft,
     BeyondRange,
     CaseResult,
@@ -48,6 +50,7 @@ from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.samples import Sample
 from sumo_eval.scoring.case_terms import case_terms, missing_bounds, point_values
 from sumo_eval.scoring.drive_measures import DriveMeasures
+from sumo_eval.scoring.driving_task import TaskOfDrive
 from sumo_eval.scoring.kept_rows import arrays
 from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import CollisionSettings, MethodSettings
@@ -112,9 +115,9 @@ class Remarks:
 
 @dataclass(frozen=True, slots=True)
 class PointTerms:
-    """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug and
-    no_reaction_severity: U0, 0 where they avoid, None where their drive could not be evaluated; ideal_error and
-    no_reaction_error: why not. conflict: of its ways, None where none conflicts with the ego's.
+    """One concrete scenario in Eqs. 14-17, whoever drives there. weight: r. ideal_severity: Ug, of contacts, and
+    no_reaction_severity: U0, of contacts and departures, 0 without them, None where their drive could not be evaluated;
+    ideal_error and no_reaction_error: why not. conflict: of its ways, None where none conflicts with the ego's.
     """
 
     weight: float
@@ -141,15 +144,22 @@ def point_terms(
     logical: LogicalScenario,
     store: Store,
     severity: Severity,
-    settings: CollisionSettings,
+    method: MethodSettings,
+    idle: Sequence[Fact],
+    tasks: Mapping[str, TaskOfDrive],
 ) -> dict[int, PointTerms]:
     """r, Ug and U0 of some concrete scenarios of a run, by point. weights: r, by the number of the point. severity:
-    what stands in the place of U.
+    what stands in the place of U. idle: the drives of `no_reaction` there. tasks: departures by case.
     """
-    found = store.facts_at(points, "ideal", logical.name)
+    found, settings = store.facts_at(points, "ideal", logical.name), method.collision
     unreacting = {
-        fact.point: (_reference_severity(fact, severity, settings), _reference_error(fact))
-        for fact in store.facts_at(points, "no_reaction", logical.name)
+        fact.point: (
+            None
+            if (contact := _reference_severity(fact, severity, settings)) is None
+            else max(contact, _of_departure(fact, tasks, severity, method)),
+            _reference_error(fact),
+        )
+        for fact in idle
     }
     nobody: tuple[None, str] = (None, "")
     return {
@@ -163,6 +173,14 @@ def point_terms(
         )
         for fact in found
     }
+
+
+def _of_departure(fact: Fact, tasks: Mapping[str, TaskOfDrive], severity: Severity, method: MethodSettings) -> float:
+    """U of a drive's departure, as a contact beside the road; 0 where it stayed on the road."""
+    departure = tasks[fact.case].departure if fact.case in tasks else None
+    if departure is None:
+        return 0.0
+    return severity.of(roadside_contact(departure, method.task.roadside_overlap), fact.case)
 
 
 def _loss(fact: Fact) -> float | None:
@@ -197,15 +215,18 @@ def tabulate(
     points: Mapping[int, PointTerms],
     measured: Mapping[str, DriveMeasures],
     chosen: Severity,
-    settings: CollisionSettings,
+    method: MethodSettings,
+    tasks: Mapping[str, TaskOfDrive],
 ) -> list[CaseResult]:
-    """One row a case. indexes, measured: by case. points: by point. chosen: what stands in the place of U."""
-    rows = []
+    """One row a case. indexes, measured, tasks: by case. points: by point. chosen: what stands in the place of U."""
+    rows, settings, nothing = [], method.collision, TaskOfDrive(None, None)
     for fact, dangerous in zip(facts, hazardous, strict=True):
         index, hit, there = indexes.get(fact.case), fact.collision, points[fact.point]
         struck = struck_by_other(fact, settings)
         severity, ideal = None if struck else _severity(fact, chosen), there.ideal_severity
         likeness = index.likeness if index else None
+        gave_up, task = fact.status in GAVE_UP, tasks.get(fact.case, nothing)
+        departure = task.departure
         rows.append(
             CaseResult(
                 case=fact.case,
@@ -246,6 +267,10 @@ def tabulate(
                 ideal_collided=None if ideal is None else ideal > 0.0,
                 undisturbed_pet=None if there.conflict is None else _finite(there.conflict.pet),
                 time_to_conflict=None if there.conflict is None else _finite(there.conflict.time_to),
+                task_share=0.0 if gave_up else task.share,
+                departure_time=None if departure is None else departure.time,
+                departure_speed=None if departure is None else departure.speed,
+                departure_severity=None if departure is None else _of_departure(fact, tasks, chosen, method),
             )
         )
     return [_judged(row, indexes.get(row.case), measured.get(row.case)) for row in rows]
@@ -253,12 +278,13 @@ def tabulate(
 
 def _judged(row: CaseResult, index: CaseIndex | None, found: DriveMeasures | None) -> CaseResult:
     """The row with what its trajectories tell."""
+    harmful = row.zone == "safe" and row.incident and row.ideal_severity == 0.0
     if found is None:
-        return row
+        return replace(row, human_likeness=0.0) if harmful else row
     likeness: float | None = None
-    if row.zone == "safe" and row.collided and row.ideal_severity == 0.0:
+    if harmful:
         likeness = 0.0
-    elif row.counts_for_index and index is not None and index.likeness is not None:
+    elif row.counts_for_index and not row.incident and index is not None and index.likeness is not None:
         likeness = index.likeness.value * found.plausibility
     lane = found.lane
     return replace(
@@ -301,10 +327,12 @@ def combine(
     notes: Sequence[ScoreNote] = (),
     *,
     people: bool = True,
+    task_reference: str = "",
 ) -> ScenarioResult:
     """Every score of one ADS in one scenario, Eqs. 13, 17, 18 and those that order, and the counts beside them.
 
-    people: whether there is anybody to compare with; where not, nothing is missing without D and H.
+    people: whether there is anybody to compare with; where not, nothing is missing without D and H. task_reference: the
+    reference car that T compares with, "" where the run holds none.
     """
     notes = list(notes)
     there = OutcomeColumns.of(cases)
@@ -331,8 +359,9 @@ def combine(
         notes.append(GentlerThanIdeal(tally.beaten))
     if tally.safe_hits > voiding:
         notes.append(IdealCollidesToo(tally.safe_hits - voiding, tally.safe_hits))
-    total, plus = score_of(c, d, method.score), plus_of(values["avoided_share"], values["human_likeness"], method.score)
-    avoided, human = values["avoided_share"], values["human_likeness"]
+    human = values["human_likeness"]
+    total = score_of(c, d, method.score)
+    plus = plus_of(values["task_share"], values["avoidance_grade"], human, method.score)
     return ScenarioResult(
         ads=ads,
         scenario=scenario,
@@ -358,7 +387,12 @@ def combine(
         c_interval=c_interval,
         d_interval=d_interval,
         s_interval=s_interval,
-        avoided_share=avoided,
+        task_share=values["task_share"],
+        avoidance_grade=values["avoidance_grade"],
+        departures=int(np.count_nonzero(there.departed)),
+        gave_up=int(np.count_nonzero(there.gave_up)),
+        task_reference=task_reference,
+        avoided_share=values["avoided_share"],
         avoided_share_exposure=values["avoided_share_exposure"],
         regret=values["regret"],
         human_likeness=human,
@@ -371,6 +405,8 @@ def combine(
         regret_interval=others.get("regret"),
         human_likeness_interval=others.get("human_likeness"),
         s_plus_interval=others.get("s_plus"),
+        task_share_interval=others.get("task_share"),
+        avoidance_grade_interval=others.get("avoidance_grade"),
     )
 
 

@@ -28,6 +28,7 @@ from sumo_eval.scoring.confidence.next_round import ADAPTIVE, standing
 from sumo_eval.scoring.confidence.ranking import rank
 from sumo_eval.scoring.confidence.scored import with_intervals
 from sumo_eval.scoring.drive_measures import drive_measures
+from sumo_eval.scoring.driving_task import recorded_with, tasks_of_drives
 from sumo_eval.scoring.fingerprint import sources, space_key
 from sumo_eval.scoring.kept_scores import RowWriter, Scores
 from sumo_eval.scoring.likeness import (
@@ -105,12 +106,15 @@ class Scoring:
         nobody = not logical.has_drivers and not known.compared
         plausible = plausible_people(logical, store, method.plausibility)
         remarks = {ads.name: Remarks(self.severity) for ads in settings.ads}
+        car = method.task.task_reference if recorded_with(store, method.task.task_reference) else ""
         space = f"{entry.use} {space_key(entry, self.source)} {sources('scenario', 'settings')}"
         left_out: dict[str, LeftOut] = {}
         present: dict[str, Sequence[str]] = {}
         for first in range(0, known.points, POINTS_AT_ONCE):
             at_once = range(first, min(first + POINTS_AT_ONCE, known.points))
-            people = self._some_points(logical, known, plausible.people, at_once, remarks, rows, space, nobody=nobody)
+            people = self._some_points(
+                logical, known, plausible.people, at_once, remarks, rows, space, car, nobody=nobody
+            )
             left_out |= people.left_out
             present |= people.present
         combined: list[ScenarioResult] = []
@@ -125,8 +129,8 @@ class Scoring:
                 *reference_notes(table),
                 *remarks[ads.name].beyond_range,
             )
-            scored = combine(  # step 6: C, D, S; A, H, S+
-                ads.name, logical.name, table, method, notes, people=not nobody
+            scored = combine(  # step 6: C, D, S; T, A, H, S+
+                ads.name, logical.name, table, method, notes, people=not nobody, task_reference=car
             )
             combined.append(with_counts(scored, table, logical))
         finished, found = with_intervals(
@@ -158,16 +162,20 @@ class Scoring:
         remarks: Mapping[str, Remarks],
         rows: RowWriter,
         space: str,
+        car: str,
         *,
         nobody: bool,
     ) -> Comparison:
-        """Steps 3 to 5 at some points: the rows of every ADS's cases there. space: stands for the scenario's files."""
+        """Steps 3 to 5 at some points: the rows of every ADS's cases there. space: stands for the scenario's files.
+        car: the reference car, "" where the run holds none.
+        """
         settings, store, method = self.settings, self.store, self.settings.method
         drives: dict[str, list[Fact]] = {ads.name: [] for ads in settings.ads}
         for fact in store.facts_at(points, "ads", logical.name):
             if fact.driver in drives:
                 drives[fact.driver].append(fact)
-        compared = references(store.facts_at(points, "human", logical.name), settings.drivers)
+        drivers = store.facts_at(points, "human", logical.name)
+        compared = references(drivers, settings.drivers)
         judged = {  # step 3: collisions have no D_i
             name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
             for name, facts in drives.items()
@@ -177,8 +185,14 @@ class Scoring:
             logical, compared, judged, known, store, settings, self.spread,
             lambda share: self.progress(stage, points.start + round(share * len(points)), known.points), self.kept,
         )  # fmt: skip
+        idle = store.facts_at(points, "no_reaction", logical.name)
+        cars = store.facts_at(points, "task_reference", logical.name) if car else []
+        everyone = [*idle, *(fact for facts in drives.values() for fact in facts)]
+        tasks = tasks_of_drives(  # beside the paper: departures and t_i
+            everyone, [*drivers, *cars], logical, method.task.road_margin, store, self.kept, self.spread
+        )
         there = point_terms(  # step 5: U, L, Ug, r, and U0 beside the paper
-            known.weights, points, logical, store, self.severity, method.collision
+            known.weights, points, logical, store, self.severity, method, idle, tasks
         )
         outside = set(self.exposures.get(logical.name, {}).get("outside_support", ()))
         for name, facts in drives.items():
@@ -186,7 +200,7 @@ class Scoring:
                 facts, store, plausible, logical, self.kept, space, self.spread
             )  # beside the paper: TTC, DRAC, PET, plausibility ...
             inside = known.hazardous[[fact.point for fact in facts]]
-            table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method.collision)
+            table = tabulate(facts, inside, people.indexes, there, measured, self.severity, method, tasks)
             if nobody:
                 table = [replace(row, human_likeness=None) for row in table]
             table = with_people(table, facts, people, compared, outside, settings.drivers)

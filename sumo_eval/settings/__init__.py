@@ -23,6 +23,7 @@ from sumo_eval.settings.method import (
     PlausibilitySettings,
     RankingSettings,
     ScoreSettings,
+    TaskSettings,
     ZoneSettings,
 )
 from sumo_eval.settings.report import ReportSettings
@@ -62,6 +63,7 @@ __all__ = [
     "ScenarioSettings",
     "ScoreSettings",
     "SimulationSettings",
+    "TaskSettings",
     "TrackerSettings",
     "VehicleSettings",
     "ZoneSettings",

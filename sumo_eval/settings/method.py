@@ -206,6 +206,24 @@ class ScoreSettings(Checked):
 
 
 @dataclass(frozen=True, slots=True)
+class TaskSettings(Checked):
+    """The driving task: T, and the grade A' of avoided harm."""
+
+    task_reference: Annotated[
+        str, MinLen(1), About("baseline whose times T compares with, driven at every point under no conditions")
+    ] = "attentive"
+    road_margin: Annotated[
+        float, NotNegative, Le(10.0), About("how far a corner may be beyond the road: a paved edge strip", "m")
+    ] = 0.5
+    roadside_overlap: Annotated[
+        float, Ge(0.5), Le(1.0), About("overlap of the contact that a departure counts as", symbol="w")
+    ] = 1.0
+    sharpness: Annotated[
+        float, Ge(1e-6), Le(1e3), About("share of harm 1 - A below which A' hardly falls", symbol="x0")
+    ] = 0.01
+
+
+@dataclass(frozen=True, slots=True)
 class RankingSettings(Checked):
     """The order of the ADSs of an evaluation by S+."""
 
@@ -230,5 +248,6 @@ class MethodSettings(Checked):
     anthropomorphic: AnthropomorphicSettings = field(default_factory=AnthropomorphicSettings)
     collision: CollisionSettings = field(default_factory=CollisionSettings)
     plausibility: PlausibilitySettings = field(default_factory=PlausibilitySettings)
+    task: TaskSettings = field(default_factory=TaskSettings)
     score: ScoreSettings = field(default_factory=ScoreSettings)
     ranking: RankingSettings = field(default_factory=RankingSettings)

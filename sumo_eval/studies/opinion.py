@@ -17,7 +17,16 @@ from sumo_eval.results import Evaluation
 from sumo_eval.studies.tables import aligned
 
 LEAST, MOST = 1.0, 10.0
-INDEXES = {"S+": "s_plus", "A": "avoided_share", "H": "human_likeness", "S": "s", "D": "d", "C": "c"}
+INDEXES = {
+    "S+": "s_plus",
+    "T": "task_share",
+    "A'": "avoidance_grade",
+    "A": "avoided_share",
+    "H": "human_likeness",
+    "S": "s",
+    "D": "d",
+    "C": "c",
+}
 """What is compared with people's opinion: name -> field of ScenarioResult."""
 
 

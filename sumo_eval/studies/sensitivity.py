@@ -131,12 +131,12 @@ def _scores(evaluation: Evaluation, scenario: str, field: str) -> dict[str, floa
 def _with_points(evaluation: Evaluation, scenario: str, a: float, index: str) -> dict[str, float]:
     """S+ or S of every ADS with a points for collisions and 100 - a for likeness."""
     points = replace(evaluation.settings.method.score, a=a)
-    first, second = ("avoided_share", "human_likeness") if index == "S+" else ("c", "d")
-    a_values, b_values = (_scores(evaluation, scenario, field) for field in (first, second))
+    names = ("task_share", "avoidance_grade", "human_likeness") if index == "S+" else ("c", "d")
+    parts = [_scores(evaluation, scenario, name) for name in names]
     totals = {}
-    for ads, value in a_values.items():
-        terms = np.array([value]), np.array([b_values[ads]])
-        total = ordering_score(*terms, points) if index == "S+" else paper_score(*terms, points)
+    for ads in parts[0]:
+        first, second, *third = (np.array([part[ads]]) for part in parts)
+        total = ordering_score(first, second, third[0], points) if third else paper_score(first, second, points)
         totals[ads] = float(total[0])
     return totals
 

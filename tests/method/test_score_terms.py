@@ -81,7 +81,10 @@ def test_a_is_below_0_for_who_is_worse_than_doing_nothing_and_s_plus_takes_0():
     # lost 20 where 8 was at stake: 1 - 20/8 = -1.5
     a = terms.avoided_share([20.0], [0.0], [8.0], [1.0], terms.once(1))
     assert a == [-1.5]
-    assert terms.score_plus(a, [0.5], 50.0, 50.0) == [25.0]
+    grade = terms.avoidance_grade(a, 0.01)
+    # 1 - ln(1 + 2.5/0.01) / ln(101) = 1 - 5.525 / 4.615
+    np.testing.assert_allclose(grade, [-0.1972], atol=1e-4)
+    assert terms.score_plus([1.0], grade, [0.5], 50.0, 50.0) == [0.0]
 
 
 def test_a_leaves_out_points_where_somebody_could_not_be_evaluated():
@@ -97,8 +100,49 @@ def test_a_and_the_regret_where_all_weights_are_0_count_every_point_alike():
 
 
 def test_s_plus_by_hand():
-    # 60 * 0.75 + 40 * 0.5; without H the other term alone; without both nothing
-    np.testing.assert_allclose(terms.score_plus([0.75, 0.75, nan], [0.5, nan, nan], 60.0, 40.0), [65.0, 45.0, nan])
+    # 0.9 * 0.8 * (60 + 40 * 0.5) = 57.6; without H 0.9 * 0.8 * 60 = 43.2; none without T or without A'
+    found = terms.score_plus([0.9, 0.9, nan, 0.9], [0.8, 0.8, 0.8, nan], [0.5, nan, 0.5, 0.5], 60.0, 40.0)
+    np.testing.assert_allclose(found, [57.6, 43.2, nan, nan])
+
+
+def test_the_grade_of_a_by_hand():
+    x = np.array([0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
+    by_hand = [1.0, 0.979, 0.943, 0.850, 0.700, 0.480, 0.256, 0.0]
+    np.testing.assert_allclose(terms.avoidance_grade(1.0 - x, 0.01), by_hand, atol=5e-4)
+    # 1 and 5 avoidable collisions of 192: A = .997 and .988
+    np.testing.assert_allclose(terms.avoidance_grade([0.997, 0.988], 0.01), [0.943, 0.829], atol=5e-4)
+
+
+def test_the_slope_of_the_grade_is_its_difference_quotient():
+    step = 1e-7
+    for avoided in (0.2, 0.9, 0.999):
+        low, high = terms.avoidance_grade([avoided, avoided + step], 0.01)
+        assert terms.grade_slope(avoided, 0.01) == pytest.approx((high - low) / step, rel=1e-3)
+    assert terms.grade_slope(-0.1, 0.01) == 0.0
+
+
+shares = st.floats(0.0, 1.0)
+
+
+@law
+@given(st.lists(shares, min_size=2, max_size=2), shares, shares, shares)
+def test_s_plus_lies_within_0_and_100_and_rises_with_each_part(pair, task, grade, human):
+    low, high = sorted(pair)
+    for one, other in (
+        ((low, grade, human), (high, grade, human)), ((task, low, human), (task, high, human)),
+        ((task, grade, low), (task, grade, high)),
+    ):  # fmt: skip
+        less, more = (float(terms.score_plus(*np.array([parts]).T, 50.0, 50.0)[0]) for parts in (one, other))
+        assert 0.0 <= less <= more <= 100.0
+
+
+@law
+@given(st.lists(st.floats(-2.0, 1.0), min_size=2, max_size=2), st.floats(1e-4, 1.0))
+def test_the_grade_orders_as_a_does(pair, sharpness):
+    low, high = sorted(pair)
+    first, second = terms.avoidance_grade([low, high], sharpness)
+    assert first <= second
+    assert (first < second) or high - low < 1e-9
 
 
 # --- laws -------------------------------------------------------------------------------------------------------------
@@ -158,14 +202,6 @@ def test_counts_are_repeated_cases(cases, seed):
         ]  # fmt: skip
         for by_counts, by_repeating in pairs:
             np.testing.assert_allclose(by_counts, by_repeating, rtol=1e-9, atol=1e-9)
-
-
-@given(st.floats(-3.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 100.0), st.floats(0.0, 1.0))
-def test_s_and_s_plus_are_linear_above_0(a_share, other, h, a, part):
-    mixed = terms.score_plus([part * max(a_share, 0.0) + (1 - part) * other], [h], a, 100.0 - a)
-    ends = terms.score_plus([a_share, other], [h, h], a, 100.0 - a)
-    assert mixed == pytest.approx([part * ends[0] + (1 - part) * ends[1]], abs=1e-9)
-    assert 0.0 <= ends[0] <= 100.0 + 1e-9
 
 
 factors = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=4)

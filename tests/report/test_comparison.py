@@ -128,6 +128,8 @@ def test_counts_of_a_comparison_are_those_of_its_rows(evaluation: Evaluation) ->
             "caused_collisions": sum(case.caused for case in rows),
             "safe_collisions": sum(case.collided and case.zone == "safe" for case in rows),
             "off_road": sum(case.status == "off_road" for case in rows),
+            "departures": sum(case.departed for case in rows),
+            "gave_up": sum(case.gave_up for case in rows),
             "not_evaluated": sum(not case.evaluated for case in rows),
             "requirements_missed": sum(bool(case.requirements_missed) for case in rows),
         }

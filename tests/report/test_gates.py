@@ -134,7 +134,7 @@ def test_a_gate_file_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("before", "after", "sentence"),
     [
-        ('quantity = "S"', 'quantity = "T"', "`limit[0].quantity`"),
+        ('quantity = "S"', 'quantity = "Q"', "`limit[0].quantity`"),
         ("worse_by_percent", "worse_by_procent", "Did you mean `worse_by_percent`?"),
         ("confidence = 0.9", "confidense = 0.9", "Did you mean `confidence`?"),
         ("at_most = 0", "", "must have at_least, at_most, worse_by or worse_by_percent"),

@@ -68,15 +68,22 @@ def scores_with_a_below_zero(evaluation: Evaluation) -> tuple[Evaluation, Scenar
     return worse, found
 
 
-def test_the_lines_of_s_plus_add_up_to_a_and_h(evaluation: Evaluation) -> None:
+def test_the_lines_of_s_plus_add_up_and_each_case_takes_its_part(evaluation: Evaluation) -> None:
     for score in evaluation.scores:
         found = ledger_plus(evaluation, score)
         assert found.total == pytest.approx(score.s_plus, abs=1e-9)
-        assert found.index("A") == pytest.approx(score.avoided_share, abs=1e-12)
-        assert found.index("H") == pytest.approx(score.human_likeness or 0.0, abs=1e-12)
+        for term, value in (("T", score.task_share), ("A", score.avoided_share), ("H", score.human_likeness or 0.0)):
+            assert 1.0 + found.index(term) == pytest.approx(value, abs=1e-12)
         for line in found.lines:
             if line.entries:
                 assert math.fsum(entry.points for entry in line.entries) == pytest.approx(line.points, abs=1e-9)
+
+
+def test_a_case_given_up_costs_points_of_t(evaluation: Evaluation) -> None:
+    score = evaluation.score(builders.CALM, builders.SCENARIOS[0])
+    (line,) = [line for line in ledger_plus(evaluation, score).lines if (line.term, line.words) == ("T", "given up")]
+    assert [entry.case.status for entry in line.entries] == ["crashed"]
+    assert line.points < 0.0
 
 
 def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> None:
@@ -84,9 +91,8 @@ def test_an_a_below_zero_is_shown_and_taken_as_zero(evaluation: Evaluation) -> N
     assert score.avoided_share is not None
     assert score.avoided_share < 0.0
     found = ledger_plus(worse, score)
-    assert found.index("A") == pytest.approx(0.0, abs=1e-12)
-    assert any("below 0" in line.words and line.index == pytest.approx(-score.avoided_share) for line in found.lines)
-    assert found.total == pytest.approx(score.s_plus, abs=1e-9)
+    assert 1.0 + found.index("A") == pytest.approx(score.avoided_share, abs=1e-12)
+    assert found.total == pytest.approx(score.s_plus, abs=1e-9) == 0.0
     assert any("worse than doing nothing" in said for said in explain_a(score, cases_of(worse, score), worse.settings))
 
 
@@ -103,7 +109,7 @@ def test_a_collision_that_doing_nothing_avoids_is_called_caused(evaluation: Eval
 
 def test_a_safe_case_with_an_avoidable_collision_costs_its_whole_share_of_h(evaluation: Evaluation) -> None:
     score = evaluation.score(builders.HOSTILE, builders.SCENARIOS[1])
-    (line,) = [line for line in ledger_plus(evaluation, score).lines if "collision in a safe case" in line.words]
+    (line,) = [line for line in ledger_plus(evaluation, score).lines if "incident in a safe case" in line.words]
     counted = [case for case in cases_of(evaluation, score) if case.human_likeness is not None]
     hits = [case for case in counted if case.collided]
     exposure = sum(case.exposure for case in counted)

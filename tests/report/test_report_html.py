@@ -88,7 +88,8 @@ def test_the_collisions_and_s_plus_come_before_the_papers_scores(tags: list[Any]
     heading = re.search(r'<table class="scores">.*?</thead>', page, flags=re.S)
     assert heading is not None
     columns = [unescape(re.sub(r"<[^>]+>", "", cell)).strip() for cell in re.findall(r"<th.*?</th>", heading[0], re.S)]
-    assert columns[:9] == ["ADS", "Collisions", "A", "H", "S+", "Points of A and H", "C", "D", "S"]
+    points = "Points for the task + for driving like people"
+    assert columns[:11] == ["ADS", "Collisions", "T", "A'", "A", "H", "S+", points, "C", "D", "S"]
 
 
 @pytest.mark.parametrize(

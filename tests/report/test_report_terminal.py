@@ -109,8 +109,8 @@ def test_an_interval_stands_with_its_score_on_every_terminal(evaluation: Evaluat
 
 def test_the_collisions_and_the_scores_that_order_come_before_the_papers(evaluation: Evaluation) -> None:
     heading = plain_table(evaluation).splitlines()[0].split()
-    leading = ["collisions", "avoidable", "unavoidable", "caused", "A", "H", "S+", "C", "D", "S"]
-    assert [word for word in heading if word in leading] == leading
+    leading = ["collisions", "avoidable", "unavoidable", "caused", "T", "A'", "A", "H", "S+", "C", "D", "S"]
+    assert [word for word in heading if word in leading][: len(leading)] == leading
 
 
 def test_no_line_is_wider_than_the_terminal_and_nothing_is_cut(evaluation: Evaluation) -> None:

@@ -114,7 +114,12 @@ def test_h_and_s_plus_are_those_of_the_case_table(both: Evaluation, ads: str) ->
             assert case.human_likeness <= product
             likeness.append(case.human_likeness)
     assert score.human_likeness == pytest.approx(np.mean(likeness), abs=1e-12)
-    assert score.s_plus == pytest.approx(50.0 * max(score.avoided_share, 0.0) + 50.0 * score.human_likeness, abs=1e-9)
+    task = np.mean([case.task_share for case in safe])
+    assert score.task_share == pytest.approx(task, abs=1e-12)
+    grade = 1.0 - np.log1p((1.0 - score.avoided_share) / 0.01) / np.log1p(100.0)
+    assert score.avoidance_grade == pytest.approx(grade, abs=1e-12)
+    by_hand = task * max(grade, 0.0) * (50.0 + 50.0 * score.human_likeness)
+    assert score.s_plus == pytest.approx(by_hand, abs=1e-9)
     assert (score.a_points + score.h_points) == pytest.approx(score.s_plus, abs=1e-9)
 
 

@@ -23,8 +23,8 @@ EMPTY = CaseResult(
     length_factor=None, operation_factor=None, similarity=None, index_note="", clips="",
 )  # fmt: skip
 HIT = replace(EMPTY, case="hit", status="collision", collided=True, severity=10.0, ideal_severity=4.0, weight=0.5)
-SAFE = replace(EMPTY, case="safe", zone="safe", exposure=3.0, index=0.8)
-LOST = replace(EMPTY, case="lost", status="crashed")
+SAFE = replace(EMPTY, case="safe", zone="safe", exposure=3.0, index=0.8, task_share=1.0)
+LOST = replace(EMPTY, case="lost", status="sim_error")
 LOST_SAFE = replace(LOST, case="lost_safe", zone="safe")
 
 
@@ -81,8 +81,48 @@ def test_an_ideal_drive_that_is_missing_widens_a_and_s_plus(severity: float, low
     assert result.not_evaluated == 1
     assert result.avoided_share_interval == (pytest.approx(lowest), pytest.approx(highest))
     assert score_note(result.notes[0]).startswith("1 case could not be evaluated")
-    alone = combine("a", "s", (KNOWN, NO_IDEAL), MethodSettings(), people=False)
-    assert alone.s_plus_interval == pytest.approx([50 * end for end in alone.avoided_share_interval or ()])
+    alone = combine("a", "s", (KNOWN, NO_IDEAL, replace(SAFE, index=None)), MethodSettings(), people=False)
+    assert alone.s_plus_interval == pytest.approx([50 * end for end in alone.avoidance_grade_interval or ()])
+
+
+def test_a_case_given_up_counts_as_doing_nothing_and_is_counted_apart() -> None:
+    """A = 1 - (0 + 10) / (10 + 10) = 0.5; T = (3 * 1 + 1 * 0) / 4; H = (3 * 0.8 + 1 * 0) / 4; C and D as without it."""
+    safe = replace(SAFE, human_likeness=0.8, weight=1.0)
+    given_up = replace(
+        EMPTY, case="raised", zone="safe", status="ads_error", weight=1.0, task_share=0.0, human_likeness=0.0
+    )
+    result, without = combined(safe, given_up), combined(safe)
+    assert (result.avoided_share, result.task_share) == (pytest.approx(0.5), pytest.approx(0.75))
+    assert result.human_likeness == pytest.approx(0.6)
+    assert (result.c, result.d) == (without.c, without.d)
+    assert (result.gave_up, result.not_evaluated) == (1, 1)
+    everywhere = combined(given_up, replace(given_up, case="again"))
+    assert (everywhere.s_plus, everywhere.c, everywhere.s) == (0.0, None, None)
+
+
+def test_a_departure_is_avoidable_harm_and_no_collision() -> None:
+    """U = 12 of a contact with a standing car, where doing nothing has 10: A = 1 - 12/10 is below 0."""
+    left = replace(
+        SAFE, case="left", departure_time=3.0, departure_speed=12.0, departure_severity=12.0, weight=1.0,
+        task_share=0.0, human_likeness=0.0,
+    )  # fmt: skip
+    result = combined(left)
+    assert (result.departures, result.collisions, result.c) == (1, 0, 1.0)
+    assert result.avoided_share == pytest.approx(-0.2)
+    assert result.s_plus == 0.0
+    assert left.incident_severity == 12.0
+
+
+def test_one_more_incident_never_raises_s_plus() -> None:
+    clean = [replace(SAFE, case=str(n), human_likeness=0.5, weight=1.0) for n in range(4)]
+    before = combined(*clean).s_plus
+    for harm in (
+        {"departure_time": 1.0, "departure_severity": 0.5},
+        {"status": "ads_timeout"},
+        {"collided": True, "status": "collision", "severity": 0.5},
+    ):
+        after = combined(replace(clean[0], task_share=0.0, human_likeness=0.0, **harm), *clean[1:]).s_plus
+        assert after < before
 
 
 def test_a_drive_of_nobody_reacting_that_is_missing_widens_a() -> None:

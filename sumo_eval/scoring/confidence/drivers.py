@@ -18,7 +18,7 @@ import numpy as np
 from sumo_eval.drivers.synthetic.population import draw_driver
 from sumo_eval.record.human_reference import LeftOut
 from sumo_eval.record.store import RECORDED
-from sumo_eval.results import CaseResult, columns
+from sumo_eval.results import GAVE_UP, CaseResult, columns
 from sumo_eval.settings import DriverSettings, PopulationSettings
 from sumo_eval.trajectory import FloatArray
 
@@ -74,10 +74,13 @@ def driver_deviations(
             one = found.likeness_without[there.index(name)] if here else found.likeness
             likeness[line, column] = one * plausible[column]
     whole = compared = 0.0
-    for zone, likeness_of_case, exposure, collided in columns(rows, "zone", "human_likeness", "exposure", "collided"):
-        if zone == "safe" and likeness_of_case is not None:
+    happened = ("collided", "departure_time", "status")
+    for zone, of_case, exposure, collided, departed, status in columns(
+        rows, "zone", "human_likeness", "exposure", *happened
+    ):
+        if zone == "safe" and of_case is not None:
             whole += exposure
-            compared += 0.0 if collided else exposure
+            compared += 0.0 if collided or departed is not None or status in GAVE_UP else exposure
     compared = compared / whole if whole else 0.0
     groups = [_group(name, settings, seed) for name in names]
     share = settings.population.overtake_share if groups.count(None) == 0 else 1.0

@@ -14,6 +14,9 @@ score's terms owe to a trend along a parameter is no error of theirs. Replicates
 (`Balance`), but for the few cases that collided, which no method spreads: C is a mean over them, and a collision in
 the safe zone leaves no D, so a replicate without any of these has one, and S with it.
 
+T, A' and S+ fall steeply at their good end, so their lower ends carry one more case instead, as bad as doing nothing
+(t = 0, lost = the mean at stake), that weighs e cases, e from an exponential distribution of mean 0.5.
+
 The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
 is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16) in every resample.
 
@@ -34,6 +37,7 @@ from sumo_eval.method.score_terms import (
     AskedTerms,
     Counts,
     KnownSums,
+    avoidance_grade,
     excess,
     once,
     ordering_score,
@@ -49,6 +53,7 @@ from sumo_eval.trajectory import BoolArray, FloatArray
 
 LEVEL = 0.95
 REPLICATES = 2_000
+ONE_MORE = 0.5  # cases that the one more, as bad as doing nothing, weighs in the mean
 UNSEEN = 3.0  # rule of three: with none seen among n, at most 3/n with 95 % confidence
 SCORED = tuple(name for name in SCORES if name != "collision_probability")
 BAD_SIDE_UP = frozenset({"regret"})  # more is worse
@@ -85,19 +90,16 @@ class Judged:
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
-    each source alone, by score. worse, better: S+ of every replicate, with and without unseen collisions, (m,).
-    worse_a, better_a: the points that A gives to it. missing, missing_a: how far missing cases may move S+ and these
-    points, down and up. same_drives: a number that ADSs have in common who drove every case of the scenario alike.
+    each source alone, by score. worse, better: S+ of every replicate, with and without one more case, (m,). missing:
+    how far missing cases may move S+, down and up. same_drives: a number that ADSs have in common who drove every case
+    of the scenario alike.
     """
 
     limits: Mapping[str, tuple[float, float]]
     sources: Mapping[str, Mapping[str, float]]
     worse: FloatArray
     better: FloatArray
-    worse_a: FloatArray
-    better_a: FloatArray
     missing: tuple[float, float] = (0.0, 0.0)
-    missing_a: tuple[float, float] = (0.0, 0.0)
     same_drives: int | None = None
 
 
@@ -175,7 +177,7 @@ class _Sums:
         for name, lost in losses.items():
             moved = lost.of(drawn.unseen)
             worse[name] = better[name] + moved if name in BAD_SIDE_UP else better[name] - moved
-        return _Replicates(better, _summed(worse, self._method), plain)
+        return _Replicates(better, _with_one_more(worse, better, self._one.terms, drawn.one_more, self._method), plain)
 
     def _ask(
         self, rows: IntArray | slice, counts: Counts, hits: Counts
@@ -190,17 +192,21 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draws:
-    """What is random of one ADS besides the points, (m,): unseen collisions, and the drivers' errors of D and H."""
+    """What is random of one ADS besides the points, (m,): unseen collisions, the weight of one more case, and the
+    drivers' errors of D and H.
+    """
 
     unseen: FloatArray
+    one_more: FloatArray
     index: FloatArray
     likeness: FloatArray
 
     @classmethod
     def of(cls, one: Judged, seed: int, scenario: str, replicates: int) -> _Draws:
         unseen = random_stream(seed, "intervals", "unseen", scenario, one.ads).standard_exponential(replicates)
+        one_more = random_stream(seed, "intervals", "one more", scenario, one.ads).exponential(ONE_MORE, replicates)
         deviates = driver_deviates(one.drivers, seed, replicates)
-        return cls(unseen, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
+        return cls(unseen, one_more, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
 
 
 def driver_deviates(drivers: DriverDeviations, seed: int, replicates: int) -> FloatArray:
@@ -240,8 +246,29 @@ def _with_drivers(
 def _summed(scores: Mapping[str, FloatArray], method: MethodSettings) -> dict[str, FloatArray]:
     """The scores with S and S+ of what they are made of."""
     s = paper_score(scores["c"], scores["d"], method.score)
-    plus = ordering_score(scores["avoided_share"], scores["human_likeness"], method.score)
+    plus = ordering_score(scores["task_share"], scores["avoidance_grade"], scores["human_likeness"], method.score)
     return {**scores, "s": s, "s_plus": plus}
+
+
+def _with_one_more(
+    worse: Mapping[str, FloatArray],
+    better: Mapping[str, FloatArray],
+    terms: CaseTerms,
+    weight: FloatArray,
+    method: MethodSettings,
+) -> dict[str, FloatArray]:
+    """The scores with one more case as bad as doing nothing, which weighs e of n cases: its share is e / (n + e).
+
+    T loses that share, and 1 - A is drawn that far towards 1 where anything is at stake. weight: e, (m,).
+    """
+    known, stake = _known_stake(terms)
+    timed, compared = int(np.isfinite(terms.task).sum()), int(known.sum()) if stake.any() else 0
+    of_task, of_harm = (weight / (n + weight) if n else np.zeros(len(weight)) for n in (timed, compared))
+    moved = dict(worse)
+    moved["task_share"] = better["task_share"] * (1.0 - of_task)
+    harm = (1.0 - better["avoided_share"]) * (1.0 - of_harm) + of_harm
+    moved["avoidance_grade"] = avoidance_grade(1.0 - harm, method.task.sharpness)
+    return _summed(moved, method)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,7 +298,8 @@ class FreePoints:
 
     A free point is a hazardous one without a collision (any evaluated one, if none is hazardous). An unseen collision
     is as hard there as that of `no_reaction`. points: how many hazardous ones there are. hazardous: whether there are
-    any. weighted, exposed: whether any case that counts has a weight, an exposure. spotless: whether none collided.
+    any. weighted, exposed: whether any case that counts has a weight, an exposure. spotless: whether none collided,
+    harmless: whether none holds an incident.
     """
 
     points: int
@@ -279,6 +307,7 @@ class FreePoints:
     weighted: bool
     exposed: bool
     spotless: bool
+    harmless: bool
 
     @classmethod
     def of(cls, one: Judged) -> FreePoints:
@@ -289,7 +318,9 @@ class FreePoints:
             bool((np.nan_to_num(weights) * known).any()) for weights in (one.terms.weight, one.terms.exposure)
         )
         points = int(hazardous.sum()) or int(known.sum())
-        return cls(points, bool(hazardous.any()), weighted, exposed, not one.terms.collided.any())
+        return cls(
+            points, bool(hazardous.any()), weighted, exposed, not one.terms.collided.any(), not one.terms.incident.any()
+        )
 
     def losses(
         self, terms: CaseTerms, hazardous: BoolArray, counts: Counts, method: MethodSettings
@@ -302,7 +333,8 @@ class FreePoints:
         if not self.points:
             return found
         known, stake = _known_stake(terms)
-        free = (known & hazardous if self.hazardous else known) & ~terms.collided
+        among = known & hazardous if self.hazardous else known
+        free = among & ~terms.incident
         weight, exposure = (
             np.where(known, np.nan_to_num(weights) if any_weighs else 1.0, 0.0)
             for weights, any_weighs in ((terms.weight, self.weighted), (terms.exposure, self.exposed))
@@ -312,8 +344,8 @@ class FreePoints:
             found[name] = UnseenLoss(self.points, whole)
         found["regret"] = UnseenLoss(self.points, _ratio(counts @ (weight * stake * free), counts @ weight))
         if self.spotless:
-            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * free
-            whole = _ratio(counts @ (weight * hit), counts @ (weight * free))
+            hit = np.nan_to_num(1.0 - ratios(terms.unreacting, terms.ideal, method)) * among
+            whole = _ratio(counts @ (weight * hit), counts @ (weight * among))
             found["c"] = UnseenLoss(self.points, whole, first_takes_all=True)
         return found
 
@@ -321,7 +353,7 @@ class FreePoints:
 def _known_stake(terms: CaseTerms) -> tuple[BoolArray, FloatArray]:
     """Which cases were evaluated and have something to be compared with, and max(0, U0 - Ug) there, 0 elsewhere."""
     stake = excess(terms.unreacting, terms.ideal)
-    known = terms.evaluated & np.isfinite(stake)
+    known = terms.counted & np.isfinite(stake)
     return known, np.where(known, stake, 0.0)
 
 
@@ -343,6 +375,7 @@ def _intervals(
     unseen, free_points = {}, FreePoints.of(one)
     if free_points.spotless:
         unseen = free_points.losses(one.terms, one.hazardous, once(len(one.points)), method)
+        unseen = unseen if free_points.harmless else {"c": unseen["c"]}
     for name in SCORED:
         value = values[name]
         if value is None:
@@ -366,10 +399,7 @@ def _intervals(
         for name in ("s", "s_plus")
         if name in limits
     }
-    worse_a, better_a = (
-        ordering_score(scores["avoided_share"], 0.0, method.score) for scores in (found.worse, found.better)
-    )
-    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"], worse_a, better_a)
+    return ScoreIntervals(limits, sources, found.worse["s_plus"], found.better["s_plus"])
 
 
 def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
@@ -381,10 +411,12 @@ def _freedom(one: Judged, groups: Sequence[IntArray]) -> dict[str, int]:
         return max(len(places) - len(np.unique(places)), 1)
 
     terms = one.terms
-    everyone = free(terms.evaluated)
+    everyone = free(terms.counted)
     return {
         **dict.fromkeys(SCORED, everyone),
-        "c": everyone if not terms.collided.any() else max(int(np.isfinite(terms.ratio).sum()) - 1, 1),
+        "s": free(terms.evaluated),
+        "task_share": free(np.isfinite(terms.task)),
+        "c": free(terms.evaluated) if not terms.collided.any() else max(int(np.isfinite(terms.ratio).sum()) - 1, 1),
         "d": free(np.isfinite(terms.index)),
         "human_likeness": free(np.isfinite(terms.likeness)),
     }

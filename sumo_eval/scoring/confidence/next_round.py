@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from sumo_eval.method.score_terms import excess
+from sumo_eval.method.score_terms import excess, grade_slope
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.adaptive import capacity_of_cells, size_of_next, size_of_round, spread
@@ -126,24 +126,32 @@ def plus_influence(terms: CaseTerms, stands_for: FloatArray, method: MethodSetti
     """How many points of S+ a case would move that stands for one point, (n,): first order, its sum weighted by
     `stands_for` is 0 but for a constant in A and in H.
 
-    S+ = a A + b H with A = 1 - sum(w lost) / sum(w stake) and H = sum(p h) / sum(p): a case moves A by
-    w ((1 - A) stake - lost) / sum(w stake), and H by p (h - H) / sum(p).
+    S+ = T A' (a + b H): a case moves T by p (t - T) / sum(p), H likewise, and A by
+    w ((1 - A) stake - lost) / sum(w stake), each times the slope of S+ along it.
     """
-    moved = np.zeros(len(stands_for))
+    values = point_values(terms, method)
+    task, human = values["task_share"] or 0.0, values["human_likeness"] or 0.0
+    avoided, grade = values["avoided_share"], max(values["avoidance_grade"] or 0.0, 0.0)
+    manner = method.score.a + method.score.b * human
+    n, moved = len(stands_for), np.zeros(len(stands_for))
+
     lost, stake = excess(terms.severity, terms.ideal), excess(terms.unreacting, terms.ideal)
     known = np.isfinite(lost) & np.isfinite(stake) & np.isfinite(terms.weight)
     weight = np.where(known, np.nan_to_num(terms.weight), 0.0)
     at_stake = float(weight @ np.where(known, stake, 0.0))
-    if at_stake > 0.0:
-        avoided = point_values(terms, method)["avoided_share"] or 0.0
+    if at_stake > 0.0 and avoided is not None:
         part = (1.0 - avoided) * np.where(known, stake, 0.0) - np.where(known, lost, 0.0)
-        moved += method.score.a * len(moved) * weight / stands_for * part / at_stake
-    liked = np.isfinite(terms.likeness)
-    exposure = np.where(liked, terms.exposure, 0.0)
-    if exposure.sum() > 0.0:
-        likeness = np.where(liked, terms.likeness, 0.0)
-        human = float(exposure @ likeness) / float(exposure.sum())
-        moved += method.score.b * len(moved) * exposure / stands_for * (likeness - human) / float(exposure.sum())
+        slope = task * manner * grade_slope(avoided, method.task.sharpness)
+        moved += slope * n * weight / stands_for * part / at_stake
+
+    for value, slope, cases in (
+        (human, task * grade * method.score.b, terms.likeness),
+        (task, grade * manner, terms.task),
+    ):
+        exposure = np.where(np.isfinite(cases), terms.exposure, 0.0)
+        if exposure.sum() > 0.0:
+            away = np.where(np.isfinite(cases), cases, 0.0) - value
+            moved += slope * n * exposure / stands_for * away / float(exposure.sum())
     return moved
 
 

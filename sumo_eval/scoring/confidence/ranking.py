@@ -6,8 +6,8 @@ it speaks against at each end, because each ADS has its own. Where two ADSs drov
 scenario has no part in what tells them apart: what was not seen there is as common to both as what was. So one ADS
 under two names differs from itself by 0, exactly.
 
-S+ = a A + b H over all scenarios. Where nobody is there to compare with, there is no H: A is the mean over all of them,
-H over those with people. With people everywhere that is the mean of S+.
+S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
+drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every ADS alike.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ Found = Mapping[tuple[str, str], ScoreIntervals | None]
 def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettings, level: float = LEVEL) -> Ranking:
     """The ranking of an evaluation's ADSs. found: the replicates of each ADS in each scenario, by (ADS, scenario).
 
-    A scenario that has nobody to compare with has no H: there A counts, and H is the mean over the other scenarios.
+    Scenarios without any S+ are left out.
     """
     weights = scenario_weights(list(dict.fromkeys(score.scenario for score in scores)), settings)
+    weighing = [name for name, weight in weights.items() if weight > 0.0]
     alone = {score.scenario for score in scores if score.nobody_compared}
-    bare = tuple(name for name, weight in weights.items() if weight > 0.0 and name in alone)
-    means = _Means({name: weight for name, weight in weights.items() if weight > 0.0}, frozenset(bare))
+    bare = tuple(name for name in weighing if name in alone)
+    known = {score.scenario for score in scores if score.task_share is not None}
+    means = _Means({name: weights[name] for name in weighing if name in known})
     names = list(dict.fromkeys(score.ads for score in scores))
     own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
     totals = {name: means.total(own[name]) for name in names}
@@ -54,77 +56,62 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     for number, name in enumerate(ranked, start=1):
         if number == 1 or apart[ranked[number - 2], name]:
             place = number
-        interval = _interval(name, scores, totals[name], spreads[name], weights)
-        from_a = means.everywhere({scenario: score.a_points for scenario, score in own[name].items()})
-        from_h = means.where_people({scenario: score.h_points for scenario, score in own[name].items()})
+        interval = _interval(own[name], totals[name], spreads[name], means)
+        from_a, from_h = (
+            means.of({scenario: getattr(score, part) for scenario, score in own[name].items()})
+            for part in ("a_points", "h_points")
+        )
         rows.append(RankedAds(name, place, totals[name], interval, from_a, from_h))
     rows += [RankedAds(name, None, None, None) for name in sorted(names) if totals[name] is None]
-    return Ranking(weights, level, tuple(rows), tuple(pairs), bare)
+    taskless = tuple(name for name in weighing if name not in known)
+    return Ranking(weights, level, tuple(rows), tuple(pairs), bare, taskless)
 
 
 @dataclass(frozen=True, slots=True)
 class _Means:
-    """Means over the scenarios that weigh. weights: above 0, by scenario. bare: those with nobody to compare with."""
+    """Means over the scenarios that weigh and have a task. weights: above 0, by scenario."""
 
     weights: Mapping[str, float]
-    bare: frozenset[str]
 
-    def everywhere(self, values: Mapping[str, float]) -> float:
-        """The mean of all. values: by scenario."""
+    def of(self, values: Mapping[str, float]) -> float:
+        """The mean of values by scenario."""
         return sum(weight * values[name] for name, weight in self.weights.items()) / sum(self.weights.values())
 
-    def where_people(self, values: Mapping[str, float]) -> float:
-        """The mean of those with people."""
-        kept = {name: weight for name, weight in self.weights.items() if name not in self.bare}
-        return sum(weight * values[name] for name, weight in kept.items()) / sum(kept.values())
-
     def total(self, scores: Mapping[str, ScenarioResult]) -> float | None:
-        """S+ of one ADS: the mean of S+ where there are people, with the points of A of all scenarios in place of
-        theirs. scores: by scenario. None where one is missing, or nowhere are people.
-        """
-        counted = {name: score for name, score in scores.items() if name in self.weights}
-        people = {name: score.s_plus for name, score in counted.items() if name not in self.bare}
-        if not people or any(value is None for value in people.values()):
+        """S+ of one ADS; None where it has none in a scenario. scores: by scenario."""
+        plus = {name: scores[name].s_plus for name in self.weights if name in scores}
+        if not plus or len(plus) < len(self.weights) or None in plus.values():
             return None
-        if any(counted[name].avoided_share is None for name in self.bare):
-            return None
-        plus = self.where_people({name: value or 0.0 for name, value in people.items()})
-        from_a = {name: score.a_points for name, score in counted.items()}
-        return plus + (self.everywhere(from_a) - self.where_people(from_a))
+        return self.of({name: value or 0.0 for name, value in plus.items()})
 
     def spread(self, found: Mapping[str, ScoreIntervals | None]) -> tuple[FloatArray, FloatArray] | None:
-        """`total` of every replicate, with unseen collisions and without, and with what missing cases leave open."""
-        known = {name: one for name, one in found.items() if name in self.weights and one is not None}
-        if len(known) < len(self.weights) or len(self.bare) == len(self.weights):
+        """`total` of every replicate, with one more case and without, and with what missing cases leave open."""
+        known = {name: one for name in self.weights if (one := found.get(name)) is not None}
+        if not known or len(known) < len(self.weights):
             return None
-        kept = {name: weight for name, weight in self.weights.items() if name not in self.bare}
-        total, peopled = sum(self.weights.values()), sum(kept.values())
-        ends = []
-        for end, (plus, a) in enumerate((("worse", "worse_a"), ("better", "better_a"))):
-            s_plus = [
-                weight * (np.nan_to_num(getattr(known[name], plus)) + known[name].missing[end])
-                for name, weight in kept.items()
-            ]
-            mean = np.sum(s_plus, axis=0) / peopled
-            if self.bare:
-                for name, weight in self.weights.items():
-                    points = np.nan_to_num(getattr(known[name], a)) + known[name].missing_a[end]
-                    mean = mean + points * (weight / total - kept.get(name, 0.0) / peopled)
-            ends.append(mean)
-        return ends[0], ends[1]
+        worse, better = (
+            np.sum(
+                [
+                    weight * (np.nan_to_num(getattr(known[name], side)) + known[name].missing[end])
+                    for name, weight in self.weights.items()
+                ],
+                axis=0,
+            )
+            / sum(self.weights.values())
+            for end, side in enumerate(("worse", "better"))
+        )
+        return worse, better
 
 
 def _interval(
-    name: str,
-    scores: Sequence[ScenarioResult],
+    own: Mapping[str, ScenarioResult],
     total: float | None,
     spread: tuple[FloatArray, FloatArray] | None,
-    weights: Mapping[str, float],
+    means: _Means,
 ) -> tuple[float, float] | None:
     """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has there."""
-    weighed = [score for score in scores if score.ads == name and weights[score.scenario] > 0.0]
-    if len(weighed) == 1:
-        return weighed[0].s_plus_interval
+    if len(means.weights) == 1:
+        return own[next(iter(means.weights))].s_plus_interval
     if total is None or spread is None:
         return None
     low, high = _percentiles(*spread, LEVEL)
@@ -136,7 +123,7 @@ def _without_same_drives(
 ) -> tuple[Mapping[str, ScoreIntervals | None], Mapping[str, ScoreIntervals | None]] | None:
     """Both ADSs' replicates by scenario, 0 for both where they drove alike; None where they do so nowhere."""
     alike = {
-        name: replace(one, worse=zero, better=zero, worse_a=zero, better_a=zero)
+        name: replace(one, worse=zero, better=zero)
         for name, one in first.items()
         if one is not None and one.same_drives is not None
         if (other := second[name]) is not None and other.same_drives == one.same_drives

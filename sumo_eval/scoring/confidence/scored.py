@@ -27,6 +27,8 @@ WITHIN = {
     "avoided_share_exposure": (-np.inf, 1.0),
     "regret": (0.0, np.inf),
     "human_likeness": (0.0, 1.0),
+    "task_share": (0.0, 1.0),
+    "avoidance_grade": (-np.inf, 1.0),
     "s_plus": (0.0, 100.0),
 }
 """What a score can be; S at most what Eq. 18 makes of C = D = 1."""
@@ -53,7 +55,7 @@ def with_intervals(
 
     rows, places, drivers: of each ADS its cases, which of the scenario's points each is, and what the choice of drivers
     does. unit: all points in the unit box, (n, k). sampling: how they were chosen. stratum: (n,) points with one number
-    may stand for each other, where the sample says so itself. An ADS with fewer than two evaluated cases keeps what
+    may stand for each other, where the sample says so itself. An ADS with fewer than two cases that count keeps what
     missing cases leave open, or has no interval.
     """
     groups = strata(unit, sampling) if stratum is None else of_one_number(stratum)
@@ -61,7 +63,7 @@ def with_intervals(
     for number, (score, cases) in enumerate(zip(scores, rows, strict=True)):
         outcomes = OutcomeColumns.of(cases)
         terms = case_terms(cases, settings.method, outcomes)
-        if np.count_nonzero(terms.evaluated) >= LEAST:
+        if np.count_nonzero(terms.counted) >= LEAST:
             which.append(number)
             at = np.array(places[number], dtype=np.intp)
             judged.append(Judged(score.ads, terms, at, ~outcomes.safe, drivers[number]))
@@ -74,9 +76,8 @@ def with_intervals(
     )
     found: list[ScoreIntervals | None] = [None] * len(scores)
     for number, one in zip(which, computed, strict=True):
-        score, a = scores[number], settings.method.score.a
-        down, up = _moved(score.avoided_share, score.avoided_share_interval)
-        found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval), missing_a=(a * down, a * up))
+        score = scores[number]
+        found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval))
     for first, second in itertools.combinations(range(len(judged)), 2):
         here, there = found[which[first]], found[which[second]]
         if here is None or there is None or there.same_drives is not None:
@@ -92,7 +93,7 @@ def with_intervals(
 
 def _drove_alike(one: Judged, other: Judged, rows: Sequence[CaseResult], others: Sequence[CaseResult]) -> bool:
     """Whether two ADSs drove the same points and nothing that is kept of any drive differs, none of them missing."""
-    if not (one.terms.evaluated.all() and np.array_equal(one.points, other.points)):
+    if not (one.terms.counted.all() and np.array_equal(one.points, other.points)):
         return False
     if not np.array_equal(one.terms.likeness, other.terms.likeness, equal_nan=True):  # tells most pairs apart at once
         return False

@@ -50,6 +50,9 @@ def four_cases(**changes):
         "index": np.array([nan, nan, 0.4, 0.9]),
         "likeness": np.array([nan, nan, 0.4, 0.9]),
         "voids": np.zeros(4, dtype=bool),
+        "incident": np.array([True, True, False, False]),
+        "counted": np.ones(4, dtype=bool),
+        "task": np.array([nan, nan, 1.0, 1.0]),
     }
     return CaseTerms(**(plain | changes))
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from sumo_eval.drivers.synthetic.population import draw_driver
+from sumo_eval.method.score_terms import avoidance_grade
 from sumo_eval.scoring.case_terms import CaseTerms, scores_of
 from sumo_eval.scoring.confidence import resamples as drawing
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS, DriverDeviations, exchanges, stratified_deviations
-from sumo_eval.scoring.confidence.intervals import FreePoints, Judged, score_intervals
+from sumo_eval.scoring.confidence.intervals import ONE_MORE, Judged, _with_one_more, score_intervals
 from sumo_eval.scoring.confidence.resamples import of_one_number, resamples, strata
 from sumo_eval.settings import DriverSettings, MethodSettings, PopulationSettings
 from sumo_eval.settings.random_streams import random_stream
@@ -31,9 +32,12 @@ def judged(n=60, *, ads="one", hazardous=None, drivers=NO_DEVIATIONS, **changes)
         "index": np.linspace(0.2, 0.8, n),
         "likeness": np.linspace(0.2, 0.8, n),
         "voids": np.zeros(n, dtype=bool),
+        "counted": np.ones(n, dtype=bool),
+        "task": np.ones(n),
     }
     marked = np.ones(n, dtype=bool) if hazardous is None else hazardous
-    return Judged(ads, CaseTerms(**(plain | changes)), np.arange(n), marked, drivers)
+    terms = plain | {"incident": changes.get("collided", plain["collided"])} | changes
+    return Judged(ads, CaseTerms(**terms), np.arange(n), marked, drivers)
 
 
 def by_chance(n):
@@ -112,6 +116,7 @@ def one_experiment(random):
         collided=hit,
         index=np.where(safe, index, np.nan),
         likeness=np.where(safe, index, np.nan),
+        task=np.where(safe, index - shifts.mean(), np.nan),
     )
 
 
@@ -119,7 +124,9 @@ def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions(
     random = np.random.default_rng(2026)
     truth = {"c": truth_c(), "d": truth_d(), "human_likeness": truth_d(), "avoided_share": truth_a()}
     truth["s"] = 50.0 * truth["c"] + 50.0 * truth["d"]
-    truth["s_plus"] = 50.0 * truth["avoided_share"] + 50.0 * truth["human_likeness"]
+    truth["task_share"] = truth_d()
+    truth["avoidance_grade"] = float(avoidance_grade(truth["avoided_share"], METHOD.task.sharpness))
+    truth["s_plus"] = truth["task_share"] * truth["avoidance_grade"] * (50.0 + 50.0 * truth["human_likeness"])
     held = dict.fromkeys(truth, 0)
     for seed in range(200):
         found = intervals(one_experiment(random), seed=seed, replicates=400)
@@ -129,7 +136,8 @@ def test_95_per_cent_intervals_hold_the_truth_in_95_per_cent_of_200_repetitions(
     shares = {name: count / 200 for name, count in held.items()}
     assert all(0.93 <= shares[name] <= 0.97 for name in ("c", "d", "human_likeness", "s")), shares
     # Unseen collisions, as hard as doing nothing, are twice as hard here as those that were seen: A's end is too low.
-    assert all(0.93 <= shares[name] <= 0.995 for name in ("avoided_share", "s_plus")), shares
+    low_ends = ("avoided_share", "task_share", "avoidance_grade", "s_plus")
+    assert all(0.93 <= shares[name] <= 0.995 for name in low_ends), shares
 
 
 # --- the points' part -------------------------------------------------------------------------------------------------
@@ -348,11 +356,8 @@ def test_law_scores_added_up_part_by_part_are_those_of_whole_replicates(how, mon
         counts[:, part.places], drawn[:, part.places] = part.counts, part.drawn
     whole = scores_of(one.terms, counts[:, at], METHOD, drawn[:, at])
     assert found.better == pytest.approx(whole["s_plus"], rel=1e-12)
-    assert found.better_a == pytest.approx(METHOD.score.a * np.maximum(whole["avoided_share"], 0.0), rel=1e-12)
-    lost = FreePoints.of(one).losses(one.terms, one.hazardous, counts[:, at], METHOD)["avoided_share"]
-    unseen = random_stream(3, "intervals", "unseen", "s", "one").standard_exponential(100)
-    worse = np.maximum(whole["avoided_share"] - lost.of(unseen), 0.0)
-    assert found.worse_a == pytest.approx(METHOD.score.a * worse, rel=1e-12)
+    one_more = random_stream(3, "intervals", "one more", "s", "one").exponential(ONE_MORE, 100)
+    assert found.worse == pytest.approx(_with_one_more(whole, whole, one.terms, one_more, METHOD)["s_plus"], rel=1e-12)
 
 
 def test_many_cases_are_drawn_in_parts_that_are_one_interval():

@@ -1,0 +1,161 @@
+"""The driving task of a case: departure from the road, and t_i, how much of the asked way was driven in time.
+
+All of it is found in recorded facts, so a run recorded earlier has it as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.method.measures import STANDING
+from sumo_eval.scenario.concrete import Road, Way
+from sumo_eval.trajectory import BoolArray, Collision, FloatArray, Trajectory
+
+PLACE_SPACING = 1.0
+"""m between the places of a way at which times are compared."""
+SHORT_OF_THE_END = 5.0
+"""m before the nearest end of a reference at which the asked way ends."""
+EXCUSE_AHEAD, EXCUSE_BESIDE, EXCUSE_SPEED = 10.0, 3.5, 1.0
+"""m, m between bodies and m/s along the road: a road user within these excuses an ego that stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """The first recorded sample at which a corner of the body is off the road: time s, speed m/s."""
+
+    time: float
+    speed: float
+
+
+def first_departure(ego: Trajectory, road: Road, margin: float) -> Departure | None:
+    """Departure: the first sample with a corner more than `margin` m beyond the drivable area; None without one.
+
+    ego: the drive, in road coordinates.
+    road: its edges; a road that crosses it is drivable.
+    margin: `road_margin`, m, a paved edge strip.
+    """
+    away = np.zeros(len(ego), dtype=np.bool_)
+    for along in (0.5, -0.5):
+        for aside in (0.5, -0.5):
+            away |= _off_road(*_corner(ego, along * ego.length, aside * ego.width), road, margin)
+    places = np.flatnonzero(away)
+    return None if not len(places) else Departure(float(ego.time[places[0]]), float(ego.speed[places[0]]))
+
+
+def _corner(ego: Trajectory, along: float, aside: float) -> tuple[FloatArray, FloatArray]:
+    """x and y of a point of the body, so far ahead of its centre and to its left, m, (n,) each."""
+    cosine, sine = np.cos(ego.heading), np.sin(ego.heading)
+    return ego.x + along * cosine - aside * sine, ego.y + along * sine + aside * cosine
+
+
+def _off_road(x: FloatArray, y: FloatArray, road: Road, margin: float) -> BoolArray:
+    """Whether places (n,) are more than `margin` m beyond the road and every road that crosses it."""
+    beyond = (y < road.right_edge_at(x) - margin) | (y > road.left_edge_at(x) + margin)
+    for crossing in road.crossings:
+        inside = np.abs(x - crossing.at) <= 0.5 * crossing.width + margin
+        beyond &= ~(inside & (np.abs(y) <= crossing.reach + margin))
+    return np.asarray(beyond)
+
+
+def roadside_contact(departure: Departure, overlap: float) -> Collision:
+    """A departure as a contact: with a standing car, at the speed of the departure.
+
+    overlap: `roadside_overlap` w, share of the bumper's width; U = |v| / w.
+    """
+    pose = (0.0, 0.0, 0.0)
+    return Collision(departure.time, "roadside", (departure.speed, 0.0), (0.0, 0.0), overlap, "front", pose, pose)
+
+
+def is_excused(ego: Trajectory, actors: Mapping[str, Trajectory]) -> bool:
+    """Whether an ego that stands at its end has a road user close ahead that hardly moves along the road.
+
+    Since it last moved: between bodies at most 10 m ahead and 3.5 m beside, at most 1 m/s along the road.
+    """
+    if ego.speed[-1] >= STANDING:
+        return False
+    moving = np.flatnonzero(ego.speed >= STANDING)
+    since = ego.time[moving[-1] + 1 if len(moving) else 0]
+    front, left, right = _reach(ego)
+    return any(_excuses(actor, since, front, left, right) for actor in actors.values())
+
+
+def _reach(ego: Trajectory) -> tuple[float, float, float]:
+    """x of the standing body's front, y of its left and right side, m."""
+    corners = [
+        (float(x[-1]), float(y[-1]))
+        for along in (0.5, -0.5)
+        for aside in (0.5, -0.5)
+        for x, y in [_corner(ego, along * ego.length, aside * ego.width)]
+    ]
+    return max(x for x, _ in corners), max(y for _, y in corners), min(y for _, y in corners)
+
+
+def _excuses(actor: Trajectory, since: float, front: float, left: float, right: float) -> bool:
+    """Whether a road user stood or crept close ahead at some sample from `since` s on."""
+    cosine, sine = np.abs(np.cos(actor.heading)), np.abs(np.sin(actor.heading))
+    long = 0.5 * (actor.length * cosine + actor.width * sine)
+    wide = 0.5 * (actor.length * sine + actor.width * cosine)
+
+    ahead = (actor.x + long >= front) & (actor.x - long - front <= EXCUSE_AHEAD)
+    beside = np.maximum(actor.y - wide - left, right - actor.y - wide) <= EXCUSE_BESIDE
+    creeps = np.abs(actor.speed * np.cos(actor.heading)) <= EXCUSE_SPEED
+    return bool((ahead & beside & creeps & (actor.time >= since)).any())
+
+
+def times_at(drive: Trajectory, places: FloatArray) -> FloatArray:
+    """When a drive first reached places x (n,), m, ascending: s since its start, inf where it never did."""
+    furthest = np.maximum.accumulate(drive.x)
+    later = np.append(True, furthest[1:] > furthest[:-1])
+    found = np.interp(places, furthest[later], drive.time[later] - drive.time[0], right=np.inf)
+    return np.asarray(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AskedWay:
+    """The way that a point asks for. places: x (n,), m. slowest: s until the slowest reference was there, (n,)."""
+
+    places: FloatArray
+    slowest: FloatArray
+
+
+def asked_way(begin: float, references: Sequence[Trajectory]) -> AskedWay | None:
+    """The asked way of a point: from the ego's start to 5 m before the nearest end of a reference.
+
+    begin: x of the ego's start, m. references: drives without an incident; None where there is none.
+    """
+    if not references:
+        return None
+    end = min(float(drive.x.max()) for drive in references) - SHORT_OF_THE_END
+    places = np.arange(begin + PLACE_SPACING, end + 1e-9, PLACE_SPACING)
+    return AskedWay(places, np.max([times_at(drive, places) for drive in references], axis=0))
+
+
+def task_share(ego: Trajectory, asked: AskedWay, way: Way | None, *, incident: bool, excused: bool) -> float:
+    """t_i: mean over the asked way of min(1, time of the slowest reference there / own time there).
+
+    0 at places never reached, and behind a lane change that was asked for and missed.
+    way: that lane change; None without one.
+    incident: any contact, departure or giving up: t_i = 0.
+    excused: the way ends where the ego stands.
+    """
+    if incident:
+        return 0.0
+    counted = asked.places <= (ego.x.max() if excused else np.inf)
+    own = times_at(ego, asked.places)
+    shares = np.minimum(1.0, asked.slowest / np.maximum(own, 1e-9))
+
+    if way is not None and misses(ego, way):
+        shares = np.where(asked.places > way.by, 0.0, shares)
+    return float(shares[counted].mean()) if counted.any() else 1.0
+
+
+def misses(ego: Trajectory, way: Way) -> bool:
+    """Whether the ego passed the end of its lane change without having made at least half of it."""
+    there = times_at(ego, np.array([way.by]))[0]
+    if np.isinf(there):
+        return False
+    y = float(np.interp(there + ego.time[0], ego.time, ego.y))
+    return abs(y - float(ego.y[0]) - way.offset) > 0.5 * abs(way.offset)

@@ -1,0 +1,120 @@
+"""Departure, excuse and t_i: worked numbers, and the laws of the driving task."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sumo_eval.method.driving_task import (
+    asked_way,
+    first_departure,
+    is_excused,
+    roadside_contact,
+    task_share,
+    times_at,
+)
+from sumo_eval.scenario.concrete import Road, Way
+from sumo_eval.scenario.road.lanes import Crossing
+from sumo_eval.trajectory import Trajectory
+
+ROAD = Road("road", 400.0, 2, 3.5, 0.0)
+law = settings(derandomize=True, deadline=None, max_examples=50)
+
+
+def drive(speed: float, seconds: float, *, sideways: float = 0.0, brakes: float = 0.0) -> Trajectory:
+    """From x = 0 on the right lane's centre line; brakes: m/s2, from t = 0 on; sideways: m/s to the left."""
+    time = np.arange(0.0, seconds + 1e-9, 0.1)
+    rolling = np.minimum(time, speed / brakes) if brakes else time
+    x = speed * rolling - 0.5 * brakes * rolling**2
+    return Trajectory(
+        time, x, sideways * time, heading=np.zeros(len(time)), speed=np.maximum(speed - brakes * time, 0.0)
+    )
+
+
+def share(ego: Trajectory, *references: Trajectory, way: Way | None = None, excused: bool = False) -> float:
+    asked = asked_way(0.0, references)
+    assert asked is not None
+    return task_share(ego, asked, way, incident=False, excused=excused)
+
+
+def test_a_departure_is_the_first_corner_beyond_the_edge_and_the_margin() -> None:
+    """The right edge is at y = -1.75, half the body 0.9: with 0.5 m more, a corner is out from y = -1.35 on."""
+    found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
+    assert found is not None
+    assert (found.time, found.speed) == (pytest.approx(1.4), 20.0)
+    assert first_departure(drive(20.0, 1.3, sideways=-1.0), ROAD, 0.5) is None
+    assert first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 5.0) is None
+
+
+def test_a_road_that_crosses_is_drivable() -> None:
+    crossing = Road("road", 400.0, 2, 3.5, 0.0, crossings=(Crossing(50.0, 200.0, 100.0),))
+    assert first_departure(drive(20.0, 5.0, sideways=-1.0), crossing, 0.5) is None
+
+
+def test_a_departure_weighs_as_a_full_width_contact_with_a_standing_car() -> None:
+    found = first_departure(drive(20.0, 5.0, sideways=-1.0), ROAD, 0.5)
+    assert found is not None
+    contact = roadside_contact(found, 1.0)
+    assert (contact.relative_speed, contact.overlap, contact.side) == (20.0, 1.0, "front")
+
+
+def test_times_at_places() -> None:
+    found = times_at(drive(10.0, 5.0), np.array([10.0, 25.0, 60.0]))
+    np.testing.assert_allclose(found, [1.0, 2.5, np.inf])
+
+
+def test_a_reference_has_1_and_half_its_speed_has_a_half() -> None:
+    fast, slow = drive(20.0, 10.0), drive(10.0, 20.0)
+    assert share(fast, fast) == 1.0
+    assert share(slow, fast) == pytest.approx(0.5)
+    assert share(slow, fast, slow) == pytest.approx(1.0), "the slowest reference counts"
+
+
+def test_a_stop_is_0_from_there_on_unless_it_is_excused() -> None:
+    """10 m/s, brakes with 1 m/s2: it stands after 50 m of the 195 m that are asked for."""
+    reference, stopped = drive(10.0, 20.0), drive(10.0, 20.0, brakes=1.0)
+    plain, excused = share(stopped, reference), share(stopped, reference, excused=True)
+    assert plain < 49.0 / 195.0
+    assert excused == pytest.approx(plain * 195.0 / 49.0, rel=0.05)
+    assert excused > plain
+
+
+def test_who_stands_behind_a_standing_car_is_excused() -> None:
+    stopped, n = drive(10.0, 20.0, brakes=1.0), 201
+    time = np.arange(n) * 0.1
+
+    def car(x: float, y: float, speed: float = 0.0) -> dict[str, Trajectory]:
+        return {"car": Trajectory(time, x + speed * time, np.full(n, y), heading=np.zeros(n), speed=np.full(n, speed))}
+
+    # fronts and rears at 50 + 2.25 and x - 2.25: 10 m between bodies at x = 64.5
+    assert is_excused(stopped, car(64.0, 0.0))
+    assert not is_excused(stopped, car(65.0, 0.0))
+    assert not is_excused(stopped, car(40.0, 0.0)), "behind"
+    assert is_excused(stopped, car(60.0, 5.2))
+    assert not is_excused(stopped, car(60.0, 5.4)), "3.6 m beside"
+    assert not is_excused(stopped, car(40.0, 0.0, speed=1.5)), "it drives on"
+    assert not is_excused(drive(10.0, 20.0), car(64.0, 0.0)), "an ego that drives needs no excuse"
+
+
+def test_an_incident_leaves_nothing_and_no_reference_no_share() -> None:
+    asked = asked_way(0.0, [drive(10.0, 20.0)])
+    assert asked is not None
+    assert task_share(drive(10.0, 20.0), asked, None, incident=True, excused=False) == 0.0
+    assert asked_way(0.0, []) is None
+
+
+def test_behind_a_missed_lane_change_nothing_counts() -> None:
+    """95 of the 195 places lie at most at x = 95, where the change should have been made."""
+    reference, way = drive(10.0, 20.0), Way(3.5, 20.0, 95.0, ends=False)
+    assert share(drive(10.0, 20.0), reference, way=way) == pytest.approx(95.0 / 195.0)
+    assert share(drive(10.0, 20.0, sideways=0.3), reference, way=way) == 1.0
+
+
+@law
+@given(st.floats(2.0, 30.0), st.floats(0.0, 10.0), st.floats(3.0, 20.0))
+def test_later_at_every_place_and_cut_off_earlier_are_no_better(speed: float, faster: float, seconds: float) -> None:
+    reference = drive(20.0, 10.0)
+    assert share(drive(speed, 20.0), reference) <= share(drive(speed + faster, 20.0), reference) + 1e-12
+    assert share(drive(speed, seconds), reference) <= share(drive(speed, 20.0), reference) + 1e-12

@@ -1,0 +1,157 @@
+"""Games that no score may reward: `python tools/games.py table [FOLDER]`, `sensitivity FOLDER` or `search [BUDGET]`.
+
+`table` drives seven games and the ADSs that ship over three motorway scenarios and prints T, A, A', H and S+, the means
+over the scenarios. `sensitivity` scores that run again with the constants of S+ halved and doubled. `search` looks for
+the policy of ten parameters with the most S+. These are the tables of docs/trust.md.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+
+import pandas as pd
+
+import sumo_eval
+from sumo_eval.cosim import Command
+from sumo_eval.cosim.doors.controller import SHIPPED
+from sumo_eval.cosim.doors.observation import Observation
+from sumo_eval.results import Evaluation
+from sumo_eval.settings import (
+    AdsSettings,
+    DriverSettings,
+    EvaluationSettings,
+    RunSettings,
+    SamplingSettings,
+    ScenarioSettings,
+)
+
+DANGER = 2.5  # s of TTC below which some games give up
+COLUMNS = {"T": "task_share", "A": "avoided_share", "A'": "avoidance_grade", "H": "human_likeness", "S+": "s_plus"}
+
+
+def time_to_collision(seen: Observation) -> float:
+    """TTC to the vehicle ahead, s; inf where the ego does not close."""
+    lead = seen.lead
+    return float("inf") if lead is None or lead.relative_speed >= 0.0 else lead.gap / -lead.relative_speed
+
+
+class BrakesToAStop:
+    """Brakes with 8 m/s2 whatever happens."""
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        return -8.0
+
+
+class StopsGently:
+    """Brakes with 1.5 m/s2 whatever happens."""
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        return -1.5
+
+
+class LeavesTheRoad:
+    """Steers to the right and off the road at once."""
+
+    def act(self, seen: Observation) -> Command:
+        """Its speed, and the wheel a quarter turned."""
+        return Command(0.0, -1.5)
+
+
+class Crawls:
+    """Slows down gently to 60 % of its first speed and keeps it."""
+
+    def __init__(self) -> None:
+        self._wanted: float | None = None
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        if self._wanted is None:
+            self._wanted = 0.6 * seen.ego.speed
+        return float(min(max(self._wanted - seen.ego.speed, -2.0), 2.0))
+
+
+class Creeps:
+    """Brakes with 3 m/s2 down to 2 m/s and keeps that."""
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        return float(min(max(2.0 - seen.ego.speed, -3.0), 3.0))
+
+
+class RaisesInDanger:
+    """Keeps its speed, and raises an exception at a TTC below 2.5 s."""
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        if time_to_collision(seen) < DANGER:
+            raise RuntimeError("too dangerous")
+        return 0.0
+
+
+class EndsInDanger:
+    """Keeps its speed, and ends its process at a TTC below 2.5 s."""
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        if time_to_collision(seen) < DANGER:
+            os._exit(1)
+        return 0.0
+
+
+GAMES = (BrakesToAStop, StopsGently, LeavesTheRoad, Crawls, Creeps, RaisesInDanger, EndsInDanger)
+SCENARIOS = ("motorway_approach", "motorway_braking", "motorway_cut_out")
+
+
+def evaluation(
+    scenarios: Sequence[str], ads: Sequence[AdsSettings], count: int = 32, drivers: int = 10
+) -> EvaluationSettings:
+    """Some ADSs in some scenarios, at `count` Sobol points each, of which some cannot be."""
+    return EvaluationSettings(
+        name="games",
+        scenario=tuple(ScenarioSettings(name, SamplingSettings(method="sobol", count=count)) for name in scenarios),
+        ads=tuple(ads),
+        drivers=DriverSettings(count=drivers),
+        run=RunSettings(workers=2),
+    )
+
+
+def entries() -> list[AdsSettings]:
+    """The games, and the ADSs that ship."""
+    here = Path(__file__).resolve()
+    games = [AdsSettings(game.__name__, f"{here}:{game.__name__}") for game in GAMES]
+    return games + [AdsSettings(name, name) for name in SHIPPED]
+
+
+def table(done: Evaluation) -> pd.DataFrame:
+    """The mean of each score over the scenarios, a row for each ADS, in the order of S+."""
+    rows = []
+    for ads in done.settings.ads:
+        own = [score for score in done.scores if score.ads == ads.name]
+        values = [[getattr(score, name) for score in own] for name in COLUMNS.values()]
+        means = [fmean(known) if (known := [one for one in value if one is not None]) else None for value in values]
+        incidents = [
+            sum(getattr(score, name) for score in own) for name in ("avoidable_collisions", "departures", "gave_up")
+        ]
+        rows.append((ads.name, *means, *incidents))
+    columns = ["ADS", *COLUMNS, "avoidable", "departed", "gave up"]
+    return pd.DataFrame(rows, columns=columns).sort_values("S+", ascending=False)
+
+
+def main() -> None:
+    """Do what the first argument asks for."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(scratch) / "run"
+        done = sumo_eval.evaluate(evaluation(SCENARIOS, entries()), folder)
+        print(f"{len(done.cases) // len(done.settings.ads)} points")
+        print(table(done).to_string(index=False, float_format="%.3f"))
+
+
+if __name__ == "__main__":
+    main()
