@@ -43,7 +43,8 @@ def test_the_table_of_the_readme_is_what_the_papers_evaluation_comes_to(tmp_path
         "caused": "caused_collisions",
     }
     names |= {"A": "avoided_share", "H": "human_likeness", "S+": "s_plus", "C": "c", "D": "d", "S": "s"}
-    names |= {"in safe zone": "safe_collisions", "not evaluated": "not_evaluated"}
+    names |= {"T": "task_share", "A'": "avoidance_grade", "collisions in safe zone": "safe_collisions"}
+    names |= {"left the road": "departures", "gave up": "gave_up", "not evaluated": "not_evaluated"}
     columns = re.split(r" {2,}", heading.strip())[1:]
     table = {tuple(cells[:2]): cells[2:] for cells in (line.split() for line in printed)}
     scores = sumo_eval.evaluate(PAPER_EVALUATION, tmp_path / "run").scores
