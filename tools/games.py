@@ -1,8 +1,7 @@
-"""Games that no score may reward: `python tools/games.py table [FOLDER]`, `sensitivity FOLDER` or `search [BUDGET]`.
+"""Drive the games that no score may reward: `python tools/games.py [FOLDER]`.
 
-`table` drives seven games and the ADSs that ship over three motorway scenarios and prints T, A, A', H and S+, the means
-over the scenarios. `sensitivity` scores that run again with the constants of S+ halved and doubled. `search` looks for
-the policy of ten parameters with the most S+. These are the tables of docs/trust.md.
+Seven games and the shipped ADSs drive three motorway scenarios. Prints T, A, A', H and S+, each the mean over the
+scenarios, and the incidents.
 """
 
 from __future__ import annotations
@@ -145,9 +144,9 @@ def table(done: Evaluation) -> pd.DataFrame:
 
 
 def main() -> None:
-    """Do what the first argument asks for."""
+    """Drive all, into the folder that the first argument names, and print the table."""
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(scratch) / "run"
+        folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(scratch) / "run"
         done = sumo_eval.evaluate(evaluation(SCENARIOS, entries()), folder)
         print(f"{len(done.cases) // len(done.settings.ads)} points")
         print(table(done).to_string(index=False, float_format="%.3f"))

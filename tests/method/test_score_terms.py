@@ -124,7 +124,6 @@ def test_the_slope_of_the_grade_is_its_difference_quotient():
 shares = st.floats(0.0, 1.0)
 
 
-@law
 @given(st.lists(shares, min_size=2, max_size=2), shares, shares, shares)
 def test_s_plus_lies_within_0_and_100_and_rises_with_each_part(pair, task, grade, human):
     low, high = sorted(pair)
@@ -136,7 +135,6 @@ def test_s_plus_lies_within_0_and_100_and_rises_with_each_part(pair, task, grade
         assert 0.0 <= less <= more <= 100.0
 
 
-@law
 @given(st.lists(st.floats(-2.0, 1.0), min_size=2, max_size=2), st.floats(1e-4, 1.0))
 def test_the_grade_orders_as_a_does(pair, sharpness):
     low, high = sorted(pair)

@@ -33,13 +33,31 @@ CONCRETE = SPACE.concrete(ego_speed=20, lead_speed=10)
 LIMITS = {"case_timeout": 8.0, "step_timeout": 0.5, "memory_limit": 600.0}
 INNOCENT = ("faulty_ads.py:coast", "idm", "faulty_ads.py:random_driver")
 ATTACKS = {**hostile_ads.PROTOCOL, **hostile_ads.STATE, **hostile_ads.LEFTOVERS, **hostile_ads.OUTSIDE}
-OF_EACH_KIND = """
-    writes_text writes_a_pickle claims_a_gigabyte answers_for_another_case wrong_checksum nan_for_a_time
-    halves_of_characters closes_after_its_own_answer
-    patches_numpy patches_traci closes_stdout begins_a_thread ends_its_supervisor stops_itself
-    leaves_a_daemon dies_with_a_daemon fills_shared_memory lets_another_fill_memory
-    stops_its_supervisor ends_the_server forks_in_c leaves_by_faulthandler forks_and_leaves
-""".split()
+OF_EACH_KIND = [
+    "writes_text",
+    "writes_a_pickle",
+    "claims_a_gigabyte",
+    "answers_for_another_case",
+    "wrong_checksum",
+    "nan_for_a_time",
+    "halves_of_characters",
+    "closes_after_its_own_answer",
+    "patches_numpy",
+    "patches_traci",
+    "closes_stdout",
+    "begins_a_thread",
+    "ends_its_supervisor",
+    "stops_itself",
+    "leaves_a_daemon",
+    "dies_with_a_daemon",
+    "fills_shared_memory",
+    "lets_another_fill_memory",
+    "stops_its_supervisor",
+    "ends_the_server",
+    "forks_in_c",
+    "leaves_by_faulthandler",
+    "forks_and_leaves",
+]
 """What the suite drives: one attack for each way in. The campaign drives all of them, many times."""
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="supervisors need Linux")
