@@ -16,7 +16,6 @@ from hypothesis import settings
 STATE = tempfile.TemporaryDirectory(prefix="sumo_eval_state_")
 os.environ["XDG_STATE_HOME"] = STATE.name  # notes on the runs of tests are nobody's
 # Processes whose linear algebra takes all cores wait for each other in circles: together they took twice as long.
-# Processes whose linear algebra takes all cores wait for each other in circles: together they took twice as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything imports numpy
 
 DURATIONS = Path(__file__).with_name("durations.json")

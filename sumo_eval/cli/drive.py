@@ -10,7 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED
 from sumo_eval.cli.named_values import named_values
-from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.sentences import open_in_browser, say, tell
 
 
 @click.command(epilog="Example: sumo-eval drive front_vehicle_cut_out --set ego_speed=25 --set gap=60")
@@ -45,7 +45,7 @@ def drive(what: str, values: tuple[str, ...], rate: int, out: Path, port: int, c
     def told(address: str) -> None:
         tell(f"Drive here, on this machine only: {address}")
         if not no_browser:
-            click.launch(address)
+            open_in_browser(address)
 
     if is_study:
         from sumo_eval.wheel.plan import read_study

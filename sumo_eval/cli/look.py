@@ -8,7 +8,7 @@ import click
 
 from sumo_eval.cli.named_values import named_values
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.sentences import open_in_browser, say, tell
 from sumo_eval.cli.trusting import trusting
 
 
@@ -95,7 +95,7 @@ def replay(run: Path, case: str, beside: str | None, out: Path | None, opens: bo
     path = write_replay(run, logical, fact, out or run / f"replay-{case}.html", beside=beside)
     tell(f"The replay is {path}")
     if opens:
-        click.launch(str(path))
+        open_in_browser(path.resolve().as_uri())
 
 
 @click.command(epilog="Example: sumo-eval plot results/first zone_map --ads idm --out zones.pdf")

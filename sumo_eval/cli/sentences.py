@@ -30,6 +30,14 @@ def tell(line: str, *, err: bool = False) -> None:
     say((line,), err=err)
 
 
+def open_in_browser(address: str) -> None:
+    """Open an address in the browser that BROWSER or the desktop names, or report that there is none."""
+    import webbrowser
+
+    if not webbrowser.open(address):
+        tell(f"No browser was found: open {address} in one.", err=True)
+
+
 def broken(line: str, width: int) -> str:
     """A line broken between words so that none of its parts is wider, as far as its words allow.
 

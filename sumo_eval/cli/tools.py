@@ -90,15 +90,15 @@ def refuse_a_bare_file(locator: str) -> None:
     import ast
 
     from sumo_eval.errors import InputError
+    from sumo_eval.input_file import read_input
     from sumo_eval.text import shown
 
     file = Path(locator)
     if file.suffix != ".py" or _has_scheme(locator):
         return
-    if not file.is_file():
-        raise InputError(f"There is no file {shown(locator)} here.")
+    content = read_input(file, "file")
     try:
-        body = ast.parse(file.read_bytes(), str(file)).body
+        body = ast.parse(content, str(file)).body
     except (SyntaxError, ValueError) as error:
         raise InputError(f"{shown(locator)} is no Python that can be read: {error}.") from None
     kinds = (ast.ClassDef, ast.FunctionDef)
@@ -121,13 +121,14 @@ def _has_scheme(locator: str) -> bool:
 def _is_scenario(path: Path) -> bool:
     """Whether a file describes a logical scenario; what cannot be read at all is left to the evaluation's reader."""
     from sumo_eval.errors import InputError
+    from sumo_eval.input_file import read_input
     from sumo_eval.settings.toml_file import read_toml
 
     try:
         return not {"parameter", "ego", "vehicle", "zone"}.isdisjoint(read_toml(path, "file"))
     except InputError:
-        with suppress(OSError):
-            return b"[[parameter]]" in path.read_bytes()
+        with suppress(InputError):
+            return b"[[parameter]]" in read_input(path, "file")
         return False
 
 

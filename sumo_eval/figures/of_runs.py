@@ -327,8 +327,9 @@ def intervals(evaluation: Evaluation, *, scenario: str | None, ads: str | None, 
     wanted = None if scenario is None else scenario_of(evaluation, scenario)
     scores = [one for one in evaluation.scores if one.ads in names and wanted in (None, one.scenario)]
     with styled():
-        tall = max(0.5, 0.09 * len(scores) + 0.3) * (2.0 if width == "column" else 1.0)
-        rows, columns = (3, 2) if width == "column" else (2, 3)
+        columns = 2 if width == "column" else 4
+        rows = math.ceil(len(INDEXES) / columns)
+        tall = max(0.5, 0.09 * len(scores) + 0.3) * rows / 2.0 * (4.0 / 3.0 if width == "column" else 1.0)
         figure, axes = new_figure(width, tall, rows, columns)
         for ax, (symbol, name) in zip(axes, INDEXES.items(), strict=True):
             for place, one in enumerate(scores):

@@ -102,8 +102,8 @@ class KeptResults:
 
 def _opened(path: Path) -> sqlite3.Connection:
     """The file, made where there is none or where another version wrote it; in memory's place where it cannot be."""
-    try:
-        connection = sqlite3.connect(path, timeout=_PATIENCE)
+    try:  # a finalizer closes it, in whichever thread collects garbage
+        connection = sqlite3.connect(path, timeout=_PATIENCE, check_same_thread=False)
     except sqlite3.OperationalError:
         return _fresh("")
     try:
@@ -122,7 +122,7 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 def _fresh(name: str) -> sqlite3.Connection:
     """An empty one; without a name it lies in a file of SQLite's own, which is gone with the connection."""
-    connection = sqlite3.connect(name)
+    connection = sqlite3.connect(name, check_same_thread=False)
     connection.executescript(_SCHEMA)
     return connection
 

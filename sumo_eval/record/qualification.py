@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import read_input
 
 _LARGEST = 10_000_000  # bytes of a file
 
@@ -23,12 +24,7 @@ def read_qualification(named: str, source: Path) -> dict[str, Any]:
     if path.is_dir():
         path = path / "qualification.json"
     owner = f"The qualification {path}, which `qualification` of [run] names,"
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{owner} is larger than any that `sumo-eval qualify` writes.")
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{owner} cannot be read: {error.strerror or error}.") from error
+    text = read_input(path, "qualification", _LARGEST)
     try:
         content = json.loads(text)
         checks = [(str(one["name"]), one["passed"] is True) for one in content["checks"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -14,6 +13,7 @@ from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.entry import steps_between
 from sumo_eval.cosim.doors.fmu import FmuPlant
 from sumo_eval.errors import InputError, StoppedError, said, unknown
+from sumo_eval.input_file import hash_of
 from sumo_eval.record.cases import Block, Case, Outcome, Role, Setup
 from sumo_eval.record.claims import OURS, home
 from sumo_eval.record.engines import identify, run_packs
@@ -175,7 +175,7 @@ def _plant_identity(settings: EvaluationSettings, source: Path) -> str:
     if plant is None:
         return ""
     FmuPlant(plant, plant.file, source)
-    return hashlib.sha256((source / plant.file).read_bytes()).hexdigest()
+    return hash_of(source / plant.file, "FMU")
 
 
 def record(

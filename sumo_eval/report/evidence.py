@@ -6,7 +6,6 @@ down as such: `supported`, `not supported`, or `open` where nothing could be eva
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -16,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import hash_of
 from sumo_eval.record.run_folder import EVALUATION, EXPOSURES, FACTS, MANIFEST
 from sumo_eval.report.checks import FAILED, PASSED, checked_cases
 from sumo_eval.report.page import asset, template
@@ -74,7 +74,9 @@ def evidence_of(evaluation: Evaluation) -> Evidence:
     """The evidence that a scored run gives."""
     manifest, folder = evaluation.manifest, evaluation.folder
     hashes = {
-        name: _hash(folder / name) for name in (MANIFEST, EVALUATION, FACTS, EXPOSURES) if (folder / name).is_file()
+        name: hash_of(folder / name, "file")
+        for name in (MANIFEST, EVALUATION, FACTS, EXPOSURES)
+        if (folder / name).is_file()
     }
     run = {
         "id": hashes[MANIFEST][:16], "name": evaluation.name, "folder": str(folder),
@@ -104,14 +106,6 @@ def write_evidence(evaluation: Evaluation, out: Path) -> tuple[Path, Path]:
     except OSError as error:
         raise InputError(f"The evidence cannot be written into {out}: {error}.") from error
     return out / PAGE, out / PLAIN
-
-
-def _hash(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error}.") from error
 
 
 def _claims(evaluation: Evaluation, score: ScenarioResult, zone: ZoneResult) -> Iterator[Claim]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import read_input_text
 
 OPINION = "opinion.json"
 _MOST = {"S+": 100.0, "A": 1.0, "H": 1.0, "S": 100.0, "D": 1.0, "C": 1.0}
@@ -19,8 +20,11 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
     Raises InputError when what was told can no longer be read.
     """
     path = folder / OPINION
+    if not path.exists():
+        return None
+    text = read_input_text(path, "opinion")
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = json.loads(text)
         rows, rho, ends = told["rows"], told["correlations"], told.get("intervals", {})
         panels = [
             {
@@ -39,9 +43,7 @@ def opinion_content(folder: Path) -> dict[str, Any] | None:
             "concordance": told["concordance"],
             "panels": panels,
         }
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{path} cannot be read ({said(error)}); delete it, or ask again with: sumo-eval humans opinion."
         ) from error

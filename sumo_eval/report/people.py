@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import read_input_text
 from sumo_eval.method.score_terms import exposure_mean, once
 from sumo_eval.report.words import cases_of, count, number, percent, point
 from sumo_eval.results import CaseResult, Evaluation, columns
@@ -76,8 +77,11 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
     if not cases:
         return []
     path = Path(str(evaluation.manifest.get("source_folder", "."))) / cases / STUDY
+    if not path.exists():
+        return []
+    text = read_input_text(path, "study")
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = json.loads(text)
         left = [f"{it['participant']}, {it['case']}: {it['why']}." for it in told["left_out"]]
         drawn = told.get("drawn", {})
         everybody = f"{count(told['people'], 'person', 'people')} took part in the study {told['study']}"
@@ -87,9 +91,7 @@ def study_sentences(evaluation: Evaluation) -> list[str]:
             *([f"The road was drawn for them in these ways: {drawn_words(drawn)}."] if drawn else []),
             *left,
         ]
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} cannot be read ({said(error)}); `sumo-eval drive STUDY.toml --collect` writes it "
                          "anew.") from error  # fmt: skip
 

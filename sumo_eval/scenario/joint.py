@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
 
 JointKind = Literal["kde", "copula"]
@@ -235,7 +236,7 @@ def read_joint(
 ) -> Joint:
     """The joint distribution over the events in a CSV file with a column for each of `names`."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with input_file(path, "file of events").open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"The events {path} cannot be read: {error}.") from error

@@ -23,6 +23,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.input_file import hash_of, read_input
 from sumo_eval.scenario.concrete import NetworkFile, Road
 from sumo_eval.scenario.road.fitted_line import WITHIN, Pose, fitted_line, onto_the_line
 from sumo_eval.scenario.road.lanes import LaneSpan
@@ -58,11 +59,7 @@ def read_road(path: Path, edges: Sequence[str], end: float) -> Road:
     """
     path = path.resolve()
     owner = f"network {path.name}"
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"Network {path} cannot be read: {error}.") from error
-    network = NetworkFile(str(path), tuple(edges), hashlib.sha256(content).hexdigest())
+    network = NetworkFile(str(path), tuple(edges), hash_of(path, "network"))
     root = _parsed(network)
     if not edges:
         raise InputError(f"The road in {owner} must name the `edges` to drive along.")
@@ -315,11 +312,9 @@ def laid_along_x(network: NetworkFile) -> str:
 
 def _parsed(network: NetworkFile) -> etree._Element:
     path = Path(network.path)
+    content = read_input(path, "network")
     try:
-        content = path.read_bytes()
         root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
-    except OSError as error:
-        raise InputError(f"Network {path} cannot be read: {error}.") from error
     except etree.XMLSyntaxError as error:
         raise InputError(f"Network {path} is not XML: {error}.") from error
     if hashlib.sha256(content).hexdigest() != network.sha256:

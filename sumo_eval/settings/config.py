@@ -13,6 +13,7 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
 from sumo_eval.errors import InputError, did_you_mean, nearest, unknown
+from sumo_eval.input_file import read_input_text
 from sumo_eval.settings import Checked, EvaluationSettings, PopulationSettings
 from sumo_eval.settings.toml_file import line_of, read_toml, toml_from
 from sumo_eval.text import shown
@@ -162,7 +163,7 @@ def mistakes(error: ValidationError, where: str, root: type, file: Path | None =
 
     What a value that may be one of several kinds is not, is one mistake. file: to tell lines of.
     """
-    text = "" if file is None else file.read_text(encoding="utf-8")
+    text = "" if file is None else read_input_text(file, "file")
     found: dict[tuple[Any, ...], list[Any]] = {}
     for item in error.errors():
         found.setdefault(_place(item), []).append(item)

@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.errors import InputError, did_you_mean, said
+from sumo_eval.input_file import input_file
 from sumo_eval.text import words_of
 
 
@@ -49,8 +50,10 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
 
 def _load_file(place: str, folder: Path | None, owner: str) -> ModuleType:
     path = (Path.cwd() if folder is None else folder).joinpath(place).resolve()
-    if not path.is_file():
-        raise InputError(f"{owner}: there is no file {path}.")
+    try:
+        input_file(path, "file")
+    except InputError as error:
+        raise InputError(f"{owner}: {error}") from None
     name = f"_sumo_eval_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
     if name in sys.modules:
         return sys.modules[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -9,11 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import named, read_input_text
 from sumo_eval.text import clean, shown, words_of
 
 _NAMES = r"(?P<name>[\w-]+(?:\s*\.\s*[\w-]+)*|\"[^\"]*\"|'[^']*')"
 _HEAD: Final = re.compile(rf"\s*\[(?P<list>\[)?\s*{_NAMES}\s*\]")
 _KEY: Final = re.compile(rf"\s*{_NAMES}\s*=")
+
+_LARGEST: Final = 50_000_000  # bytes of a file
 
 DEEPEST: Final = 50
 """Tables and lists within each other that a file may hold."""
@@ -21,21 +25,17 @@ DEEPEST: Final = 50
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """The content of a TOML file, which `what` names in sentences: `evaluation file`. Raises InputError."""
-    where = clean(f"{what} {path}")
-    where = where[0].upper() + where[1:]
     try:
-        text = path.read_bytes().decode("utf-8-sig")  # some editors put a mark before the text
-    except FileNotFoundError:
-        raise InputError(f"There is no {clean(f'{what} {path}')}.") from None
-    except IsADirectoryError:
-        raise InputError(f"{where} cannot be read: it is a folder.{_instead_of(path)}") from None
-    except (OSError, ValueError) as error:  # a path can hold what no path may, too
-        raise InputError(f"{where} cannot be read: {words_of(error)}.") from error
-    return toml_from(text, where)
+        text = read_input_text(path, what, _LARGEST)
+    except InputError as error:
+        raise InputError(f"{error}{_instead_of(path)}") from None
+    return toml_from(text, named(path, what))
 
 
 def _instead_of(folder: Path) -> str:
     """What somebody who named a folder may have meant, as a closing half-sentence."""
+    if not os.path.isdir(folder):  # False for what no path may be, too
+        return ""
     if (folder / "manifest.json").is_file():
         return f" It holds a run: `sumo-eval score {folder}` scores it, `sumo-eval report {folder}` shows it."
     files = sorted(path.name for path in folder.glob("*.toml") if path.is_file())

@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import read_input_text
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import open_store
 from sumo_eval.scenario.concrete import Actor, ConcreteScenario, Road, Start
@@ -53,7 +54,7 @@ def participants(plan: Plan) -> list[Participant]:
     found = []
     for path in sorted((plan.folder / "participants").glob("*/journal.jsonl")):
         entries = []
-        lines = path.read_text(encoding="utf-8").split("\n")
+        lines = read_input_text(path, "journal").split("\n")
         for place, line in enumerate(lines):
             try:
                 entries.append(json.loads(line))

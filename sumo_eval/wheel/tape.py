@@ -17,6 +17,7 @@ from typing import Any, TextIO
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, InputError, must_be, said
+from sumo_eval.input_file import read_input_text
 from sumo_eval.scenario.concrete import ConcreteScenario
 from sumo_eval.settings import SimulationSettings, VehicleSettings
 from sumo_eval.trajectory import CHANNELS, Recording
@@ -84,10 +85,7 @@ class Writer:
 
 def read_tape(path: Path) -> Tape:
     """A tape. Raises InputError naming file and line; a last line that was cut off in its middle is no fault."""
-    try:
-        lines = path.read_text(encoding="utf-8").split("\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"The tape {path} cannot be read: {said(error)}.") from error
+    lines = read_input_text(path, "tape").split("\n")
     values = []
     for number, line in enumerate(lines, 1):
         try:

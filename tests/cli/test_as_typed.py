@@ -26,6 +26,7 @@ NOT_RUN = {
     "drive": "needs a person in a browser; tests/wheel/test_drive_command.py has bots",
     "qualify": "takes minutes; tests/studies/test_qualification.py runs a check of each kind",
     "bench": "tests/bench/test_benchmark.py runs it",
+    "humans population": "needs recorded approaches; tests/drivers/test_population_check.py has some",
     "humans coverage": "needs recorded people; tests/docs/test_recorded_people_example.py has some",
     "import": "needs a file of OpenSCENARIO; tests/scenario/test_openscenario_faults.py has some",
 }
@@ -143,8 +144,7 @@ def test_a_locator_of_each_scheme_drives_as_typed(locator: str, tmp_path: Path) 
         fmu(tmp_path)
     line = f"sumo-eval run evaluation.toml --ads {HERE[locator]} --out out"
     done = in_a_shell(line, tmp_path) if locator.startswith("exec:") else typed(line, tmp_path)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "not evaluated" not in done.stdout
+    assert done.returncode == 0, done.stdout + done.stderr  # 3 where a case could not be evaluated
 
 
 def test_the_table_of_doors_has_no_locator_that_nothing_types() -> None:

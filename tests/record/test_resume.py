@@ -307,7 +307,7 @@ def test_a_dry_run_counts_the_drives_and_makes_no_folder(tmp_path: Path) -> None
     path = write_evaluation(tmp_path)
     done = sumo_eval_cli("run", path, "--dry-run", "--out", tmp_path / "run")
     assert done.returncode == 0, done.stderr
-    assert "12 drives of the ADSs, 12 of human drivers and 12 of the ideal vehicle and of `no_reaction`" in done.stdout
+    assert "12 drives of the ADSs, 12 of human drivers and 18 of the references" in done.stdout
     assert "with 2 workers" in done.stdout
     assert not (tmp_path / "run").exists()
 

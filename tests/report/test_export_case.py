@@ -159,7 +159,9 @@ def test_a_name_that_is_no_file_name_becomes_one_and_stays_in_its_folder(run, tm
     exported = export_case(run, "slow_truck-0000-beside it/--x", tmp_path)
     assert {path.parent for path in exported.paths} == {tmp_path}
     assert "slow_truck-0000-beside_it__-x.toml" in {path.name for path in exported.paths}
-    assert exported.line.startswith(f"env PYTHONPATH={run.parent} sumo-eval run slow_truck-0000-beside_it__-x.toml ")
+    assert exported.line.startswith("sumo-eval run slow_truck-0000-beside_it__-x.toml ")
+    alone = (tmp_path / "slow_truck-0000-beside_it__-x.toml").read_text()
+    assert f'"{run.parent}/neighbour.py:drive"' in alone, "the module is named by its file, wherever the line is typed"
 
 
 # --- SUMO -------------------------------------------------------------------------------------------------------------
@@ -381,13 +383,14 @@ count = 2
     assert drive(tmp_path / "out" / "again", repeated.cases[0].case) == recorded
 
 
-def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path):
+def test_paths_of_people_and_exposure_stay_what_they_were(run, tmp_path, monkeypatch):
     folder = tmp_path / "run"
     shutil.copytree(run, folder)
     text = (folder / "evaluation.toml").read_text()
     text = text.replace('source = "synthetic"', 'source = "people.py:drives"').replace('cases = ""', 'cases = "tests"')
     assert 'cases = "tests"' in text
     (folder / "evaluation.toml").write_text(text)
+    monkeypatch.setattr("sumo_eval.record.trust._asked", True)  # as `--trust` does
     path = next(p for p in export_case(folder, "cut_in-0001-draws", tmp_path / "out").paths if p.suffix == ".toml")
     drivers = sumo_eval.settings.config.read_evaluation(path).drivers
     assert (drivers.source, drivers.cases) == (f"{run.parent / 'people.py'}:drives", str(run.parent / "tests"))

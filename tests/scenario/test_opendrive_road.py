@@ -204,7 +204,7 @@ def test_what_would_be_another_road_is_refused_by_name(tmp_path: Path, parts: di
 
 
 def test_a_file_that_is_none_and_a_road_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="There is no OpenDRIVE file"):
         read_opendrive(tmp_path / "none.xodr")
     (tmp_path / "text.xodr").write_text("hello", encoding="utf-8")
     with pytest.raises(InputError, match="is not XML"):

@@ -200,7 +200,7 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         (("mapping.toml", "dx0_m", "dx_m"), "Did you mean `dx0_m`?"),
         (("mapping.toml", "RelativeLaneId", "RelativLaneId"), "Did you mean `RelativeLaneId`?"),
         (("mapping.toml", '"Ve0_kph / 3.6"', '"Model"'), "must be a number, got 'car'"),
-        (("mapping.toml", "variation.xosc", "nowhere.xosc"), "cannot be read"),
+        (("mapping.toml", "variation.xosc", "nowhere.xosc"), "There is no OpenSCENARIO file"),
         (("mapping.toml", "[only]", "[olny]"), "Did you mean `only`?"),
         (("mapping.toml", "Ve0_kph / 3.6", "Ve0_kph * 100"), "lies within the ranges of `cut_in`"),
         (("variation.xosc", "DistributionSet", "UserDefinedDistribution"), "must have a DistributionSet or a"),

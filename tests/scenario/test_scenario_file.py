@@ -171,7 +171,7 @@ def test_definitions_exposure_and_every_manoeuvre(tmp_path):
         ('name = "truck"', 'name = "ego"', "a name of its own, got `ego` twice"),
         ("[ego]", "[road]\nedges = ['a']\n[ego]", "there is none"),
         ("[ego]", "[end]\nx = 7000.0\n[ego]", "at most the road's length 6000"),
-        ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]", "cannot be read"),
+        ("[ego]", "[road]\nnetwork = 'no.net.xml'\n[ego]", "There is no network"),
         ("[zone]", "[zone", "is not valid TOML"),
         ('name = "slow_truck"', 'name = "slow_truck"\ndefault_sample = "grd"', "Did you mean `grid`?"),
         ("truck_speed < ego_speed", "truck_speed > ego_speed + 100", "must have possible points"),

@@ -19,7 +19,7 @@ from sumo_eval.cli import main
         (["cut_in", "--set", "gap"], "NAME=VALUE with a number"),
         (["cut_in", "--set", "gapp=3"], "Did you mean `gap`"),
         (["cut_in", "--set", "gap=1e9"], "gap"),
-        (["nothing.jsonl"], "nothing.jsonl cannot be read"),
+        (["nothing.jsonl"], "There is no tape nothing.jsonl"),
         (["nothing.toml"], "nothing.toml"),
     ],
 )

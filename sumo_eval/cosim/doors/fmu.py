@@ -33,6 +33,7 @@ from sumo_eval.errors import (
     said,
     unknown,
 )
+from sumo_eval.input_file import input_file
 from sumo_eval.settings import FmuSettings
 
 SIGNALS = signal_names()
@@ -70,8 +71,7 @@ class _Fmu:
     ) -> None:  # fmt: skip
         self.path = path
         self._library = _fmpy()
-        if not path.is_file():
-            raise InputError(f"FMU {path}: there is no such file.")
+        input_file(path, "FMU")
         try:
             self._folder, self.description = _unpacked(path, path.stat().st_mtime_ns)
         except Exception as error:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sumo_eval.errors import InputError, said
+from sumo_eval.input_file import read_input
 
 
 def load_given(file: str, folder: Path | None) -> Any:
@@ -13,10 +14,9 @@ def load_given(file: str, folder: Path | None) -> Any:
     import cloudpickle
 
     path = Path(folder or Path.cwd(), file)
-    if not path.is_file():
-        raise InputError(f"ADS `given:{file}`: there is no such file; the run folder that it was given to has moved.")
+    content = read_input(path, "ADS by value")
     try:
-        return cloudpickle.loads(path.read_bytes())
+        return cloudpickle.loads(content)
     except KeyboardInterrupt:
         raise
     except BaseException as error:

@@ -21,6 +21,7 @@ from sumo_eval.cosim.doors.controller import Briefing, PolicyController
 from sumo_eval.cosim.doors.features import Interface, read_interface
 from sumo_eval.cosim.doors.observation import Observations
 from sumo_eval.errors import ControllerError, InputError, must_be, needs_extra, said, unknown
+from sumo_eval.input_file import input_file
 
 BLOCK = 32  # rows that a model is given at once
 _DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
@@ -33,9 +34,8 @@ class OnnxPolicy:
 
     def __init__(self, model: Path, table: Path, output: str | None = None) -> None:
         self._name = model.name
-        for what, path in (("model", model), ("features table", table)):
-            if not path.is_file():
-                raise InputError(f"ADS `onnx:{model.name}`: there is no {what} {path}.")
+        input_file(model, "model")
+        input_file(table, "features table")
         self.files = tuple(sorted({model, table, *model.parent.glob(f"{model.name}*.data"),
                                    *model.parent.glob(f"{model.name}_data*")}))  # fmt: skip
         self.interface: Interface = read_interface(table)

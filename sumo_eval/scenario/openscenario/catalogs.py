@@ -90,6 +90,6 @@ class Catalogs:
 def named_file(element: Element, scope: Scope, name: str = "filepath") -> Path:
     """A file that an element names, relative to its own; refused where it is not there."""
     path = file_of(element).parent / text(element, name, scope)
-    if not path.is_file():
+    if not path.exists():
         raise fault(element, f"the file {path} is not there")
     return path

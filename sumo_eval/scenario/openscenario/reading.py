@@ -10,6 +10,7 @@ from pathlib import Path
 from lxml import etree
 
 from sumo_eval.errors import InputError, did_you_mean
+from sumo_eval.input_file import input_file, read_input
 from sumo_eval.text import shown
 
 Element = etree._Element
@@ -20,13 +21,7 @@ _VERSIONS = ("1.0", "1.1", "1.2", "1.3")
 
 def read_xml(path: Path, what: str) -> Element:
     """The root of an XML file; `what` it is in sentences. Raises InputError for what cannot or must not be read."""
-    path = Path(path)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f"{what} {path} must be at most {_LARGEST // 1_000_000} MB.")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{what} {path} cannot be read: {error.strerror or error}.") from error
+    content = read_input(Path(path), what, _LARGEST)
     plain = content.replace(b"\0", b"")
     declares = _DECLARES.search(plain)
     if declares:
@@ -62,11 +57,7 @@ def _read_once(path: Path, changed: int) -> Element:
 
 def read_openscenario(path: Path) -> Element:
     """The root of an OpenSCENARIO file of a version that is known."""
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError as error:
-        raise InputError(f"OpenSCENARIO file {path} cannot be read: {error.strerror or error}.") from error
-    return _read_once(path, changed)
+    return _read_once(path, input_file(path, "OpenSCENARIO file").stat().st_mtime_ns)
 
 
 def version_of(root: Element) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sumo_eval.errors import InputError, did_you_mean, must_be, said
+from sumo_eval.input_file import input_file
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import Drawn, Request
 from sumo_eval.scenario.units import factor_to
@@ -28,7 +29,7 @@ def from_csv(logical: LogicalScenario, request: Request) -> Drawn:
         raise InputError(f"`file` of the sampling of scenario `{logical.name}` is missing.")
     path = (request.folder or Path.cwd()) / request.file
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with input_file(path, "file of points").open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             titles = [from_cell(str(name).strip()) for name in reader.fieldnames or ()]
             header, factors = _columns(logical, titles, f"the points {path}")

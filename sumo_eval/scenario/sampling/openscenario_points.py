@@ -28,6 +28,7 @@ import numpy as np
 from lxml import etree
 
 from sumo_eval.errors import InputError, must_be, unknown
+from sumo_eval.input_file import read_input
 from sumo_eval.scenario.expression import Expression, checked_names, number
 from sumo_eval.scenario.logical import LogicalScenario
 from sumo_eval.scenario.sampling.request import MAX_POINTS, Drawn, Request
@@ -188,7 +189,7 @@ def _declarations(
 ) -> tuple[dict[str, Value], dict[str, tuple[tuple[Constraint, ...], ...]]]:
     named = distribution.find("ScenarioFile")
     target = None if named is None else path.parent / str(named.get("filepath", ""))
-    if target is None or not target.is_file():
+    if target is None or not target.exists():
         notes.append(f"The scenario file of {path.name} is not there: no constraint groups, no default values.")
         return {}, {}
     defaults: dict[str, Value] = {}
@@ -369,9 +370,8 @@ def _value(text: str) -> Value:
 
 
 def _parsed(path: Path) -> etree._Element:
+    content = read_input(path, "OpenSCENARIO file")
     try:
-        return etree.fromstring(path.read_bytes(), etree.XMLParser(resolve_entities=False, no_network=True))
-    except OSError as error:
-        raise InputError(f"OpenSCENARIO file {path} cannot be read: {error}.") from error
+        return etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
     except etree.XMLSyntaxError as error:
         raise InputError(f"OpenSCENARIO file {path} is not XML: {error}.") from error

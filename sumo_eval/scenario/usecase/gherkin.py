@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sumo_eval.errors import InputError, did_you_mean, must_be
+from sumo_eval.input_file import read_input_text
 
 _LARGEST = 1_000_000  # characters of a file
 _UNITS = {
@@ -68,12 +69,7 @@ class _Table:
 
 def read_outline(path: Path) -> Outline:
     """The one scenario outline of a file. Raises InputError with file, line and what is doubtful."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
-    except OSError as error:
-        raise InputError(f"Use case {path} cannot be read: {error.strerror or error}.") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"Use case {path} must be UTF-8 text: {error.reason} at byte {error.start}.") from error
+    text = read_input_text(path, "use case")
     if len(text) > _LARGEST:
         raise must_be("The text", f"use case {path.name}", f"at most {_LARGEST:,} characters", len(text))
     feature, name = "", ""

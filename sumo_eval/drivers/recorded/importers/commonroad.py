@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import input_file
 from sumo_eval.trajectory import FloatArray
 
 _SETS = ("time/intervalStart", "position/rectangle", "position/circle", "position/polygon", "position/lanelet",
@@ -140,7 +141,7 @@ def parse_xml(path: Path) -> Any:
     """The root of an XML file; a damaged one is refused with its line."""
     try:
         return etree.parse(
-            str(path), etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+            str(input_file(path, "file")), etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
         ).getroot()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error

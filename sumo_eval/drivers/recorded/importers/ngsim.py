@@ -16,6 +16,7 @@ import pandas as pd
 
 from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require_columns
+from sumo_eval.input_file import input_file
 
 FOOT = 0.3048  # m
 MAIN_LANES = 5  # of US-101 and I-80
@@ -89,6 +90,6 @@ def _read_one(path: Path) -> Found:
 
 
 def _begins_with_letters(path: Path) -> bool:
-    with path.open("rb") as file:
+    with input_file(path, "file").open("rb") as file:
         first = file.readline().lstrip()
     return first[:1].isalpha() or first[:1] in (b'"', b"\xef")

@@ -18,6 +18,7 @@ import pandas as pd
 from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table, require
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 4.5, 1.8  # m; the files name the cars but not their sizes
 _HEAD_ROWS = 5
@@ -30,7 +31,7 @@ def read(path: Path) -> Iterator[Found]:
 
 def _read_one(path: Path) -> Found:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with input_file(path, "file").open(newline="", encoding="utf-8") as file:
             head = {row[0]: row[1:] for row, _ in zip(csv.reader(file), range(_HEAD_ROWS), strict=False) if row}
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}.") from error

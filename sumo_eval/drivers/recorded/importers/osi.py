@@ -25,6 +25,7 @@ import pandas as pd
 from sumo_eval.drivers.recorded.importers.found import Found
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers
 from sumo_eval.errors import InputError, needs_extra
+from sumo_eval.input_file import input_file
 
 ENDINGS: Final = (".osi", ".osi.gz", ".osi.xz", ".mcap", ".parquet")
 VEHICLE, PEDESTRIAN = 2, 3  # MovingObject.Type
@@ -46,7 +47,8 @@ def read(path: Path) -> Iterator[Found]:
     """The recording of a file, or of every one in a folder."""
     if not path.exists():
         raise InputError(f"There is no file or folder {path}.")
-    files = [path] if path.is_file() else sorted(each for each in path.iterdir() if each.name.endswith(ENDINGS))
+    inside = path.iterdir() if path.is_dir() else ()
+    files = sorted(each for each in inside if each.name.endswith(ENDINGS)) if path.is_dir() else [path]
     if not files:
         raise InputError(f"Folder {path} must hold files that end in {', '.join(ENDINGS)}, got none.")
     return (_read_one(file) for file in files)
@@ -55,6 +57,7 @@ def read(path: Path) -> Iterator[Found]:
 def _read_one(path: Path) -> Found:
     if not path.name.endswith(ENDINGS):
         raise InputError(f"{path} must end in {', '.join(ENDINGS)}.")
+    input_file(path, "file")
     if path.suffix == ".parquet":
         rows = _omega_prime(path)
     else:

@@ -17,6 +17,7 @@ from lxml import etree
 from sumo_eval.drivers.recorded.importers.found import Found, files_in
 from sumo_eval.drivers.recorded.importers.tables import checked_numbers, read_table
 from sumo_eval.errors import InputError
+from sumo_eval.input_file import input_file
 
 LENGTH, WIDTH = 5.0, 1.8  # m, SUMO's default passenger car
 BODIES = {"truck": (7.1, 2.4), "trailer": (16.5, 2.55), "bus": (12.0, 2.5), "motorcycle": (2.2, 0.9)}  # SUMO's defaults
@@ -69,7 +70,7 @@ def _from_xml(path: Path) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     try:
         for _, step in etree.iterparse(
-            str(path), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True
+            str(input_file(path, "file")), tag=("timestep", "fcd-export"), resolve_entities=False, no_network=True
         ):
             if step.tag == "timestep":
                 for vehicle in step.iterchildren("vehicle"):

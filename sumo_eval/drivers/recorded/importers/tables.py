@@ -10,16 +10,17 @@ import numpy as np
 import pandas as pd
 
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
+from sumo_eval.input_file import input_file
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas. Raises InputError with one sentence."""
     try:
-        table: pd.DataFrame = pd.read_csv(path, low_memory=False, **options)
-    except FileNotFoundError:
-        raise InputError(f"There is no file {path}.") from None
+        table: pd.DataFrame = pd.read_csv(input_file(path, "file"), low_memory=False, **options)
     except (OSError, UnicodeDecodeError, EOFError) as error:
         raise InputError(f"{path} cannot be read: {str(error).rstrip('.')}.") from error
+    except InputError:
+        raise
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
         raise InputError(f"{path} is no such table: {str(error).strip().rstrip('.')}.") from error
     require_columns(table, required, path)

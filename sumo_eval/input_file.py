@@ -1,0 +1,80 @@
+"""The one way in for files of a user: looked at before they are opened, and refused in one sentence."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from pathlib import Path
+from typing import Final
+
+from sumo_eval.errors import InputError
+from sumo_eval.text import clean, words_of
+
+LARGEST: Final = 500_000_000
+"""Bytes of a file that is read as a whole; recordings are streamed and may be of any size."""
+
+_KINDS: Final = {
+    stat.S_IFIFO: "named pipe", stat.S_IFCHR: "character device", stat.S_IFBLK: "block device",
+    stat.S_IFSOCK: "socket",
+}  # fmt: skip
+
+
+def input_file(path: Path, what: str) -> Path:
+    """The path, refused unless it leads to a regular file; nothing is opened, because opening a pipe may wait for ever.
+
+    what: names the file in sentences, `evaluation file`.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        raise InputError(f"There is no {clean(f'{what} {path}')}.") from None
+    except (OSError, ValueError) as error:  # a path can hold what no path may, too
+        raise _unreadable(path, what, error) from error
+
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{named(path, what)} cannot be read: it is a folder.")
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "special file")
+        raise InputError(f"{named(path, what)} must be a regular file, got a {kind}.")
+    return path
+
+
+def read_input(path: Path, what: str, largest: int = LARGEST) -> bytes:
+    """The content of a regular file of at most `largest` bytes. what: as in `input_file`."""
+    try:
+        with input_file(path, what).open("rb") as file:
+            content = file.read(largest + 1)
+    except OSError as error:
+        raise _unreadable(path, what, error) from error
+    if len(content) > largest:
+        raise InputError(f"{named(path, what)} must be at most {largest // 1_000_000} MB.")
+    return content
+
+
+def read_input_text(path: Path, what: str, largest: int = LARGEST) -> str:
+    """The text of a regular file in UTF-8. what, largest: as in `read_input`."""
+    try:
+        return read_input(path, what, largest).decode("utf-8-sig")  # some editors put a mark before the text
+    except UnicodeDecodeError as error:
+        raise _unreadable(path, what, error) from error
+
+
+def hash_of(path: Path, what: str) -> str:
+    """SHA-256 of a regular file of any size, in hexadecimal. what: as in `input_file`."""
+    try:
+        with input_file(path, what).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise _unreadable(path, what, error) from error
+
+
+def named(path: Path, what: str) -> str:
+    """`Evaluation file a.toml`: the beginning of a sentence about a file."""
+    name = clean(f"{what} {path}")
+    return name[:1].upper() + name[1:]
+
+
+def _unreadable(path: Path, what: str, error: Exception) -> InputError:
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else words_of(error)
+    return InputError(f"{named(path, what)} cannot be read: {reason}.")
