@@ -59,7 +59,11 @@ def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> Non
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the clock, 2 it cannot
     be loaded or the file is wrong.
     """
+    from sumo_eval.gone import is_use_case, refuse_use_case
+
     file = what.partition("?")[0]
+    if is_use_case(file):
+        refuse_use_case(file)
     _refuse_a_folder(file)
     refuse_a_bare_file(file)
     if file.endswith(".toml") and not _has_scheme(file):

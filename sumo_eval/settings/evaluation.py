@@ -104,10 +104,7 @@ class ScenarioSettings(Checked):
 
     use: Annotated[
         str,
-        About(
-            "a shipped name, a scenario file (.toml, .xosc, .feature.md), module:name, or a catalogue: osc_alks, "
-            "ncap_2026, autoware"
-        ),
+        About("a shipped name, a scenario file (.toml, .xosc), module:name, or a catalogue: osc_alks, ncap_2026"),
     ]
     sampling: SamplingSettings = field(default_factory=SamplingSettings)
     exposure: ExposureSettings = field(default_factory=ExposureSettings)

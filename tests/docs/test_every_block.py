@@ -282,7 +282,6 @@ NOT_DRIVEN = {
     "weights.onnx": "a planner of the reader's own, with its weights",
     "folder = ": "needs the reader's own copy of a catalogue; test_openscenario_catalogues.py drives them",
     ".xosc": "needs a file of OpenSCENARIO; test_openscenario_catalogues.py drives them",
-    ".feature.md": "needs a use case; tests/scenario/test_use_cases.py drives them",
     "qualification =": "a run names its qualification; it changes no drive",
 }
 """Blocks of scenarios and evaluations that are read and not driven, by a text in them, and why."""

@@ -1,4 +1,4 @@
-"""Public catalogues of OpenSCENARIO files and use cases, played out of the user's own copy: which files they are."""
+"""Public catalogues of OpenSCENARIO files, played out of the user's own copy: which files they are."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from sumo_eval.errors import InputError, must_be
+from sumo_eval.gone import is_use_case, refuse_use_case
 from sumo_eval.scenario.openscenario.logical import Read, read_file
-from sumo_eval.scenario.usecase.logical import ENDINGS, read_use_case
 from sumo_eval.settings import ScenarioSettings
 
 
@@ -51,10 +51,6 @@ COLLECTIONS: Mapping[str, Collection] = MappingProxyType(
             ("OpenSCENARIO/NCAP/CA-FC_2026/Variations/StandardRange", "CA-FC_2026/Variations/StandardRange",
              "Variations/StandardRange", "."), "*.xosc",
         ),
-        "autoware": Collection(
-            "use cases of an open ADS as Gherkin tables with pass criteria", "autowarefoundation/odd-usecase-scenario",
-            ("usecases", "use_cases", "."), "UC-*.feature.md",
-        ),
     }
 )  # fmt: skip
 """Catalogues by the name that `use` gives them."""
@@ -70,6 +66,8 @@ def expanded(entries: tuple[ScenarioSettings, ...], folder: Path) -> tuple[Scena
         plain = entry.use.partition("?")[0]
         if entry.use in COLLECTIONS:
             found += _of_collection(entry, folder)
+        elif is_use_case(entry.use):
+            refuse_use_case(entry.use)
         elif entry.folder is not None:
             raise InputError(f"`folder` of scenario `{entry.use}` is for catalogues: {', '.join(COLLECTIONS)}.")
         elif plain.endswith(".xosc") and "road=" not in entry.use:
@@ -101,11 +99,7 @@ def _of_collection(entry: ScenarioSettings, folder: Path) -> list[ScenarioSettin
     refused: dict[str, str] = {}
     for file in COLLECTIONS[entry.use].files(copy):
         try:
-            if file.name.endswith(ENDINGS):
-                read_use_case(file)
-                found.append(replace(entry, use=str(file), folder=None))
-            else:
-                found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
+            found += [replace(entry, use=use, folder=None) for use, _ in uses_of(file, str(file))]
         except InputError as error:
             refused[file.name] = str(error)
     if not found:

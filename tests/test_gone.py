@@ -1,0 +1,36 @@
+"""Removed names answer with one sentence that says what to use instead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sumo_eval.cli import main
+
+
+@pytest.mark.parametrize(
+    ("arguments", "replacement"),
+    [
+        ("check UC-1.feature.md", "`[[require]]` of a scenario file"),
+        ("partition UC-1.feature", "`[[require]]` of a scenario file"),
+        ("import UC-1.feature.md", "`[[require]]` of a scenario file"),
+        ("import autoware --folder .", "`[[require]]` of a scenario file"),
+        ("import --steps", "`[[require]]` of a scenario file"),
+    ],
+)
+def test_removed_name_says_where_it_went(arguments: str, replacement: str) -> None:
+    result = CliRunner().invoke(main, arguments.split())
+    assert result.exit_code == 2
+    assert replacement in " ".join(result.output.split())
+    assert "Traceback" not in result.output
+
+
+@pytest.mark.parametrize("use", ['"UC-1.feature.md"', '"autoware"\nfolder = "."'])
+def test_removed_scenario_of_an_evaluation_says_where(tmp_path: Path, use: str) -> None:
+    evaluation = tmp_path / "evaluation.toml"
+    evaluation.write_text(f'name = "n"\n[[scenario]]\nuse = {use}\n[[ads]]\nname = "i"\ncontroller = "idm"\n')
+    result = CliRunner().invoke(main, ["run", str(evaluation), "--out", str(tmp_path / "run"), "--dry-run"])
+    assert result.exit_code == 2
+    assert "`[[require]]` of a scenario file" in " ".join(result.output.split())
