@@ -16,9 +16,9 @@ from sumo_eval.cli.sentences import say, tell
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
-    help="Write the scenario file (.toml) that was understood: its whole space.",
+    help="Write the scenario file (.toml) that was understood at one point.",
 )
-@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: hold a parameter at a value.")
+@click.option("--set", "values", multiple=True, metavar="NAME=VALUE", help="With --out: a parameter of the point.")
 @click.option("--conformity", is_flag=True, help="List what of OpenSCENARIO plays, is ignored and is refused.")
 @click.option("--steps", is_flag=True, hidden=True)
 def import_(
@@ -39,8 +39,7 @@ def import_(
     from sumo_eval.scenario.openscenario.conformity import table
     from sumo_eval.scenario.openscenario.describe import described, listed
     from sumo_eval.scenario.openscenario.logical import read_file
-    from sumo_eval.scenario.openscenario.written import write_scenario
-    from sumo_eval.scenario.openscenario.written_space import space_contents
+    from sumo_eval.scenario.openscenario.written import scenario_content, write_scenario
 
     if conformity:
         click.echo(table())
@@ -65,13 +64,7 @@ def import_(
     say(lines)
     if out is None:
         return
-    if read is not None:
-        contents = space_contents(read, named_values(values, "--set"))
-        for number, content in enumerate(contents, 1):
-            written = out if number == 1 else out.with_stem(f"{out.stem}_{number}")
-            write_scenario(content, written)
-            tell(f"wrote {written}")
-        if len(contents) > 1:
-            tell(f"{len(contents)} files: the others are not the same bodies or do not move alike at all points")
-        return
-    raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
+    if read is None:
+        raise InputError(f"`--out` is for one file, got the catalogue {plain}.")
+    write_scenario(scenario_content(read, named_values(values, "--set")), out)
+    tell(f"wrote {out}")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from lxml import etree
 
+from sumo_eval.cli import main
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.errors import InputError
 from sumo_eval.scenario import played
@@ -20,18 +21,14 @@ from sumo_eval.scenario.openscenario.collections import COLLECTIONS, uses_of
 from sumo_eval.scenario.openscenario.conformity import ROWS, USED, table
 from sumo_eval.scenario.openscenario.describe import described
 from sumo_eval.scenario.openscenario.logical import (
-    Read,
     concrete,
     concrete_points,
     grid_size,
     read_file,
-    refusal,
 )
 from sumo_eval.scenario.openscenario.scene import synchronized
-from sumo_eval.scenario.openscenario.written import write_scenario
-from sumo_eval.scenario.openscenario.written_space import space_contents
+from sumo_eval.scenario.openscenario.written import scenario_content, write_scenario
 from sumo_eval.scenario.road.reference_line import map_places
-from sumo_eval.scenario.sampling.samples import sample
 from sumo_eval.scenario.undisturbed import tracks
 
 CATALOGUES = Path(__file__).parents[3] / "shared" / "data" / "catalogues"
@@ -385,7 +382,7 @@ def test_people_who_know_leads_alone_are_not_asked_where_somebody_comes_across(t
     assert read_file(written(along, events=CUT_IN)).logical.has_drivers
     read = read_file(turning(across))
     assert not read.logical.has_drivers
-    (content,) = space_contents(read, {})
+    content = scenario_content(read, {})
     assert content["people"] == "none"
 
 
@@ -641,7 +638,7 @@ ENDED = (
 def test_the_scenario_file_that_was_understood_says_the_same(tmp_path: Path, events: str) -> None:
     """Everybody starts at the same place and does the same, by the scenario file as by the imported one."""
     read = read_file(written(tmp_path, events=events))
-    (content,) = space_contents(read, {})
+    content = scenario_content(read, {})
     write_scenario(content, tmp_path / "again.toml")
     theirs, again = read.logical.concrete(only=0.0), find("again.toml", tmp_path).concrete(only=0.0)
     assert (again.ego, again.ego_body, again.road, again.time_limit) == (
@@ -671,27 +668,26 @@ def same_case(one: ConcreteScenario, two: ConcreteScenario) -> None:
             assert mine == pytest.approx(theirs, abs=1e-9)
 
 
-def test_the_whole_space_is_written_and_its_formulas_are_found(tmp_path: Path) -> None:
-    """36..90 km/h in steps of 18, of which the constraint leaves 36, 54 and 72; the ego's speed is kph / 3.6 m/s."""
+def test_one_point_is_written_and_a_whole_space_is_not(tmp_path: Path) -> None:
+    """54 km/h = 15 m/s; the other is 5 m/s slower."""
     scenario = written(tmp_path, events=CUT_IN)
     path = tmp_path / "variation.xosc"
     path.write_text(VARIATION.format(file=scenario.name, parts=RANGE.format(name="kph")), encoding="utf-8")
     read = read_file(path)
-    (content,) = space_contents(read, {})
-    assert content["define"]["ego_speed"] == "kph / 3.6"
-    assert content["define"]["Other_speed"] == "-5.0 + kph / 3.6"
-    (axis,) = content["parameter"]
-    assert (axis["low"], axis["high"], axis["step"]) == (36.0, 72.0, 18.0)
-    write_scenario(content, tmp_path / "again.toml")
-    again = find("again.toml", tmp_path)
-    for kph in (36.0, 54.0, 63.0, 72.0):
-        same_case(again.concrete(kph=kph), read.logical.concrete(kph=kph))
-    assert sample(again).points.tolist() == [[36.0], [54.0], [72.0]]
+    write_scenario(scenario_content(read, {"kph": 54.0}), tmp_path / "again.toml")
+    again = find("again.toml", tmp_path).concrete(only=0.0)
+    assert (again.ego.speed, again.actors[0].start.speed) == pytest.approx((15.0, 10.0))
+    same_case(again, read.logical.concrete(kph=54.0))
+    result = CliRunner().invoke(main, ["import", str(path), "--out", str(tmp_path / "space.toml")])
+    assert result.exit_code == 2
+    assert "writes one point, without `--set` for kph" in result.output
+    assert 'The whole space plays from the OpenSCENARIO file itself: `use = "FILE.xosc"`' in result.output
+    assert not (tmp_path / "space.toml").exists()
 
 
 def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_path: Path) -> None:
     read = read_file(turning(tmp_path))
-    (content,) = space_contents(read, {})
+    content = scenario_content(read, {})
     assert content["vehicle"][0]["on_map"] is True
     write_scenario(content, tmp_path / "again.toml")
     same_case(find("again.toml", tmp_path).concrete(only=0.0), read.logical.concrete(only=0.0))
@@ -703,95 +699,38 @@ def test_the_written_space_of_an_ego_that_turns_has_the_other_on_the_map(tmp_pat
 
 
 @needs_catalogues
-@pytest.mark.parametrize(("name", "files", "points"), [
-    ("CPNA.xosc", 1, 18), ("CCRb.xosc", 1, 30), ("CCCscp.xosc", 1, 50), ("CMFtap.xosc?road=2", 1, 3),
-    ("alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc?road=2", 5, 60),
-    ("alks_scenario_4_1_1_free_driving_variation.xosc", 1, 12),
+@pytest.mark.parametrize("name", [
+    "CPNA.xosc", "CCRb.xosc", "CCCscp.xosc", "CMFtap.xosc?road=2",
+    "alks_scenario_4_1_2_swerving_lead_vehicle_variation.xosc?road=2",
+    "alks_scenario_4_1_1_free_driving_variation.xosc",
 ])  # fmt: skip
-def test_the_written_space_has_the_cases_of_the_file(tmp_path: Path, name: str, files: int, points: int) -> None:
-    """Every point that plays is in one of the files, and there the same case. Where the others are five different
-    vehicles there is a file for each.
-    """
+def test_a_written_point_is_the_case_of_the_file(tmp_path: Path, name: str) -> None:
     plain, _, road = name.partition("?road=")
     read = read_file((ALKS if plain.startswith("alks") else NCAP) / plain, {"road": road} if road else {})
-    assert written_as_read(read, {}, tmp_path) == (files, points)
-
-
-def written_as_read(read: Read, fixed: dict[str, float], folder: Path) -> tuple[int, int]:
-    """How many files the space of a file is written as, and their points, each of which is the file's own case."""
-    spaces = []
-    for number, content in enumerate(space_contents(read, fixed)):
-        write_scenario(content, folder / f"{number}.toml")
-        spaces.append(find(f"{number}.toml", folder))
-    axes = read.space.axes
-    for row in itertools.product(*([fixed[it.name]] if it.name in fixed else it.values for it in axes)):
-        point = dict(zip((axis.name for axis in axes), row, strict=True))
-        if refusal(read.space, read.frame, point) is not None:
-            continue
-        theirs = concrete(read, point)
-        bodies = [(actor.body, actor.length, actor.width) for actor in theirs.actors]
-        for space in spaces:
-            try:
-                own = {key: value for key, value in point.items() if key in space.names}
-                again = space.concrete(**own or {"only": 0.0})
-            except InputError:  # a point of another kind's file
-                continue
-            if [(actor.body, actor.length, actor.width) for actor in again.actors] == bodies:
-                same_case(again, theirs)
-                break
-        else:
-            raise AssertionError(point)
-    return len(spaces), sum(len(sample(space).points) for space in spaces)
-
-
-def catalogue_files() -> list[Path]:
-    """The 22 files of Euro NCAP and the 15 of UN R157; none where the catalogues are not there."""
-    folders = {"ncap_2026": NCAP.parents[4], "osc_alks": ALKS.parent}
-    return [file for name, copy in folders.items() if copy.is_dir() for file in COLLECTIONS[name].files(copy)]
-
-
-@pytest.mark.campaign
-@needs_catalogues
-@pytest.mark.parametrize("file", catalogue_files(), ids=lambda file: file.stem)
-def test_every_file_of_the_catalogues_is_written_with_its_own_cases(tmp_path: Path, file: Path) -> None:
-    """On each of its roads. Of a file with more points than 300, those that have the last axes in common with the first
-    point that plays.
-    """
-    for number, (_, read) in enumerate(uses_of(file, file.name)):
-        fixed: dict[str, float] = {}
-        size = grid_size(read.space)
-        plays = next(point for point, why in concrete_points(read) if why is None)
-        for axis in reversed(read.space.axes):
-            if size > 300:
-                size //= len(axis.values)
-                fixed[axis.name] = plays[axis.name]
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        assert 0 < written_as_read(read, fixed, folder)[1] <= size
+    points = [point for point, why in concrete_points(read) if why is None]
+    for number, point in enumerate((points[0], points[-1])):
+        write_scenario(scenario_content(read, point), tmp_path / f"{number}.toml")
+        same_case(find(f"{number}.toml", tmp_path).concrete(only=0.0), concrete(read, point))
 
 
 @needs_catalogues
-def test_the_written_space_is_driven_with_the_same_outcome(tmp_path: Path) -> None:
+def test_a_written_point_is_driven_with_the_same_outcome(tmp_path: Path) -> None:
     """CPNA at 40 km/h, both by who does nothing: contact at the same instant, with the same velocity."""
-    read = read_file(NCAP / "CPNA.xosc")
-    write_scenario(space_contents(read, {"ImpactLocation": 50.0})[0], tmp_path / "again.toml")
-    again = find("again.toml", tmp_path)
-    assert again.names == ("Ego_speed_kph",)
-    one = simulate(again.concrete(Ego_speed_kph=40.0), "no_reaction").collision
-    two = simulate(read.logical.concrete(Ego_speed_kph=40.0, ImpactLocation=50.0), "no_reaction").collision
+    read, point = read_file(NCAP / "CPNA.xosc"), {"Ego_speed_kph": 40.0, "ImpactLocation": 50.0}
+    write_scenario(scenario_content(read, point), tmp_path / "again.toml")
+    one = simulate(find("again.toml", tmp_path).concrete(only=0.0), "no_reaction").collision
+    two = simulate(concrete(read, point), "no_reaction").collision
     assert one is not None
     assert two is not None
     assert (one.time, one.overlap, one.side) == (
-        pytest.approx(two.time, abs=1e-9),
-        pytest.approx(two.overlap),
-        two.side,
-    )
+        pytest.approx(two.time, abs=1e-9), pytest.approx(two.overlap), two.side,
+    )  # fmt: skip
 
 
 def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     read = read_file(written(tmp_path))
-    with pytest.raises(InputError, match="must be one of its parameters"):
-        space_contents(read, {"kph": 50.0})
+    with pytest.raises(InputError, match="kph"):
+        scenario_content(read, {"kph": 50.0})
     with pytest.raises(InputError, match=r"must be a file that ends with .toml"):
         write_scenario({}, tmp_path / "x.xosc")
 

@@ -27,7 +27,16 @@ _OF_NUMBERS = {played.SMALLER: "min", played.LARGER: "max"}
 
 
 def scenario_content(read: Read, point: Mapping[str, float]) -> dict[str, Any]:
-    """The scenario file, as a plain mapping, of what a file is understood to say at a point."""
+    """The scenario file, as a plain mapping, of what a file is understood to say at a point.
+
+    Raises InputError where the point is not one: the whole space plays from the file itself.
+    """
+    missing = [axis.name for axis in read.space.axes if axis.name not in point]
+    if missing:
+        raise InputError(
+            f"`import --out` writes one point, without `--set` for {', '.join(missing)}. The whole space plays from "
+            'the OpenSCENARIO file itself: `use = "FILE.xosc"`.'
+        )
     there = concrete(read, point)
     label = ", ".join(f"{name}={value:g}" for name, value in point.items())
     names = _names(there.actors)
