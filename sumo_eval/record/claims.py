@@ -143,9 +143,9 @@ class _Reading:
         said = None if error is None else clean(_text(error, "the error"))
         printed, error_place = clean_log(_text(log, "the log")), clean(_text(place, "the place of the error"))
         if drive is None:
-            if status != "rejected" or said is None:
+            if status not in ("rejected", "ads_error") or said is None:  # the ADS was never made
                 raise ValueError("no recording")
-            return Result("rejected", None, said, printed, error_place)
+            return Result(status, None, said, printed, error_place)
         end_reason, collision, clips, latency, wall_time, simulated_time, names = _list(drive, "a drive", 7)
         if not isinstance(end_reason, str) or end_reason not in STATUS or STATUS[end_reason] != status:
             raise ValueError(f"the status {status!r} after {end_reason!r}")

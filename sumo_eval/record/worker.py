@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sumo_eval.ads.known_answers import IdealBraking, no_reaction
-from sumo_eval.cosim.doors.controller import load_controller
+from sumo_eval.cosim.doors.controller import Controller, load_controller
 from sumo_eval.cosim.doors.entry import loading, split_entry
 from sumo_eval.cosim.doors.fault_place import fault_place
 from sumo_eval.cosim.simulation import simulate, simulate_together
@@ -18,12 +18,12 @@ from sumo_eval.cosim.vehicle_model import GRAVITY
 from sumo_eval.drivers.synthetic.driver import SyntheticDriver, human_controller
 from sumo_eval.errors import InputError
 from sumo_eval.record import reads
-from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, on_its_own
+from sumo_eval.record.cases import IN_BLOCK, Block, Case, Outcome, Setup, Status, on_its_own
 from sumo_eval.record.claims import OURS, STATUS, Result, Results, as_message, home
 from sumo_eval.record.frames import Message
 from sumo_eval.record.identity import named_files
 from sumo_eval.record.kept import keep
-from sumo_eval.record.watch import watched
+from sumo_eval.record.watch import interrupted, watched
 from sumo_eval.settings import ConditionSettings, SimulationSettings
 from sumo_eval.settings.random_streams import random_stream
 from sumo_eval.trajectory import Alone, Clip, Recording
@@ -36,7 +36,8 @@ def run_case(case: Case, setup: Setup) -> Outcome:
     try:
         recording = _simulate(case, setup)
     except InputError as error:
-        return Outcome(case, "rejected", None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
+        status: Status = "ads_error" if isinstance(error.__cause__, KeyboardInterrupt) else "rejected"
+        return Outcome(case, status, None, str(error), error_place=fault_place(error.__cause__, None, setup.folder))
     return Outcome(case, STATUS[recording.end_reason], recording, recording.error, recording.log, recording.error_place)
 
 
@@ -67,7 +68,7 @@ def run_together(cases: Sequence[Case], setup: Setup) -> Results:
         return [Result(outcome.status, kept, outcome.error, loading() + outcome.log, outcome.error_place)]
     try:
         found = list(_simulate_together(cases, setup))
-    except InputError:  # each of them says why when it runs alone
+    except (InputError, KeyboardInterrupt):  # each of them says why when it runs alone
         return None
     if all(isinstance(one, Alone) and one.by_nature for one in found):
         return None
@@ -110,7 +111,7 @@ def _simulate(case: Case, setup: Setup) -> Recording:
     if case.role == "task_reference":
         return simulate(case.concrete, case.controller, settings)
     _seed_global_generators(case)
-    controller = watched(load_controller(case.controller, setup.folder), setup.run)
+    controller = watched(_loaded(case, setup), setup.run)
     return simulate(
         case.concrete,
         controller,
@@ -120,6 +121,14 @@ def _simulate(case: Case, setup: Setup) -> Recording:
         seed=case.seed,
         period=split_entry(case.controller)[1].period,
     )
+
+
+def _loaded(case: Case, setup: Setup) -> Controller:
+    """Load the ADS of a case. No keyboard reaches this process: an interrupt comes from the ADS itself."""
+    try:
+        return load_controller(case.controller, setup.folder)
+    except KeyboardInterrupt as error:
+        raise InputError(f"ADS `{case.controller}`: making one failed: {interrupted(error)}.") from error
 
 
 def _simulate_together(cases: Sequence[Case], setup: Setup) -> Iterable[Recording | Alone]:

@@ -29,10 +29,12 @@ from sumo_eval.scenario.road.fitted_line import WITHIN, Pose, fitted_line, onto_
 from sumo_eval.scenario.road.lanes import LaneSpan
 from sumo_eval.scenario.road.reference_line import Piece, drawn_points, frame_places, map_places
 from sumo_eval.scenario.road.table import bend_name, check_line
+from sumo_eval.text import shown
 from sumo_eval.trajectory import FloatArray
 
 STRAIGHT = 0.1  # m that a lane may be off its straight line; netconvert writes centimetres
 SPEED_LIMIT = 60.0  # m/s on the driven edges: the scenario says how fast vehicles are, not the network's signs
+_INDEX_DIGITS = 3  # of the index of a lane
 _DEFAULT_LANE_WIDTH = 3.2  # m, SUMO's
 _ONE_PLACE = 0.05  # m: corners nearer than that are netconvert's rounding
 PARALLEL = 0.3  # m that a lane may be off its place beside the line of a road that bends
@@ -245,7 +247,8 @@ def _links(root: etree._Element, one: str, other: str, owner: str) -> _Link:
     found = [it for it in root.iter("connection") if it.get("from") == one and it.get("to") == other]
     if not found:
         raise InputError(f"Edge `{one}` of {owner} must lead to edge `{other}`: no lane of it does.")
-    told = [(int(it.get("fromLane", "0")), int(it.get("toLane", "0")), it.get("via")) for it in found]
+    ends = f"A lane of the connection from edge `{one}` to edge `{other}` in {owner}"
+    told = [(_index(it.get("fromLane", "0"), ends), _index(it.get("toLane", "0"), ends), it.get("via")) for it in found]
     shifts = Counter(before - after for before, after, _ in told)
     shift = min(shifts, key=lambda it: (-shifts[it], abs(it)))
     vias = {before: _vias(root, via) for before, after, via in told if before - after == shift}
@@ -330,7 +333,7 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
         (
             _Lane(
                 str(lane.get("id")),
-                int(lane.get("index", "0")),
+                _index(lane.get("index", "0"), f"The index of lane {shown(str(lane.get('id')))}"),
                 float(lane.get("width", str(_DEFAULT_LANE_WIDTH))),
                 _points(lane.get("shape", "")),
             )
@@ -339,6 +342,13 @@ def _lanes(edge: etree._Element) -> list[_Lane]:
         ),
         key=lambda lane: lane.index,
     )
+
+
+def _index(text: str, owner: str) -> int:
+    """The index of a lane, 0 to 999."""
+    if not (text.isdecimal() and len(text) <= _INDEX_DIGITS):
+        raise InputError(f"{owner} must be a whole number of at most {_INDEX_DIGITS} digits, got {shown(text)}.")
+    return int(text)
 
 
 def _carries_cars(lane: etree._Element) -> bool:

@@ -235,6 +235,16 @@ def test_one_bad_file_among_good_ones_imports_nothing(tmp_path):
         import_recordings("csv", [good, tmp_path / "bad.csv"])
 
 
+def test_coordinate_beyond_all_bounds_is_refused(tmp_path):
+    good = _plain(tmp_path / "good.csv")
+    head, first, *rest = good.read_text().splitlines()
+    cells = first.split(",")
+    cells[head.split(",").index("x")] = "1e300"
+    (tmp_path / "bad.csv").write_text("\n".join([head, ",".join(cells), *rest]))
+    with pytest.raises(InputError, match=r"`x` in row 2 of .*bad\.csv must be at most 1e\+15 in size, got 1e\+300"):
+        import_recordings("csv", [tmp_path / "bad.csv"])
+
+
 def test_files_of_a_folder_are_read_one_by_one_when_they_are_asked_for(tmp_path):
     good = _plain(tmp_path / "1.csv")
     (tmp_path / "2.csv").write_text(good.read_text().replace("r,b,1.0,", "r,b,when,"))

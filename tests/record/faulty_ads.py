@@ -93,6 +93,14 @@ class NeedsArguments:
         pass
 
 
+class InterruptsWhenMade:
+    def __init__(self):
+        raise KeyboardInterrupt
+
+    def step(self, traci, ego, now):
+        pass
+
+
 class RaisesInClose:
     def step(self, traci, ego, now):
         return Command(0.0)

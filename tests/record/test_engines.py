@@ -31,6 +31,7 @@ FAULTS = {
     "wrong_type": ("ads_error", "The ADS must return a Command or None, got str at 0.00 s."),
     "leaves": ("ads_error", "The ADS raised at 0.00 s: SystemExit: 3."),
     "interrupts": ("ads_error", "The ADS raised at 0.00 s: RuntimeError: it raised KeyboardInterrupt."),
+    "InterruptsWhenMade": ("ads_error", "making one failed: it raised KeyboardInterrupt."),
     "vanishes": ("crashed", "The process that ran the case died with exit code 7."),
     "segfaults": ("crashed", "The process that ran the case died with exit code -11 (SIGSEGV)."),
     "hangs": ("ads_timeout", "The ADS must answer within 0.2 s, took longer at 0.00 s."),

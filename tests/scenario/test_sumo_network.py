@@ -172,6 +172,14 @@ def test_any_permissions_of_lanes_make_a_road_or_a_sentence(tmp_path, seed):
         assert 1 <= read_road(path, ["m"], 280.0).lanes <= len(lanes)
 
 
+@pytest.mark.parametrize("index", ["nan", "1e308", "-1", "", "9" * 5_000], ids=lambda index: index[:9])
+def test_lane_index_that_is_no_small_number_is_refused(tmp_path, index):
+    path = edge_of(tmp_path / "own.net.xml", CAR, CAR)
+    path.write_text(path.read_text().replace('index="1"', f'index="{index}"'))
+    with pytest.raises(InputError, match="The index of lane 'm_1' must be a whole number of at most 3 digits, got"):
+        read_road(path, ["m"], 280.0)
+
+
 def test_lanes_of_different_widths_are_told_one_by_one(tmp_path):
     path = edge_of(tmp_path / "own.net.xml", ('allow="pedestrian"', 2.0), ("", 3.2), ("", 3.5))
     with pytest.raises(InputError, match=r"must have one width, got m_1 3\.2 m, m_2 3\.5 m"):

@@ -12,6 +12,8 @@ import pandas as pd
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
 
+LARGEST = 1e15  # of any number in a recording: times in ms since 1970 are 1e12; beyond, doubles are coarser than 0.1
+
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
     """A CSV file with at least the `required` columns; `options` go to pandas. Raises InputError with one sentence."""
@@ -49,6 +51,10 @@ def checked_numbers(table: pd.DataFrame, columns: Sequence[str], path: Path, *, 
             got = table[name].iloc[bad[0]]
             what = "nothing" if pd.isna(got) else repr(str(got))
             raise InputError(f"`{name}` in row {first_row + int(bad[0])} of {path} must be a number, got {what}.")
+        large = np.flatnonzero(np.abs(numbers) > LARGEST)
+        if large.size:
+            where, got = first_row + int(large[0]), numbers[large[0]]
+            raise InputError(f"`{name}` in row {where} of {path} must be at most {LARGEST:g} in size, got {got:g}.")
         table[name] = numbers
 
 

@@ -1,0 +1,114 @@
+"""Files of a user: what is no regular file is refused before it is opened, through every way in."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from sumo_eval.cosim.doors.fmu import FmuPlant
+from sumo_eval.cosim.doors.given import load_given
+from sumo_eval.drivers.recorded.importing import FORMATS, import_recordings
+from sumo_eval.errors import InputError
+from sumo_eval.input_file import hash_of, read_input
+from sumo_eval.record.qualification import read_qualification
+from sumo_eval.scenario.catalogue import find
+from sumo_eval.scenario.joint import read_joint
+from sumo_eval.scenario.openscenario.reading import read_openscenario, read_xml
+from sumo_eval.scenario.sampling.listed_points import from_csv
+from sumo_eval.scenario.sampling.openscenario_points import read_variation
+from sumo_eval.scenario.sampling.request import Request
+from sumo_eval.scenario.sumo_network import read_road
+from sumo_eval.settings import FmuSettings
+from sumo_eval.settings.locators import load_object
+from sumo_eval.settings.toml_file import read_toml
+from sumo_eval.wheel.tape import read_tape
+
+ROOMS = ("settings", "scenario", "drivers", "cosim/doors", "wheel/tape.py", "cli/tools.py")
+OPENS = re.compile(
+    r"\.(read_bytes|read_text)\(|(?<!_file)\bopen\((?!\")|etree\.(parse|iterparse)\(|pd\.read_\w+\(|\.read_parquet\("
+)
+
+
+ALLOWED = ("input_file(", '.open("x', '.open("w', "gzip.open", "read_parquet(str(path))")
+"""Opened after a look at the file, or for writing; `osi` looks at its file before it asks which kind it is."""
+
+
+def joined(source: str) -> list[str]:
+    """The lines of a source, a call that is broken over several as one."""
+    return re.sub(r"\(\n\s+", "(", source).splitlines()
+
+
+def _points(path: Path) -> object:
+    return from_csv(find("cut_in", None), Request("file", file=str(path), folder=path.parent))
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "settings": lambda path: read_toml(path, "evaluation file"),
+    "scenario": lambda path: find(f"{path}.toml", path.parent),
+    "network": lambda path: read_road(path, ["a"], 100.0),
+    "points": _points,
+    "events": lambda path: read_joint(path, "copula", ["a"], ([0.0], [1.0]), None),
+    "OpenSCENARIO": read_openscenario,
+    "OpenDRIVE": lambda path: read_xml(path, "OpenDRIVE file"),
+    "variation": lambda path: read_variation(path, None, 1),
+    "tape": read_tape,
+    "ADS": lambda path: load_object(f"{path}.py:Ads", None, "ADS"),
+    "ADS by value": lambda path: load_given(path.name, path.parent),
+    "vehicle model": lambda path: FmuPlant(FmuSettings(str(path)), path.name, path.parent),
+    "qualification": lambda path: read_qualification(path.name, path.parent),
+    "hash": lambda path: hash_of(path, "file"),
+    **{f"recording, {form}": lambda path, form=form: import_recordings(form, [path]) for form in FORMATS},
+}
+NAMES = {"scenario": "special.toml", "ADS": "special.py", "recording, osi": "special.osi"}
+LEVELX = ("highd", "ind", "exid", "round", "unid")  # each named after its number, beside its NN_tracksMeta.csv
+NAMES |= {f"recording, {form}": "01_tracks.csv" for form in LEVELX}
+
+
+@pytest.mark.parametrize("what", READERS)
+@pytest.mark.parametrize("kind", ["pipe", "link to a device"])
+def test_special_files_are_refused_unopened(what: str, kind: str, tmp_path: Path) -> None:
+    place = tmp_path / NAMES.get(what, "special")
+    for name in ("01_tracksMeta.csv", "01_recordingMeta.csv"):
+        (tmp_path / name).write_text("id\n1\n")
+    if kind == "pipe":
+        os.mkfifo(place)
+    else:
+        place.symlink_to("/dev/zero")
+    given = place.with_suffix("") if what in ("scenario", "ADS") else place
+    with pytest.raises(InputError, match=r"must be a regular file, got a (named pipe|character device)\.$"):
+        READERS[what](given)
+
+
+def test_a_socket_is_named_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("here")
+        with pytest.raises(InputError, match=r"^File here must be a regular file, got a socket\.$"):
+            read_input(Path("here"), "file")
+
+
+def test_whole_files_have_a_limit(tmp_path: Path) -> None:
+    path = tmp_path / "long"
+    path.write_bytes(b"x" * 1_000_001)
+    assert read_input(path, "file", 1_000_001) == b"x" * 1_000_001
+    with pytest.raises(InputError, match=r"^File .* must be at most 1 MB\.$"):
+        read_input(path, "file", 1_000_000)
+
+
+def test_rooms_of_input_open_files_one_way() -> None:
+    package = Path(__file__).parents[1] / "sumo_eval"
+    files = [
+        file for room in ROOMS for file in (package, *package.rglob("*.py")) if file.is_relative_to(package / room)
+    ]
+    wrong = [
+        f"{file.relative_to(package)}: {line.strip()}"
+        for file in files
+        for line in joined(file.read_text(encoding="utf-8"))
+        if OPENS.search(line) and not any(word in line for word in ALLOWED)
+    ]
+    assert not wrong
