@@ -30,7 +30,7 @@ def test_a_file_without_a_name_lists_what_it_holds(
 def test_a_file_that_is_not_there_is_said_to_be_missing() -> None:
     result = CliRunner().invoke(main, ["check", "nothing.py"])
     assert result.exit_code == 2
-    assert result.output == "sumo-eval: There is no file 'nothing.py' here.\n"
+    assert result.output == "sumo-eval: There is no file nothing.py.\n"
 
 
 SCHEMES = ["exec:python 'a b.py'", "traci:python é.py", "exec:./a:b.py", "exec:python a.py --file b.toml"]

@@ -150,13 +150,13 @@ def test_its_identity_holds_the_model_and_its_table(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_used_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no model"):
+    with pytest.raises(InputError, match="There is no model"):
         find_controller("onnx:policy.onnx", tmp_path)
     path = linear(tmp_path)
     table = path.with_suffix(".toml")
     text = table.read_text(encoding="utf-8")
     table.unlink()
-    with pytest.raises(InputError, match="there is no features table"):
+    with pytest.raises(InputError, match="There is no features table"):
         find_controller("onnx:policy.onnx", tmp_path)
     table.write_text(text.replace("lead.gap", "lead.gab"), encoding="utf-8")
     with pytest.raises(InputError, match=r"Unknown feature `lead\.gab`"):

@@ -161,7 +161,7 @@ def test_a_qualification_that_does_not_hold_is_said_to(
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        (None, "cannot be read: No such file"), ("[]", "is not what `sumo-eval qualify` writes"),
+        (None, "There is no qualification"), ("[]", "is not what `sumo-eval qualify` writes"),
         ("{", "is not what `sumo-eval qualify` writes"), ('{"checks": 3}', "is not what `sumo-eval qualify` writes"),
         ('{"checks": [], "created": "", "versions": {}, "machine": {}}', "holds no checks"),
     ],
