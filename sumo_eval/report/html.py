@@ -11,11 +11,10 @@ from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
-from sumo_eval.report.packing import packed, packed_json
+from sumo_eval.report.packing import packed_json, plotly
 from sumo_eval.report.page import REPORT, asset, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
 from sumo_eval.report.preventability import LOOKS, preventability, reference_ads, reference_sentence, verdicts
@@ -162,7 +161,7 @@ def _shared(
         "badges": _badges(evaluation, beside, len(missing)),
         "css": asset("report.css"),
         "page_js": asset("page.js"),
-        "plotly": packed(get_plotlyjs()),
+        "plotly": plotly(),
         "field_js": asset("field.js"),
         "scene_js": asset("scene3d.js"),
         "replay_js": asset("replay.js"),

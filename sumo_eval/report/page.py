@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,16 +30,20 @@ def write_page(path: Path, page: str, what: str) -> Path:
 
 def template(name: str) -> jinja2.Template:
     """A page's template."""
+    return _environment().get_template(name)
+
+
+@functools.cache  # a template is compiled once a process
+def _environment() -> jinja2.Environment:
     import jinja2  # whoever finds a page unchanged needs none
 
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.PackageLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(name)
 
 
 def asset(name: str) -> Markup:

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
-from sumo_eval.report.packing import packed
+from sumo_eval.report.packing import packed, plotly
 from sumo_eval.report.page import asset, template, write_page
 
 MOST_ROWS = 400  # of the table; the files beside the page have all of them
@@ -39,6 +38,6 @@ def write_study(
         charts=[(caption, int(figure.layout.height or 520)) for caption, figure in figures.items()],
         least_width=least_width, css=asset("report.css"),
         page_js=asset("page.js"), field_js=asset("field.js"), study_js=asset("study.js"),
-        figures=packed(f"[{drawn}]"), plotly=packed(get_plotlyjs()),
+        figures=packed(f"[{drawn}]"), plotly=plotly(),
     )  # fmt: skip
     return write_page(path, page, "The page")

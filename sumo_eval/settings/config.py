@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -85,11 +86,16 @@ def population_from(content: Mapping[str, float | str]) -> PopulationSettings:
 def _validated(content: Mapping[str, Any], kind: type[Settings], where: str, file: Path | None = None) -> Settings:
     """file: where the content was read, so that a mistake can be told with its line."""
     try:
-        adapter: TypeAdapter[Settings] = TypeAdapter(kind)
+        adapter: TypeAdapter[Settings] = _adapter(kind)  # type: ignore[arg-type]  # every class can be hashed
         settings = adapter.validate_json(json.dumps(content, default=str), strict=True)
     except ValidationError as error:
         raise InputError(mistakes(error, where, kind, file)) from None
     return settings
+
+
+@functools.cache  # one for all settings takes 0.1 s to make
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def check_evaluation(settings: EvaluationSettings, where: str, *, own_ads: bool = True) -> None:

@@ -241,7 +241,9 @@ def test_coordinate_beyond_all_bounds_is_refused(tmp_path):
     cells = first.split(",")
     cells[head.split(",").index("x")] = "1e300"
     (tmp_path / "bad.csv").write_text("\n".join([head, ",".join(cells), *rest]))
-    with pytest.raises(InputError, match=r"`x` in row 2 of .*bad\.csv must be at most 9.0072e\+15 in size, got 1e\+300"):
+    with pytest.raises(
+        InputError, match=r"`x` in row 2 of .*bad\.csv must be at most 9.0072e\+15 in size, got 1e\+300"
+    ):
         import_recordings("csv", [tmp_path / "bad.csv"])
 
 

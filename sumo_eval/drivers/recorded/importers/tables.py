@@ -12,7 +12,7 @@ import pandas as pd
 from sumo_eval.errors import MOST_KNOWN, InputError, did_you_mean
 from sumo_eval.input_file import input_file
 
-LARGEST = 2.0**53  # of any number in a recording: identifiers are counts of ns since 1970; beyond, doubles skip integers
+LARGEST = 2.0**53  # of any number in a recording: identifiers may count ns since 1970; beyond, doubles skip integers
 
 
 def read_table(path: Path, required: Sequence[str], **options: Any) -> pd.DataFrame:
