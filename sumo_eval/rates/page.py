@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-
 from sumo_eval.report.packing import packed, plotly
 from sumo_eval.report.page import asset, template, write_page
 
