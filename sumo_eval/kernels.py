@@ -11,10 +11,15 @@ bits, fifty times slower. tests/test_kernels.py holds the rules that make both a
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
+import importlib.metadata
+import itertools
 import os
+import pickle
+import platform
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -28,11 +33,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 INTERPRETED = os.environ.get("SUMO_EVAL_INTERPRETED", "") not in ("", "0")
 _PACKAGE = Path(__file__).parent
-_ROOMS = ("kernels.py", "trajectory.py", "settings", "scenario", "cosim", "ads", "drivers")
+_ROOMS = ("kernels.py", "trajectory.py", "settings", "scenario", "cosim", "ads", "drivers", "method/field_loops.py")
 """Where kernels and the constants that are compiled into them stand."""
 
 _KNOWN_INSIDE = "0.68."
 """Versions of numba of which `_as_part` knows the insides; others compile more slowly, to the same bits."""
+
+_SEAL = 32  # bytes before machine code that is kept: the SHA-256 of the rest
 
 _waiting: list[Callable[..., Any]] = []
 
@@ -94,15 +101,62 @@ def bound(loop: Function, *arguments: Any) -> Function:
 
 def _compiled(function: Callable[..., Any]) -> Any:
     numba = _numba()
-    make = functools.partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_folder())
-    try:
-        return make(cache=True)(function)
-    except RuntimeError:  # nowhere to keep it: every process compiles for itself
-        return make(cache=False)(function)
-    finally:
-        numba.config.CACHE_DIR = before
+    return keep_code(numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function))
+
+
+def keep_code(loop: Any) -> Any:
+    """A loop of numba's, whose machine code is kept on disk from now on; what was damaged is compiled again."""
+    loop._cache = _kept_code()(loop.py_func)
+    return loop
+
+
+@functools.cache
+def _kept_code() -> Any:
+    """numba's way to keep code, with one sealed file for each loop and kind of arguments.
+
+    numba's own index mixes kinds up where two processes write at once, and trusts whatever stands in its files.
+    """
+    caching = importlib.import_module("numba.core.caching")
+    rebuilt = importlib.import_module("numba.core.compiler").CompileResult._rebuild
+
+    class KeptCode(caching.NullCache):  # type: ignore[name-defined,misc]
+        """The code of a loop: nothing that goes wrong with its files does more than compile it again."""
+
+        def __init__(self, function: Callable[..., Any]) -> None:
+            self._py_func = function
+
+        def load_overload(self, signature: Any, target: Any) -> Any:
+            """The code for arguments of these types, or None."""
+            target.refresh()
+            try:
+                content = self._path(signature, target.codegen()).read_bytes()
+                return rebuilt(target, *pickle.loads(content[_SEAL:])) if content[:_SEAL] == _seal(content) else None
+            except Exception:  # whatever a file of another make holds
+                return None
+
+        def save_overload(self, signature: Any, result: Any) -> None:
+            """Keep it, if it can be kept."""
+            if result.library.has_dynamic_globals:
+                return
+            content = bytes(_SEAL) + caching.dumps(result._reduce())
+            with contextlib.suppress(OSError):
+                path = self._path(signature, result.codegen)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                with caching.IndexDataCacheFile._open_for_write(self, path) as file:
+                    file.write(_seal(content) + content[_SEAL:])
+
+        def _path(self, signature: Any, codegen: Any) -> Path:
+            source = Path(self._py_func.__code__.co_filename)
+            key = caching.Cache._index_key(self, signature, codegen)
+            digest = hashlib.sha256(repr((str(source), source.read_bytes(), key)).encode())
+            return cache_folder() / f"{self._py_func.__name__}.{digest.hexdigest()[:24]}"
+
+    return KeptCode
+
+
+def _seal(content: bytes) -> bytes:
+    """What stands before machine code on disk, and tells what was damaged."""
+    return hashlib.sha256(content[_SEAL:]).digest()
 
 
 def _numba() -> Any:
@@ -202,11 +256,12 @@ def _as_part() -> dict[str, Any]:
 
 @functools.cache
 def cache_folder() -> Path:
-    """Where machine code is kept: a folder for each state of the sources, and for each place where they stand.
+    """Where machine code is kept: a folder for each processor, numba, state of the sources, and place of theirs.
 
     numba itself looks at the file of the loop alone, and would go on with old code of a rule that another file holds.
     """
-    digest = hashlib.sha256(bytes(_PACKAGE))  # numba keeps code apart by the place of its source
+    digest = hashlib.sha256(bytes(_PACKAGE))
+    digest.update(repr((_processor(), importlib.metadata.version("numba"))).encode())
     for room in _ROOMS:
         found = _PACKAGE / room
         for path in sorted(found.rglob("*.py")) if found.is_dir() else [found]:
@@ -215,6 +270,14 @@ def cache_folder() -> Path:
     given = os.environ.get("NUMBA_CACHE_DIR")
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
     return Path(given or caches) / "sumo_eval" / "kernels" / digest.hexdigest()[:16]
+
+
+def _processor() -> str:
+    """Its name, and what it can do: one folder may serve several machines."""
+    with contextlib.suppress(OSError), open("/proc/cpuinfo", encoding="utf-8") as lines:
+        first = itertools.takewhile(str.strip, lines)
+        return "".join(line for line in first if line.startswith(("model name", "flags", "CPU part", "Features")))
+    return platform.processor()
 
 
 # -- interpreted -------------------------------------------------------------------------------------------------------

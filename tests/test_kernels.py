@@ -225,3 +225,92 @@ def test_records_are_written_back_when_a_loop_is_interpreted():
     kernels._interpreted(loop)(rows, np.ones(len(rows)))
     assert rows["start"]["x"].tolist() == expected.tolist()
     assert rows["told"].tolist() == list(range(len(rows)))
+
+
+# -- code on disk ------------------------------------------------------------------------------------------------------
+
+needs_numba = pytest.mark.skipif(kernels.INTERPRETED, reason="nothing is compiled")
+
+
+def found_on_disk() -> bool:
+    """Whether a process that begins now finds the small loop's machine code; else it has compiled and kept it."""
+    loop = kernels.rows(_grow.__wrapped__)
+    values = np.array([1.0, 2.0])
+    assert loop(values, 0.5) == 2
+    assert values.tolist() == [0.1 * 1.0 + 0.5, 0.1 * 2.0 * 2.0 * 2.0 + 0.5]
+    return bool(loop.compiled.stats.cache_hits)
+
+
+def damaged(content: bytes, how: str) -> bytes:
+    """What a disk or another tool may leave of a file."""
+    noise = np.random.default_rng(1).bytes(len(content))
+    return {
+        "empty": b"",
+        "half": content[: len(content) // 2],
+        "noise": noise,
+        "one bit": content[:-9] + bytes([content[-9] ^ 1]) + content[-8:],
+        "seal alone": content[:32],
+        "sealed noise": hashlib.sha256(noise).digest() + noise,
+    }[how]
+
+
+@needs_numba
+@pytest.mark.parametrize("how", ["empty", "half", "noise", "one bit", "seal alone", "sealed noise"])
+def test_damaged_machine_code_is_compiled_again(tmp_path, monkeypatch, how: str):
+    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path)
+    assert [found_on_disk(), found_on_disk()] == [False, True]
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(damaged(file.read_bytes(), how))
+    assert [found_on_disk(), found_on_disk()] == [False, True]
+
+
+@needs_numba
+@pytest.mark.parametrize("place", ["a file", "a folder of that name", "closed"])
+def test_code_that_cannot_be_kept_is_compiled_in_each_process(tmp_path, monkeypatch, place: str):
+    monkeypatch.setattr(kernels, "cache_folder", lambda: tmp_path / "kernels")
+    if place == "a file":
+        (tmp_path / "kernels").write_bytes(b"")
+    elif place == "closed":
+        tmp_path.chmod(0o500)
+        monkeypatch.setattr(os, "replace", refused)  # nothing is closed to root
+    else:
+        assert not found_on_disk()
+        (file,) = (tmp_path / "kernels").iterdir()
+        file.unlink()
+        file.mkdir()
+    assert [found_on_disk(), found_on_disk()] == [False, False]
+    tmp_path.chmod(0o700)
+
+
+def refused(*_: object):
+    """What a closed folder answers."""
+    raise PermissionError
+
+
+@needs_numba
+def test_other_processors_and_numbas_keep_their_code_apart(monkeypatch):
+    folders = {kernels.cache_folder.__wrapped__()}
+    monkeypatch.setattr(kernels, "_processor", lambda: "another")
+    folders.add(kernels.cache_folder.__wrapped__())
+    monkeypatch.setattr(kernels.importlib.metadata, "version", lambda name: "0.0")
+    folders.add(kernels.cache_folder.__wrapped__())
+    assert len(folders) == 3
+
+
+@needs_numba
+def test_processes_that_compile_at_once_keep_whole_files(tmp_path):
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import numpy as np; import test_kernels as it\n"
+        "print(it._grow(np.ones(2, sys.argv[2]), 0.5), len(it._grow.compiled.stats.cache_hits), end=' ')"
+    )
+
+    def begin(kind: str):
+        return subprocess.Popen(
+            [sys.executable, "-c", script, str(Path(__file__).parent), kind], stdout=subprocess.PIPE, text=True,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        )  # fmt: skip
+
+    kinds = ["float64", "float32"]
+    for hits in (0, 1):
+        answers = [process.communicate(timeout=300)[0] for process in [begin(kind) for kind in kinds]]
+        assert answers == [f"2 {hits} "] * 2

@@ -7,7 +7,6 @@ bytes on the same machine.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
@@ -15,6 +14,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
+from sumo_eval.kernels import keep_code
 from sumo_eval.trajectory import FloatArray
 
 Loops = TypeVar("Loops", bound=Callable[..., Any])
@@ -36,12 +36,8 @@ ROOT_OF_TWO = math.sqrt(2.0)
 
 
 def compiled(loops: Loops) -> Loops:
-    """The loops as machine code, kept on disk where numba finds a place for it, else compiled in each process."""
-    make: Any = functools.partial(numba.njit, fastmath={"contract"}, error_model="numpy")
-    try:
-        return cast("Loops", make(cache=True)(loops))
-    except RuntimeError:
-        return cast("Loops", make(cache=False)(loops))
+    """The loops as machine code, kept on disk where that can be, else compiled in each process."""
+    return cast("Loops", keep_code(numba.njit(fastmath={"contract"}, error_model="numpy")(loops)))
 
 
 @compiled

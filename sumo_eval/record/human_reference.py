@@ -14,12 +14,13 @@ import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
 
 import sumo_eval.method
+from sumo_eval.kernels import INTERPRETED
 from sumo_eval.method.anthropomorphic import (
     AnthropomorphicIndex,
     IndexNote,
@@ -31,6 +32,7 @@ from sumo_eval.method.anthropomorphic import (
 from sumo_eval.method.leave_one_out import HumanBand, band_of, band_pairings, left_out_pairings
 from sumo_eval.method.manoeuvres import Manoeuvre
 from sumo_eval.method.shared_fields import prepare
+from sumo_eval.record import loops
 from sumo_eval.record.coded import decoded, encoded
 from sumo_eval.record.kept_results import KeptResults, key_of
 from sumo_eval.record.kept_results import Part as KeptPart
@@ -124,12 +126,10 @@ _RECORDS = {one.__name__: one for one in (CaseIndex, IndexNote, Ingredients, Lik
 @contextmanager
 def prepared_meanwhile() -> Iterator[None]:
     """On a machine's first time a process of its own compiles what scoring needs; later there is nothing to do."""
-    source = Path(sumo_eval.method.__file__).with_name("field_loops.py")
-    kept = source.parent.glob("__pycache__/field_loops.*.nbi")
-    if any(index.stat().st_mtime >= source.stat().st_mtime for index in kept):
+    if INTERPRETED or loops.FIELDS in loops.compiled():
         yield
         return
-    with beside(prepare):
+    with beside(partial(loops.load, [loops.FIELDS])):
         yield
 
 

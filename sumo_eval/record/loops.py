@@ -8,6 +8,7 @@ python -m sumo_eval.record.loops        compiles all that is not compiled yet, i
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import sys
@@ -81,7 +82,7 @@ def load(pieces: Iterable[str]) -> None:
             shared_fields.prepare()
         else:
             _load_rule(human_controller(0, 1, 0, _concrete(0.0)) if piece == PEOPLE else _made(piece))
-        if cache_folder().is_dir():  # else nothing is kept
+        with contextlib.suppress(OSError):  # where nothing can be kept
             _mark(piece).touch()
 
 
@@ -132,9 +133,13 @@ def _mark(piece: str) -> Path:
     return cache_folder() / f"{piece} is compiled"
 
 
+def _is_compiled(piece: str) -> bool:
+    return os.path.isfile(_mark(piece))  # Path.is_file raises where a folder is closed
+
+
 def compiled() -> list[str]:
     """The pieces that this machine has compiled."""
-    return [] if INTERPRETED else [piece for piece in everything() if _mark(piece).is_file()]
+    return [] if INTERPRETED else [piece for piece in everything() if _is_compiled(piece)]
 
 
 def of_evaluation(settings: EvaluationSettings) -> set[str]:
@@ -173,8 +178,12 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     """Compile those pieces that this machine has not compiled yet, in processes of their own; it keeps them on disk."""
     if INTERPRETED:
         return
-    missing = sorted((it for it in wanted if not _mark(it).is_file()), key=lambda it: (-_LONG.get(it, 1), it))
-    if not missing or not _is_kept():
+    missing = sorted((it for it in wanted if not _is_compiled(it)), key=lambda it: (-_LONG.get(it, 1), it))
+    if not missing:
+        return
+    if not _is_kept():
+        stage = f"compiling in every process, since nothing can be kept in {cache_folder()}"
+        progress(stage, len(missing), len(missing))
         return
     shares: list[list[str]] = [[] for _ in range(min(_cores(), _MOST, len(missing)))]
     for piece in missing:
@@ -182,7 +191,7 @@ def ready(wanted: Iterable[str], progress: Progress = quiet) -> None:
     stage = "compiling, once on this machine"
     progress(stage, 0, len(missing))
     warm([f"from sumo_eval.record import loops; loops.load({share!r})" for share in shares])
-    progress(stage, len(missing), len(missing), sum(not _mark(piece).is_file() for piece in missing))
+    progress(stage, len(missing), len(missing), sum(not _is_compiled(piece) for piece in missing))
 
 
 def _is_kept() -> bool:
