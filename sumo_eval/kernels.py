@@ -130,8 +130,9 @@ def _kept_code() -> Any:
             target.refresh()
             try:
                 content = self._path(signature, target.codegen()).read_bytes()
-                return rebuilt(target, *pickle.loads(content[_SEAL:])) if content[:_SEAL] == _seal(content) else None
-            except Exception:  # whatever a file of another make holds
+                whole = content[:_SEAL] == _seal(content)
+                return rebuilt(target, *pickle.loads(content[_SEAL:])) if whole else None  # noqa: S301 - as numba does
+            except Exception:  # noqa: BLE001 - whatever a file of another make holds
                 return None
 
         def save_overload(self, signature: Any, result: Any) -> None:
