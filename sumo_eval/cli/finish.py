@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
@@ -9,7 +10,7 @@ import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
 from sumo_eval.cli.progress import Progress
-from sumo_eval.cli.sentences import say, tell
+from sumo_eval.cli.sentences import say, show, tell
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,23 +18,29 @@ if TYPE_CHECKING:
     from sumo_eval.results import Evaluation
 
 
-def show_table(evaluation: Evaluation) -> None:
-    """Print the scores: on a terminal as tables that fit it, elsewhere as one row an ADS and scenario."""
-    from sumo_eval.report.terminal import plain_table, score_table
-
-    if sys.stdout.isatty():
-        from rich.console import Console
-
-        console = Console()
-        console.print(score_table(evaluation, console.width))
-    else:
-        click.echo(plain_table(evaluation))
+ALL = click.option(
+    "--all", "everything", is_flag=True, help="Print every number: C, D, all counts and intervals, in more tables."
+)
+"""The option of every command that prints scores."""
 
 
-def finish(evaluation: Evaluation, notes: Sequence[str] = ()) -> NoReturn:
+def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
+    """Print the first words and the table: as wide as the terminal, elsewhere 100 characters."""
+    from sumo_eval.report.headline import headline
+    from sumo_eval.report.score_table import WIDTH, WORDS, score_lines
+
+    said = headline(evaluation)
+    say(f"{question}: {answer}" for question, answer in said.answers)
+    say((f"! {ads}: {words}." for ads, words in said.alarms), fg="red")
+    width = shutil.get_terminal_size((WIDTH, 24)).columns
+    show(("", *score_lines(evaluation, width, everything), ""))
+    tell(WORDS)
+
+
+def finish(evaluation: Evaluation, notes: Sequence[str] = (), *, everything: bool = False) -> NoReturn:
     """Write what a person and a machine read, print the table, and leave with the status that the cases deserve.
 
-    notes: sentences that stand before where the report is.
+    notes: sentences that stand before where the report is. everything: whether all tables are printed.
     """
     from sumo_eval.report.assessed import write_assessed_report
     from sumo_eval.report.junit import write_results
@@ -42,7 +49,7 @@ def finish(evaluation: Evaluation, notes: Sequence[str] = ()) -> NoReturn:
     write_results(evaluation)
     with Progress() as progress:
         write_assessed_report(evaluation, progress=progress)
-    show_table(evaluation)
+    show_scores(evaluation, everything)
     *closing, where = closing_lines(evaluation)
     say((*closing, *notes, where))
     if not evaluation.not_evaluated:

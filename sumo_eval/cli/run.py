@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
-from sumo_eval.cli.finish import finish
+from sumo_eval.cli.finish import ALL, finish
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.stopping import Heard, Stopping
@@ -38,6 +38,7 @@ ENGINES = ("processes", "serial", "dask")
 @click.option("--resume", is_flag=True, help="Go on with the run in --out: simulate what is not recorded there.")
 @click.option("--shard", metavar="I/N", help="Simulate the I-th of N parts only; `merge` puts them together.")
 @click.option("--dry-run", is_flag=True, help="Say how many drives it takes and how long, and simulate nothing.")
+@ALL
 @trusting
 def run(
     evaluation: Path | None,
@@ -51,6 +52,7 @@ def run(
     resume: bool,
     shard: str | None,
     dry_run: bool,
+    everything: bool,
 ) -> None:
     """Simulate and score EVALUATION, a TOML file; without one the paper's evaluation, with --resume the run's own."""
     from sumo_eval.record.children import warm_up
@@ -99,7 +101,7 @@ def run(
     with Progress() as progress:
         result = score_run(folder, progress=progress)
         let_go(result)
-    finish(result)
+    finish(result, everything=everything)
 
 
 def _new_folder(evaluation: Path | None) -> Path:
@@ -111,8 +113,9 @@ def _new_folder(evaluation: Path | None) -> Path:
 @click.command(epilog="Example: sumo-eval score results/first --set method.score.a=60")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--set", "changes", multiple=True, metavar="KEY=VALUE", help="e.g. method.score.a=60; may be repeated.")
+@ALL
 @trusting
-def score(run: Path, changes: tuple[str, ...]) -> None:
+def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
     """Score RUN again from its recorded facts, without a simulation."""
     from sumo_eval.record.children import warm_up
 
@@ -123,14 +126,15 @@ def score(run: Path, changes: tuple[str, ...]) -> None:
         result = score_run(run, changes, progress=progress)
     said = f"Scored with {', '.join(changes)}, in place of what {result.folder / 'evaluation.toml'} says."
     stays = "report.html and scores.json show that; every other command scores with the file's own settings."
-    finish(result, [f"{said} {stays}"] if changes else [])
+    finish(result, [f"{said} {stays}"] if changes else [], everything=everything)
 
 
 @click.command(epilog="Example: sumo-eval merge part1 part2 --out results/whole")
 @click.argument("shards", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder for the whole run.")
+@ALL
 @trusting
-def merge(shards: tuple[Path, ...], out: Path) -> None:
+def merge(shards: tuple[Path, ...], out: Path, everything: bool) -> None:
     """Put SHARDS, the folders of all parts that `run --shard` made, together into one run, and score it."""
     from sumo_eval.evaluation import let_go
     from sumo_eval.evaluation import score as score_run
@@ -140,7 +144,7 @@ def merge(shards: tuple[Path, ...], out: Path) -> None:
     with Progress() as progress:
         result = score_run(out, progress=progress)
         let_go(result)
-    finish(result)
+    finish(result, everything=everything)
 
 
 _MOST_LISTED = 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
 import textwrap
@@ -14,15 +15,22 @@ WHOLE: Final = 200
 """Characters that a help line may have: no first sentence of a command is longer."""
 
 
-def say(lines: Iterable[str], *, err: bool = False) -> None:
+def say(lines: Iterable[str], *, err: bool = False, fg: str | None = None) -> None:
     """Print lines; on a terminal what is wider is broken between words, and goes on indented.
 
-    A file or a pipe gets every line as it is: whoever searches in it finds a sentence in one line.
+    A file or a pipe gets every line as it is, so a search finds a whole sentence. fg: colour on a terminal.
     """
     width = shutil.get_terminal_size().columns if (sys.stderr if err else sys.stdout).isatty() else None
     for line in lines:
         parts = [line] if width is None else [broken(part, width) for part in line.split("\n")]
-        click.echo("\n".join(parts), err=err)
+        show(["\n".join(click.style(part, fg=fg) if fg else part for part in parts)], err=err)
+
+
+def show(lines: Iterable[str], *, err: bool = False) -> None:
+    """Print styled lines as they are; without colours to a file, a pipe, or where NO_COLOR asks for none."""
+    colour = False if os.environ.get("NO_COLOR") else None
+    for line in lines:
+        click.echo(line, err=err, color=colour)
 
 
 def tell(line: str, *, err: bool = False) -> None:

@@ -9,8 +9,7 @@ import numpy as np
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.record.points import scenarios_of
-from sumo_eval.report.terminal import one_line
-from sumo_eval.report.words import count, outcome, point
+from sumo_eval.report.words import count, one_line, outcome, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.kept_rows import arrays
 

@@ -6,26 +6,39 @@ from html import escape
 from typing import Any
 
 from sumo_eval.errors import needs_extra
-from sumo_eval.report.terminal import COLUMNS, WORDS, closing_lines, row_of
+from sumo_eval.report.headline import headline
+from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
+from sumo_eval.report.terminal import closing_lines
 from sumo_eval.report.words import number, outcome, point
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 
 
 def html_table(evaluation: Evaluation) -> str:
     """The scores of every ADS in every logical scenario, a row each, and what must be known beside them."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in COLUMNS)
+    head = "".join(f"<th>{escape(name)}</th>" for name in ("ADS", "scenario", *FIRST, *MORE))
     rows = "".join(
-        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row_of(score))}</tr>" for score in evaluation.scores
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in _row(score))}</tr>" for score in evaluation.scores
+    )
+    said = headline(evaluation)
+    above = "<br>".join(f"<b>{escape(question)}:</b> {escape(answer)}" for question, answer in said.answers)
+    alarms = "".join(
+        f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>' for ads, words in said.alarms
     )
     lines = "<br>".join(map(escape, (WORDS, *closing_lines(evaluation))))
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table><p><small>{lines}</small></p>"
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
+
+
+def _row(score: ScenarioResult) -> list[str]:
+    cells = cells_of(score)
+    return [score.ads, score.scenario, *(cells[heading] for heading in (*FIRST, *MORE))]
 
 
 def score_html(score: ScenarioResult) -> str:
     """One ADS in one logical scenario: its scores, each with its interval, and its collisions."""
     rows = "".join(
         f"<tr><th>{escape(name)}</th><td>{escape(cell)}</td></tr>"
-        for name, cell in zip(COLUMNS, row_of(score), strict=True)
+        for name, cell in zip(("ADS", "scenario", *FIRST, *MORE), _row(score), strict=True)
     )
     return f"<table><tbody>{rows}</tbody></table>"
 

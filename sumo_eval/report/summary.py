@@ -11,6 +11,7 @@ import numpy as np
 
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gates import GateResult
+from sumo_eval.report.headline import ranked
 from sumo_eval.report.people import people_rows
 from sumo_eval.report.terminal import verdict_of
 from sumo_eval.report.words import (
@@ -70,20 +71,6 @@ def summary_content(
         "rows": [_row(evaluation, one, scenarios, digits) for one in order],
         "scenarios": scenarios,
     }
-
-
-def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
-    """The ADSs in their order; where nobody ranked them, by their only score or as they stand in the evaluation."""
-    if evaluation.ranking is not None and evaluation.ranking.ads:
-        return evaluation.ranking.ads
-    found = []
-    for ads in dict.fromkeys(score.ads for score in evaluation.scores):
-        scores = [score for score in evaluation.scores if score.ads == ads]
-        alone = scores[0] if len(scores) == 1 else None
-        known = [score.s_plus for score in scores if score.s_plus is not None]
-        mean = sum(known) / len(known) if len(known) == len(scores) else None
-        found.append(RankedAds(ads, None, mean, alone.s_plus_interval if alone else None))
-    return tuple(sorted(found, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
 
 
 def _which(evaluation: Evaluation, order: Sequence[RankedAds]) -> Answer:

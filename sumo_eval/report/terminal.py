@@ -6,12 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console, Group
-from rich.measure import Measurement
-from rich.table import Table
-from rich.text import Text
-
 from sumo_eval.report.checks import check_lines
 from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, QuantityChange
 from sumo_eval.report.gates import GateResult
@@ -20,12 +14,12 @@ from sumo_eval.report.qualification import qualification_sentence
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     REASON_WITHOUT_T,
-    SCORES,
     WITHOUT_REFERENCE_CAR,
     count,
     drivers_are_synthetic,
     interval_words,
     number,
+    one_line,
     parts_of_total,
     people_sentence,
     point,
@@ -34,102 +28,12 @@ from sumo_eval.report.words import (
     score_note,
     unevaluated,
 )
-from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ReferenceMissing, ScenarioResult
+from sumo_eval.results import CaseResult, CasesMissing, Evaluation, Ranking, ReferenceMissing
 from sumo_eval.text import without_numbers
 
-GROUPS = (
-    ("collisions", "avoidable", "unavoidable", "caused"),
-    ("T", "A'", "A", "H", "S+"),
-    ("C", "D", "S"),
-    ("cases", "collisions in safe zone", "left the road", "gave up", "not evaluated"),
-)
-"""Columns that stand in one table however narrow the terminal is: the scores that order come before the paper's."""
-COLUMNS = ("ADS", "scenario", *(heading for group in GROUPS for heading in group))
-"""What is said of an ADS in a logical scenario, in this order."""
-WARNING = frozenset({"avoidable", "caused", "collisions in safe zone", "left the road", "gave up", "not evaluated"})
-BOLD = frozenset({"S+", "S"})
-HEADINGS = {
-    "collisions in safe zone": "collisions\nin safe zone", "left the road": "left the\nroad", "gave up": "gave\nup",
-    "not evaluated": "not\nevaluated",
-}  # fmt: skip
-"""Headings of several words, one below the other."""
-WORDS = (
-    "Avoidable: the ideal vehicle has no collision there; caused: of these, a car that does nothing has none either. "
-    "T: share of the driving task done. A: avoided share, 1 as the ideal vehicle, 0 as doing nothing; A': its grade. "
-    "H: human-likeness, 0 to 1. S+ = T A' (a + b H), of 100 points. "
-    "C, D, S: the paper's scores. Below a score: its interval."
-)
 NOT_COMPUTED = "not computed"
-LONGEST_NAME = 24  # characters of an ADS's name in a line of a table; a longer one goes on below
 LONGEST_SENTENCE = 200  # characters of an error on a terminal; the report has all of it
 MOST_LISTED = 5  # kinds of cases that could not be evaluated; the report lists the cases
-
-
-def score_table(evaluation: Evaluation, width: int = 200) -> Group:
-    """The scores of every ADS, a table for each logical scenario, or several where one is wider than the terminal.
-
-    A score's interval stands below it. width: of the terminal, characters.
-    """
-    parts: list[Table | Text] = [Text(one_line(evaluation.name)), Text()]
-    for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
-        scores = [score for score in evaluation.scores if score.scenario == scenario]
-        for place, columns in enumerate(_parts(scores, width)):
-            parts += [_table(scores, columns, "" if place else scenario), Text()]
-    return Group(*parts, Text(WORDS))
-
-
-def _parts(scores: Sequence[ScenarioResult], width: int) -> list[list[str]]:
-    """The columns in their order, as many groups to a table as stand beside each other without a word being broken."""
-    tables: list[list[str]] = [[]]
-    for group in GROUPS:
-        whole = _width(scores, group) <= width
-        for part in [group] if whole else [(heading,) for heading in group]:
-            if tables[-1] and _width(scores, (*tables[-1], *part)) > width:
-                tables.append([])
-            tables[-1] += part
-    return tables
-
-
-def _width(scores: Sequence[ScenarioResult], columns: Sequence[str]) -> int:
-    """How wide a table of these columns is, characters."""
-    console = Console(width=1000)
-    return Measurement.get(console, console.options.update(max_width=1000), _table(scores, columns, "")).maximum
-
-
-def _table(scores: Sequence[ScenarioResult], columns: Sequence[str], title: str) -> Table:
-    table = Table(
-        title=Text(title, "bold") if title else None, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1),
-        collapse_padding=True, pad_edge=False, show_edge=False,
-    )  # fmt: skip
-    longest = max(len(one_line(score.ads)) for score in scores)
-    table.add_column("ADS", overflow="fold", min_width=min(longest, LONGEST_NAME), max_width=LONGEST_NAME)
-    for heading in columns:
-        table.add_column(HEADINGS.get(heading, heading), justify="right", no_wrap=True)
-    for score in scores:
-        cells = _cells(score, coarser=1)
-        # Text, because an ADS may be called `[red]`: rich would read that as a colour.
-        table.add_row(Text(one_line(score.ads)), *(_styled(*cells[heading], heading) for heading in columns))
-    return table
-
-
-def _styled(value: str, interval: str, heading: str) -> Text:
-    """A cell: bold for the scores, yellow for what a person should look into, the interval below it."""
-    warns = value == NOT_COMPUTED or (heading in WARNING and value != "0")
-    text = Text(value, "yellow" if warns else "bold" if heading in BOLD else "")
-    return text.append(f"\n{interval}", "dim") if interval else text
-
-
-def plain_table(evaluation: Evaluation) -> str:
-    """The scores as aligned text without ruled lines, one line an ADS and logical scenario, for logs and pipes."""
-    rows = [COLUMNS, *(tuple(row_of(score)) for score in evaluation.scores)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(COLUMNS))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if column < 2 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    )
 
 
 def closing_lines(evaluation: Evaluation) -> list[str]:
@@ -232,47 +136,8 @@ def _of_a_kind(kind: _Kind) -> str:
     return f"{one_line(kind.case.case)}{more}: {_shortened(one_line(kind.sentence))}{place}"
 
 
-def row_of(score: ScenarioResult) -> list[str]:
-    """The cells of `COLUMNS` for one ADS in one logical scenario, intervals behind their scores."""
-    cells = _cells(score)
-    joined = [f"{value} ({interval})" if interval else value for value, interval in map(cells.__getitem__, COLUMNS[2:])]
-    return [one_line(cell) for cell in (score.ads, score.scenario, *joined)]
-
-
-def _cells(score: ScenarioResult, coarser: int = 0) -> dict[str, tuple[str, str]]:
-    """(value, interval) of every column but the names; a value is never shown without the interval that it has.
-
-    coarser: decimals that the interval has less than its value.
-    """
-    counts = {
-        "collisions": score.collisions,
-        "avoidable": score.avoidable_collisions,
-        "unavoidable": score.unavoidable_collisions,
-        "caused": score.caused_collisions,
-        "cases": score.cases,
-        "collisions in safe zone": score.safe_collisions,
-        "left the road": score.departures,
-        "gave up": score.gave_up,
-        "not evaluated": score.not_evaluated,
-    }
-    cells = {heading: (str(value), "") for heading, value in counts.items()}
-    for heading, (field, digits) in SCORES.items():
-        value, interval = getattr(score, field), getattr(score, f"{field}_interval")
-        cells[heading] = _or_not_computed(value, digits), interval_words(interval, digits - coarser)
-    return cells
-
-
-def _or_not_computed(value: float | None, digits: int) -> str:
-    return NOT_COMPUTED if value is None else number(value, digits)
-
-
 def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[: LONGEST_SENTENCE - 2]} …"
-
-
-def one_line(text: str) -> str:
-    """Without line breaks and without control characters, which would repaint a terminal."""
-    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
 
 
 def ranking_lines(ranking: Ranking | None) -> list[str]:

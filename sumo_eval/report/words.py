@@ -225,6 +225,11 @@ def collision_words(known: bool) -> str:
     return "Collision probability" if known else "Share of the points with a collision"
 
 
+def one_line(text: str) -> str:
+    """Without line breaks and without control characters, which would repaint a terminal."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
 def outcome(case: CaseResult) -> str:
     """Which of OUTCOMES a case had."""
     if case.collided:

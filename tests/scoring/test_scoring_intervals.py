@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from record.runs import sumo_eval_cli, write_evaluation
 
-from sumo_eval.report.terminal import plain_table
+from sumo_eval.report.score_table import score_lines
 from sumo_eval.report.words import score_note
 from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.quantities import combine
@@ -154,8 +154,8 @@ def test_the_note_says_how_many_are_missing_and_where_and_the_table_shows_the_in
     assert counted.startswith("2 cases could not be evaluated (1 in the hazardous zone and 1 in the safe zone)")
     assert interval.startswith("With the missing cases counted as worst and as best: C within 0.067..0.900, D within")
     settings = EvaluationSettings("e", (ScenarioSettings("s"),), (AdsSettings("a", "idm"),))
-    table = plain_table(Evaluation("e", Path(), settings, {}, (), (result,), ()))
-    assert "0.400 (0.067..0.900)" in table
+    table = score_lines(Evaluation("e", Path(), settings, {}, (), (result,), ()), everything=True)
+    assert "0.400 (0.067..0.900)" in "\n".join(table)
 
 
 @pytest.mark.parametrize(("setting", "status"), [("shown", 3), ("gate", 1)])
@@ -165,7 +165,7 @@ def test_a_setting_decides_whether_an_incomplete_score_fails_the_gate(
     ads = "def MyAds(traci, ego, time):\n    raise ValueError(traci.vehicle.getSpeed(ego))\n"
     path = write_evaluation(tmp_path, ads, levels=2)
     path.write_text(path.read_text() + f'incomplete = "{setting}"\n')
-    done = sumo_eval_cli("run", path, "--out", tmp_path / "run")
+    done = sumo_eval_cli("run", path, "--out", tmp_path / "run", "--all")
     assert done.returncode == status, done.stderr
-    assert "not computed (0.000..1.000)" in done.stdout
+    assert "– (0.000..1.000)" in done.stdout
     assert ("The gate failed" in done.stdout) == (setting == "gate")

@@ -1,0 +1,236 @@
+"""The first words of a run, on terminal and page alike: safest, most human, best by S+, and what must not be missed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import bdtr
+
+from sumo_eval.method.score_terms import excess, exposure_mean, once
+from sumo_eval.report.words import (
+    REASON_WITHOUT_T,
+    cases_of,
+    count,
+    interval_words,
+    number,
+    parts_of_total,
+    severity_unit,
+)
+from sumo_eval.results import Evaluation, RankedAds, ScenarioResult
+from sumo_eval.scoring.case_terms import case_terms
+from sumo_eval.scoring.kept_rows import arrays, point_numbers
+from sumo_eval.scoring.outcome_columns import OutcomeColumns
+
+CONTACT = 50.0 / 3.6
+"""Impact speed that excess impact speed is counted in, m/s."""
+BY_CHANCE = 0.05
+"""Probability of a sign test below which two ADSs are told apart."""
+NOTICEABLE = 0.01
+"""Share of the task from which an ADS counts as slower than the slowest reference."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One ADS in one scenario, or in all scenarios of a run; counts are numbers of cases.
+
+    stands, slower: safe cases in which it stands, or is slower, where the references drive.
+    worst: impact speed of the hardest avoidable collision, m/s; 0 without one.
+    excess: mean of max(0, U - Ug) by exposure, m/s; nan where nothing could be evaluated.
+    grade, human: A' and H; None where they do not exist.
+    """
+
+    ads: str
+    cases: int
+    avoidable: int
+    departures: int
+    stands: int
+    slower: int
+    gave_up: int
+    not_evaluated: int
+    worst: float
+    excess: float
+    grade: float | None
+    human: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Headline:
+    """answers: (question, answer). alarms: (ADS, what its cases must be looked at for)."""
+
+    answers: tuple[tuple[str, str], ...]
+    alarms: tuple[tuple[str, str], ...]
+
+
+def headline(evaluation: Evaluation) -> Headline:
+    """Three answers, and an alarm for each ADS that needs one."""
+    order = ranked(evaluation)
+    findings = [finding(evaluation, one.ads) for one in order]
+    questions = ("Safest", "Most human", "Best by S+") if len(order) > 1 else ("Safety", "Human-likeness", "S+")
+    said = _safest(evaluation, findings), _most_human(findings), _best(evaluation, order)
+    answers = tuple(zip(questions, said, strict=True))
+    return Headline(answers, tuple((one.ads, words) for one in findings if (words := "; ".join(alarms(one)))))
+
+
+def ranked(evaluation: Evaluation) -> tuple[RankedAds, ...]:
+    """The ADSs in their order; without a ranking by their only score, or as they stand in the evaluation."""
+    if evaluation.ranking is not None and evaluation.ranking.ads:
+        return evaluation.ranking.ads
+    order = []
+    for ads in dict.fromkeys(score.ads for score in evaluation.scores):
+        scores = [score for score in evaluation.scores if score.ads == ads]
+        alone = scores[0] if len(scores) == 1 else None
+        mean = _mean([(score.s_plus, 1.0) for score in scores])
+        order.append(RankedAds(ads, None, mean, alone.s_plus_interval if alone else None))
+    return tuple(sorted(order, key=lambda one: -1.0 if one.s_plus is None else -one.s_plus))
+
+
+# --- what was found ---------------------------------------------------------------------------------------------------
+
+
+def finding(evaluation: Evaluation, ads: str) -> Finding:
+    """What one ADS did in all scenarios: sums, and means by the weights of the ranking."""
+    parts = [_in_scenario(evaluation, score) for score in evaluation.scores if score.ads == ads]
+    weights = [_weight(evaluation, score) for score in evaluation.scores if score.ads == ads]
+    sums = {
+        name: sum(getattr(part, name) for part in parts)
+        for name in ("cases", "avoidable", "departures", "stands", "slower", "gave_up", "not_evaluated")
+    }
+    human = [(part.human, weight) for part, weight in zip(parts, weights, strict=True) if part.human is not None]
+
+    return Finding(
+        ads,
+        **sums,
+        worst=max(part.worst for part in parts),
+        excess=_mean((part.excess, weight) for part, weight in zip(parts, weights, strict=True)) or 0.0,
+        grade=_mean((part.grade, weight) for part, weight in zip(parts, weights, strict=True)),
+        human=_mean(human),
+    )
+
+
+def _weight(evaluation: Evaluation, score: ScenarioResult) -> float:
+    return 1.0 if evaluation.ranking is None else evaluation.ranking.weights.get(score.scenario, 1.0)
+
+
+def _mean(values: Iterable[tuple[float | None, float]]) -> float | None:
+    """The mean of (value, weight); None where a value is missing or nothing weighs."""
+    pairs = list(values)
+    whole = sum(weight for _, weight in pairs)
+    if not whole or any(value is None for value, weight in pairs if weight):
+        return None
+    return sum((value or 0.0) * weight for value, weight in pairs) / whole
+
+
+def _in_scenario(evaluation: Evaluation, score: ScenarioResult) -> Finding:
+    cases = cases_of(evaluation, score)
+    there, read = OutcomeColumns.of(cases), arrays(cases, "task_share", "end_reason", "impact_speed", "exposure")
+    terms = case_terms(cases, evaluation.settings.method, there)
+    behind = there.safe & ~there.incident & (read["task_share"] < 1.0 - NOTICEABLE)
+    stands = behind & (read["end_reason"] == "standstill")
+    beyond = exposure_mean(excess(terms.severity, terms.ideal), terms.exposure, once(len(cases)))
+
+    return Finding(
+        score.ads,
+        score.cases,
+        score.avoidable_collisions,
+        score.departures,
+        stands=int(stands.sum()),
+        slower=int((behind & ~stands).sum()),
+        gave_up=score.gave_up,
+        not_evaluated=score.not_evaluated,
+        worst=float(read["impact_speed"][there.avoidable].max(initial=0.0)),
+        excess=float(beyond[0]),
+        grade=score.avoidance_grade,
+        human=score.human_likeness,
+    )
+
+
+# --- in words ---------------------------------------------------------------------------------------------------------
+
+
+def alarms(found: Finding) -> list[str]:
+    """What a reader wants to know first of an ADS, the gravest first; nothing of one without any of it."""
+    given_up = ", those given up among them" if found.gave_up else ""
+    said = (
+        (found.departures, f"left the road in {count(found.departures, 'case')}"),
+        (found.gave_up, f"gave up {count(found.gave_up, 'case')}"),
+        (found.avoidable, count(found.avoidable, "avoidable collision")),
+        (found.stands, f"stands in {count(found.stands, 'safe case')} where drivers drive on"),
+        (found.slower, f"slower than the slowest driver in {count(found.slower, 'safe case')}"),
+        (found.not_evaluated, f"{count(found.not_evaluated, 'case')} not evaluated{given_up}"),
+    )
+    return [words for number_of, words in said if number_of]
+
+
+def safety_words(evaluation: Evaluation, found: Finding) -> str:
+    """`3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact speed as one 50 km/h contact ...`."""
+    cases = count(found.cases, "case")
+    hits = f"{count(found.avoidable, 'avoidable collision') if found.avoidable else 'no avoidable collision'} in {cases}"
+    worst = f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
+    if not found.excess > 0.0 or not severity_unit(evaluation.settings):
+        return hits + worst
+    grids = "this grid" if len({score.scenario for score in evaluation.scores}) == 1 else "these grids"
+    every = max(CONTACT / found.excess, 1.0)
+    return f"{hits}{worst}; as much excess impact speed as one 50 km/h contact every {every:z.0f} cases of {grids}"
+
+
+def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:
+    known = sorted((one for one in findings if one.grade is not None), key=lambda one: -(one.grade or 0.0))
+    if not known:
+        return "not known: no case could be evaluated."
+    first = known[0]
+    words = f"{first.ads}, {safety_words(evaluation, first)}"
+    if len(known) == 1:
+        return f"{words}."
+    less, more = harm_beside(evaluation, first.ads, known[1].ads)
+    return f"{words}. {_told_apart(known[1].ads, less, more)}"
+
+
+def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, int]:
+    """In how many cases of both ADSs the first does less and more avoidable harm than the second."""
+    less = more = 0
+    for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
+        tables = [evaluation.cases_of(ads, scenario) for ads in (first, second)]
+        places = np.intersect1d(*point_numbers(tables), return_indices=True)[1:]
+        own, other = (
+            excess(terms.severity, terms.ideal)[place]
+            for terms, place in zip((case_terms(one, evaluation.settings.method) for one in tables), places, strict=True)
+        )
+        less += int((own < other).sum())
+        more += int((own > other).sum())
+    return less, more
+
+
+def _told_apart(other: str, less: int, more: int) -> str:
+    if less == more == 0:
+        return f"{other} does the same harm in every case."
+    chance = min(1.0, 2.0 * float(bdtr(min(less, more), less + more, 0.5)))
+    told = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
+    return f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = {chance:.2g})."
+
+
+def _most_human(findings: Sequence[Finding]) -> str:
+    known = sorted((one for one in findings if one.human is not None), key=lambda one: -(one.human or 0.0))
+    if not known:
+        return "not known: no safe case could be compared with drivers."
+    beside = f"; next {known[1].ads}, {number(known[1].human, 2)}" if len(known) > 1 else ""
+    return f"{known[0].ads}, H {number(known[0].human, 2)} of 1{beside}."
+
+
+def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
+    best, ranking = order[0], evaluation.ranking
+    parts = "" if ranking is None else parts_of_total(ranking)
+    if best.s_plus is None:
+        return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
+    interval = interval_words(best.interval, 1).replace("..", " to ")
+    points = f"{best.ads}, {number(best.s_plus, 1)} of 100 points{f' ({interval})' if interval else ''}{parts}."
+    if ranking is None or len(order) == 1 or order[1].s_plus is None:
+        return points
+    pair = ranking.pair(best.ads, order[1].ads)
+    equal = [one.ads for one in order[1:] if one.place == best.place]
+    if not equal:
+        return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
+    if pair.drove_alike:
+        return f"{points} {pair.below} drove every case alike."
+    return f"{points} Not told apart from {' and '.join(equal[:3])}{f' and {len(equal) - 3} more' if equal[3:] else ''}."

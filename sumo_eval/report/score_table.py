@@ -1,0 +1,161 @@
+"""The scores as text: a first table that fits the terminal, and with `--all` every other number in tables below it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+
+import click
+
+from sumo_eval.report.words import SCORES, interval_words, number, one_line
+from sumo_eval.results import Evaluation, ScenarioResult
+
+FIRST = ("avoidable\nof all\ncollisions", "T", "A'", "H", "S+ (95 %)", "S")
+"""Headings of the first table, beside the ADS and the scenario."""
+MORE = (
+    "cases", "unavoidable\ncollisions", "caused\ncollisions", "collided in\nsafe zone", "left\nthe road", "gave\nup",
+    "not\nevaluated", "T (95 %)", "A' (95 %)", "A (95 %)", "H (95 %)", "C (95 %)", "D (95 %)", "S (95 %)",
+)  # fmt: skip
+"""Headings of the tables that `--all` adds."""
+KEPT_LONGEST = (FIRST[4], FIRST[0], "T", "A'", "H", "S")
+"""Columns of the first table in the order in which a wider terminal gets them."""
+BAD = frozenset({FIRST[0], "caused\ncollisions", "collided in\nsafe zone", "left\nthe road", "gave\nup", "not\nevaluated"})
+WIDTH = 100
+"""Characters of a line where there is no terminal."""
+LONGEST_NAME = 24
+"""Characters of an ADS's name where its whole name would cost a column."""
+SHORTEST_NAME = 8
+GAP = "  "
+WORDS = (
+    "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': grade of the avoidable "
+    "harm, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+ = T A' (a + b H), of 100 points. "
+    "S: the paper's score."
+)
+
+Row = tuple[str, str, Mapping[str, str]]
+"""ADS, scenario, and a cell for each heading."""
+
+
+def score_lines(evaluation: Evaluation, width: int = WIDTH, everything: bool = False) -> list[str]:
+    """Lines of at most `width` characters, a row an ADS and scenario; none is wrapped.
+
+    everything: whether the tables of `MORE` follow.
+    """
+    rows = [(one_line(score.ads), score.scenario, cells_of(score)) for score in evaluation.scores]
+    lines, left_out = _first(rows, width)
+    if everything:
+        for columns in _parts(rows, (*left_out, *MORE), width):
+            lines += ["", *_fitting(rows, columns, width)]
+        return lines
+    names = ", ".join(heading.replace("\n", " ") for heading in left_out)
+    return [*lines, *([f"Not shown for want of room: {names}; `--all` prints them."] if left_out else [])]
+
+
+def cells_of(score: ScenarioResult) -> dict[str, str]:
+    """The cell of every heading."""
+    scores = {heading: _score(score, heading) for heading in (*FIRST, *MORE) if heading.partition(" (")[0] in SCORES}
+    return {
+        FIRST[0]: f"{score.avoidable_collisions} of {score.collisions}",
+        "cases": str(score.cases),
+        "unavoidable\ncollisions": str(score.unavoidable_collisions),
+        "caused\ncollisions": str(score.caused_collisions),
+        "collided in\nsafe zone": str(score.safe_collisions),
+        "left\nthe road": str(score.departures),
+        "gave\nup": str(score.gave_up),
+        "not\nevaluated": str(score.not_evaluated),
+        **scores,
+    }
+
+
+def _score(score: ScenarioResult, heading: str) -> str:
+    """A score in its digits, behind it the interval where the heading has one."""
+    name, _, wants_interval = heading.partition(" (")
+    field, digits = SCORES[name]
+    interval = interval_words(getattr(score, f"{field}_interval"), digits) if wants_interval else ""
+    return number(getattr(score, field), digits) + (f" ({interval})" if interval else "")
+
+
+def _first(rows: Sequence[Row], width: int) -> tuple[list[str], tuple[str, ...]]:
+    """The first table with as many columns as fit, and the headings that do not."""
+    for most in range(len(FIRST), 0, -1):
+        columns = [heading for heading in FIRST if heading in KEPT_LONGEST[:most]]
+        if most == 1 or _least_width(rows, columns) <= width:
+            break
+    return _fitting(rows, columns, width), tuple(heading for heading in FIRST if heading not in columns)
+
+
+def _parts(rows: Sequence[Row], headings: Sequence[str], width: int) -> list[list[str]]:
+    """Headings in their order, as many to a table as fit."""
+    tables: list[list[str]] = [[]]
+    for heading in headings:
+        if tables[-1] and _least_width(rows, [*tables[-1], heading]) > width:
+            tables.append([])
+        tables[-1].append(heading)
+    return tables
+
+
+def _least_width(rows: Sequence[Row], columns: Sequence[str]) -> int:
+    """Characters of the narrowest table of these columns: scenarios above their rows, long names shortened."""
+    longest = min(LONGEST_NAME, max(len(ads) for ads, _, _ in rows))
+    return longest + sum(len(GAP) + column for column in _widths(rows, columns))
+
+
+def _widths(rows: Sequence[Row], columns: Sequence[str]) -> list[int]:
+    headings = [max(map(len, heading.split("\n"))) for heading in columns]
+    cells = [max(len(cells[heading]) for _, _, cells in rows) for heading in columns]
+    return list(map(max, headings, cells))
+
+
+def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[str]:
+    """A table of these columns: names whole and scenarios in a column of their own, as far as there is room."""
+    widths = _widths(rows, columns)
+    room = width - sum(len(GAP) + column for column in widths)
+    ads = max(len("ADS"), *(len(name) for name, _, _ in rows))
+    scenario = max(len("scenario"), *(len(name) for _, name, _ in rows))
+    if ads + len(GAP) + scenario <= room:
+        return _heading(columns, widths, (ads, scenario)) + _body(rows, columns, widths, (ads, scenario))
+
+    names = (min(ads, max(room, SHORTEST_NAME)),)
+    lines = _heading(columns, widths, names)
+    for name, own in groupby(rows, key=lambda row: row[1]):
+        lines += [click.style(_shortened(name, width), bold=True), *_body(list(own), columns, widths, names)]
+    return lines
+
+
+def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
+    """The lines above a table. widths: characters of its columns; names: of the ADS, and of the scenario if it has one."""
+    depth = max(heading.count("\n") + 1 for heading in columns)
+    heads = [([""] * depth + heading.split("\n"))[-depth:] for heading in columns]
+    left = [[""] * len(names)] * (depth - 1) + [["ADS", "scenario"][: len(names)]]
+
+    lines = []
+    for level, words in enumerate(left):
+        own = [word.ljust(size) for word, size in zip(words, names, strict=True)]
+        shown = [head[level].rjust(size) for head, size in zip(heads, widths, strict=True)]
+        lines.append(GAP.join(own + shown).rstrip())
+    return lines
+
+
+def _body(rows: Sequence[Row], columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
+    lines = []
+    for *named, cells in rows:
+        own = [_shortened(str(name), size).ljust(size) for name, size in zip(named, names, strict=False)]
+        shown = [_styled(cells[heading], heading, size) for heading, size in zip(columns, widths, strict=True)]
+        lines.append(GAP.join(own + shown))
+    return lines
+
+
+def _styled(cell: str, heading: str, size: int) -> str:
+    """A cell at its width: bold for S+ and S, red for what must be looked into."""
+    text = cell.rjust(size)
+    if heading in BAD and not cell.startswith("0"):
+        return click.style(text, fg="red")
+    return click.style(text, bold=True) if heading in (FIRST[4], "S") else text
+
+
+def _shortened(name: str, size: int) -> str:
+    """A name of at most `size` characters: its begin and its end."""
+    if len(name) <= size:
+        return name
+    begin = size // 2
+    return f"{name[:begin]}…{name[begin + 1 - size :]}"

@@ -1,0 +1,104 @@
+"""The first words of a run: worked numbers, and an alarm for each thing that must not be missed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import builders
+import pytest
+
+from sumo_eval.report.headline import finding, harm_beside, headline, safety_words
+from sumo_eval.results import CaseResult, Evaluation, RankedAds, RankedPair, Ranking
+
+NAME = builders.SCENARIOS[1]
+
+
+def of_one_scenario(evaluation: Evaluation, cases: list[CaseResult]) -> Evaluation:
+    """Some cases of CALM and HOSTILE in one scenario, with the counts of their scores made anew."""
+    scores = []
+    for score in evaluation.scores:
+        own = [case for case in cases if case.ads == score.ads]
+        if score.scenario == NAME and own:
+            counted = {
+                "cases": len(own),
+                "collisions": sum(case.collided for case in own),
+                "avoidable_collisions": sum(case.avoidable for case in own),
+                "departures": sum(case.departed for case in own),
+                "gave_up": sum(case.gave_up for case in own),
+                "not_evaluated": sum(not case.evaluated for case in own),
+            }
+            scores.append(replace(score, **counted))  # type: ignore[arg-type]
+    return replace(evaluation, scores=tuple(scores), cases=tuple(cases))
+
+
+def clean(evaluation: Evaluation, ads: str, number: int = 4) -> list[CaseResult]:
+    """So many safe cases of an ADS without an incident, at points of their own."""
+    model = next(case for case in evaluation.cases if case.ads == builders.CALM and case.zone == "safe" and not case.incident)
+    parameter = next(iter(model.values))
+    return [
+        replace(model, case=f"{ads}{place}", ads=ads, scenario=NAME, status="ok", exposure=1.0, task_share=1.0,
+                values={**model.values, parameter: float(place)})
+        for place in range(number)
+    ]  # fmt: skip
+
+
+HIT = {"status": "collision", "collided": True, "severity": 12.0, "impact_speed": 12.0, "ideal_severity": 0.0}
+ALARMS = {
+    "left the road in 1 case": {"departure_time": 1.0, "departure_speed": 20.0, "departure_severity": 20.0},
+    "gave up 1 case": {"status": "ads_error", "no_reaction_severity": 9.0},
+    "1 avoidable collision": HIT,
+    "stands in 1 safe case where drivers drive on": {"task_share": 0.4, "end_reason": "standstill"},
+    "slower than the slowest driver in 1 safe case": {"task_share": 0.9, "end_reason": "road_end"},
+    "1 case not evaluated": {"status": "sim_error"},
+}
+
+
+@pytest.mark.parametrize("words", ALARMS)
+def test_each_alarm_is_raised_by_one_case(evaluation: Evaluation, words: str) -> None:
+    first, *rest = clean(evaluation, builders.CALM)
+    calm = headline(of_one_scenario(evaluation, [first, *rest]))
+    assert calm.alarms == ()
+    odd = headline(of_one_scenario(evaluation, [replace(first, **ALARMS[words]), *rest]))  # type: ignore[arg-type]
+    ((ads, said),) = odd.alarms
+    assert ads == builders.CALM
+    assert words in said
+
+
+def test_safety_in_a_test_engineers_words(evaluation: Evaluation) -> None:
+    """One hit of 12 m/s = 43 km/h in 4 cases: mean excess 3 m/s, 50 / 3.6 / 3 = 4.6 cases a contact."""
+    first, *rest = clean(evaluation, builders.CALM)
+    one = of_one_scenario(evaluation, [replace(first, **HIT), *rest])  # type: ignore[arg-type]
+    assert safety_words(one, finding(one, builders.CALM)) == (
+        "1 avoidable collision in 4 cases, worst 43 km/h; "
+        "as much excess impact speed as one 50 km/h contact every 5 cases of this grid"
+    )
+    none = of_one_scenario(evaluation, [first, *rest])
+    assert safety_words(none, finding(none, builders.CALM)) == "no avoidable collision in 4 cases"
+
+
+@pytest.mark.parametrize(("hits", "words"), [(5, "Not told apart"), (6, "Told apart")])
+def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, words: str) -> None:
+    """2 x 0.5^5 = 0.063 is chance, 2 x 0.5^6 = 0.031 is not."""
+    calm, hostile = (clean(evaluation, ads, 8) for ads in (builders.CALM, builders.HOSTILE))
+    hostile = [replace(case, **HIT) if place < hits else case for place, case in enumerate(hostile)]  # type: ignore[arg-type]
+    both = of_one_scenario(evaluation, [*calm, *hostile])
+    assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0)
+    worse = tuple(replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5) for one in both.scores)
+    answer = dict(headline(replace(both, scores=worse)).answers)["Safest"]
+    assert answer.startswith(f"{builders.CALM}, no avoidable collision in 8 cases. {words} from")
+
+
+def test_the_best_is_told_apart_or_not(evaluation: Evaluation) -> None:
+    first, second = builders.CALM, builders.HOSTILE
+    for apart, words in ((True, "Told apart from"), (False, "Not told apart from")):
+        ads = (RankedAds(first, 1, 60.0, (55.0, 66.0)), RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)))
+        pair = RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart)
+        answer = dict(headline(replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))).answers)["Best by S+"]
+        assert answer.startswith(f"{first}, 60.0 of 100 points (55.0 to 66.0). {words} {second}")
+
+
+def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation: Evaluation) -> None:
+    scores = tuple(replace(score, task_share=None, s_plus=None) for score in evaluation.scores)
+    answer = dict(headline(replace(evaluation, scores=scores)).answers)["Best by S+"]
+    assert answer.startswith("none: no safe case could be compared with a reference")
+    assert "A'" in answer
