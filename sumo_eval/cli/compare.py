@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sumo_eval.cli.exit_status import DONE, GATE_FAILED, NOT_EVALUATED
-from sumo_eval.cli.finish import show_table
+from sumo_eval.cli.finish import show_scores
 from sumo_eval.cli.progress import Progress
 from sumo_eval.cli.sentences import say, tell
 from sumo_eval.cli.trusting import trusting
@@ -134,7 +134,7 @@ def nightly(
             exit_statuses=(DONE, GATE_FAILED, NOT_EVALUATED), progress=progress, stopping=Stopping,
         )  # fmt: skip
     say((result.night.verdict, *result.notes))
-    show_table(result.evaluation)
+    show_scores(result.evaluation)
     lines = gate_lines(result.gates)
     if result.comparison:
         lines = comparison_lines(result.comparison, result.gates, result.evaluation)[1:]

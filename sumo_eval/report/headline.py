@@ -30,6 +30,9 @@ BY_CHANCE = 0.05
 NOTICEABLE = 0.01
 """Share of the task from which an ADS counts as slower than the slowest reference."""
 
+MOST_NAMED = 3
+"""ADSs that share the first place in a sentence."""
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -164,9 +167,9 @@ def alarms(found: Finding) -> list[str]:
 
 
 def safety_words(evaluation: Evaluation, found: Finding) -> str:
-    """`3 avoidable collisions in 192 cases, worst 43 km/h; as much excess impact speed as one 50 km/h contact ...`."""
-    cases = count(found.cases, "case")
-    hits = f"{count(found.avoidable, 'avoidable collision') if found.avoidable else 'no avoidable collision'} in {cases}"
+    """`3 avoidable collisions in 192 cases, worst 43 km/h`, and how much excess impact speed that is."""
+    hits = count(found.avoidable, "avoidable collision") if found.avoidable else "no avoidable collision"
+    hits += f" in {count(found.cases, 'case')}"
     worst = f", worst {3.6 * found.worst:z.0f} km/h" if found.worst else ""
     if not found.excess > 0.0 or not severity_unit(evaluation.settings):
         return hits + worst
@@ -192,11 +195,10 @@ def harm_beside(evaluation: Evaluation, first: str, second: str) -> tuple[int, i
     less = more = 0
     for scenario in dict.fromkeys(score.scenario for score in evaluation.scores):
         tables = [evaluation.cases_of(ads, scenario) for ads in (first, second)]
-        places = np.intersect1d(*point_numbers(tables), return_indices=True)[1:]
-        own, other = (
-            excess(terms.severity, terms.ideal)[place]
-            for terms, place in zip((case_terms(one, evaluation.settings.method) for one in tables), places, strict=True)
-        )
+        own_points, other_points = point_numbers(tables)
+        places = np.intersect1d(own_points, other_points, return_indices=True)[1:]
+        terms = [case_terms(table, evaluation.settings.method) for table in tables]
+        own, other = (excess(one.severity, one.ideal)[place] for one, place in zip(terms, places, strict=True))
         less += int((own < other).sum())
         more += int((own > other).sum())
     return less, more
@@ -233,4 +235,5 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
         return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
     if pair.drove_alike:
         return f"{points} {pair.below} drove every case alike."
-    return f"{points} Not told apart from {' and '.join(equal[:3])}{f' and {len(equal) - 3} more' if equal[3:] else ''}."
+    more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""
+    return f"{points} Not told apart from {', '.join(equal[:MOST_NAMED])}{more}."

@@ -19,7 +19,7 @@ MORE = (
 """Headings of the tables that `--all` adds."""
 KEPT_LONGEST = (FIRST[4], FIRST[0], "T", "A'", "H", "S")
 """Columns of the first table in the order in which a wider terminal gets them."""
-BAD = frozenset({FIRST[0], "caused\ncollisions", "collided in\nsafe zone", "left\nthe road", "gave\nup", "not\nevaluated"})
+BAD = frozenset((FIRST[0], *MORE[2:7]))
 WIDTH = 100
 """Characters of a line where there is no terminal."""
 LONGEST_NAME = 24
@@ -27,9 +27,9 @@ LONGEST_NAME = 24
 SHORTEST_NAME = 8
 GAP = "  "
 WORDS = (
-    "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': grade of the avoidable "
-    "harm, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. S+ = T A' (a + b H), of 100 points. "
-    "S: the paper's score."
+    "Avoidable: the ideal vehicle has no collision there. T: share of the driving task done. A': grade of the "
+    "avoidable harm, 1 as the ideal vehicle, 0 as doing nothing. H: human-likeness, 0 to 1. "
+    "S+ = T A' (a + b H), of 100 points. S: the paper's score."
 )
 
 Row = tuple[str, str, Mapping[str, str]]
@@ -123,7 +123,10 @@ def _fitting(rows: Sequence[Row], columns: Sequence[str], width: int) -> list[st
 
 
 def _heading(columns: Sequence[str], widths: Sequence[int], names: Sequence[int]) -> list[str]:
-    """The lines above a table. widths: characters of its columns; names: of the ADS, and of the scenario if it has one."""
+    """The lines above a table.
+
+    widths: characters of its columns. names: of the ADS, and of the scenario where it has a column.
+    """
     depth = max(heading.count("\n") + 1 for heading in columns)
     heads = [([""] * depth + heading.split("\n"))[-depth:] for heading in columns]
     left = [[""] * len(names)] * (depth - 1) + [["ADS", "scenario"][: len(names)]]

@@ -33,7 +33,8 @@ def of_one_scenario(evaluation: Evaluation, cases: list[CaseResult]) -> Evaluati
 
 def clean(evaluation: Evaluation, ads: str, number: int = 4) -> list[CaseResult]:
     """So many safe cases of an ADS without an incident, at points of their own."""
-    model = next(case for case in evaluation.cases if case.ads == builders.CALM and case.zone == "safe" and not case.incident)
+    own = [case for case in evaluation.cases if case.ads == builders.CALM]
+    model = next(case for case in own if case.zone == "safe" and not case.incident)
     parameter = next(iter(model.values))
     return [
         replace(model, case=f"{ads}{place}", ads=ads, scenario=NAME, status="ok", exposure=1.0, task_share=1.0,

@@ -33,9 +33,7 @@ def with_ads(evaluation: Evaluation, number: int) -> Evaluation:
 @pytest.mark.parametrize("number", [1, 12])
 @pytest.mark.parametrize("everything", [False, True])
 @pytest.mark.parametrize("width", [30, 60, 80, 100, 140])
-def test_no_line_is_wider_than_the_terminal(
-    evaluation: Evaluation, width: int, number: int, everything: bool
-) -> None:
+def test_no_line_is_wider_than_the_terminal(evaluation: Evaluation, width: int, number: int, everything: bool) -> None:
     many = with_ads(evaluation, number)
     lines = [click.unstyle(line) for line in score_lines(many, width, everything)]
     assert max(len(line) for line in lines if not line.startswith("Not shown")) <= width

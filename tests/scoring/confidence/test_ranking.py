@@ -10,8 +10,8 @@ import pytest
 from scoring.test_scoring_intervals import HIT, LOST_SAFE, SAFE, combined
 
 from sumo_eval.errors import InputError
-from sumo_eval.report.tables import scores_json
 from sumo_eval.report.score_table import score_lines
+from sumo_eval.report.tables import scores_json
 from sumo_eval.report.terminal import ranking_lines
 from sumo_eval.results import CaseResult, Evaluation, NotComputed, ScenarioResult
 from sumo_eval.scoring.confidence.drivers import NO_DEVIATIONS
