@@ -26,6 +26,7 @@ ALL = click.option(
 
 def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     """Print the first words and the table: as wide as the terminal, elsewhere 100 characters."""
+    from sumo_eval.report.citation import citation
     from sumo_eval.report.headline import headline
     from sumo_eval.report.score_table import WIDTH, WORDS, score_lines
 
@@ -34,7 +35,7 @@ def show_scores(evaluation: Evaluation, everything: bool = False) -> None:
     say((f"! {ads}: {words}." for ads, words in said.alarms), fg="red")
     width = shutil.get_terminal_size((WIDTH, 24)).columns
     show(("", *score_lines(evaluation, width, everything), ""))
-    tell(WORDS)
+    say((WORDS, citation(evaluation)))
 
 
 def finish(evaluation: Evaluation, notes: Sequence[str] = (), *, everything: bool = False) -> NoReturn:

@@ -183,7 +183,7 @@ def _safest(evaluation: Evaluation, findings: Sequence[Finding]) -> str:
     if not known:
         return "not known: no case could be evaluated."
     first = known[0]
-    words = f"{first.ads}, {safety_words(evaluation, first)}"
+    words = f"{first.ads} with {safety_words(evaluation, first)}"
     if len(known) == 1:
         return f"{words}."
     less, more = harm_beside(evaluation, first.ads, known[1].ads)
@@ -209,7 +209,7 @@ def _told_apart(other: str, less: int, more: int) -> str:
         return f"{other} does the same harm in every case."
     chance = min(1.0, 2.0 * float(bdtr(min(less, more), less + more, 0.5)))
     told = "Told apart" if chance < BY_CHANCE and less > more else "Not told apart"
-    return f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = {chance:.2g})."
+    return f"{told} from {other}: less harm in {count(less, 'case')}, more in {more} (sign test, p = {chance:z.2g})."
 
 
 def _most_human(findings: Sequence[Finding]) -> str:
@@ -217,7 +217,7 @@ def _most_human(findings: Sequence[Finding]) -> str:
     if not known:
         return "not known: no safe case could be compared with drivers."
     beside = f"; next {known[1].ads}, {number(known[1].human, 2)}" if len(known) > 1 else ""
-    return f"{known[0].ads}, H {number(known[0].human, 2)} of 1{beside}."
+    return f"{known[0].ads} with H {number(known[0].human, 2)} of 1{beside}."
 
 
 def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
@@ -226,14 +226,14 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     if best.s_plus is None:
         return f"none: {REASON_WITHOUT_T}{parts}. Read A' instead."
     interval = interval_words(best.interval, 1).replace("..", " to ")
-    points = f"{best.ads}, {number(best.s_plus, 1)} of 100 points{f' ({interval})' if interval else ''}{parts}."
+    points = f"{best.ads} with {number(best.s_plus, 1)} of 100 points{f' ({interval})' if interval else ''}{parts}."
     if ranking is None or len(order) == 1 or order[1].s_plus is None:
         return points
     pair = ranking.pair(best.ads, order[1].ads)
     equal = [one.ads for one in order[1:] if one.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
-    if pair.drove_alike:
+    if pair.drove_alike and best.s_plus:
         return f"{points} {pair.below} drove every case alike."
     more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""
     return f"{points} Not told apart from {', '.join(equal[:MOST_NAMED])}{more}."

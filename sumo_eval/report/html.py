@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from sumo_eval.method.zone_partition import ZonePartition
 from sumo_eval.record.run_folder import FACTS
+from sumo_eval.report.citation import citation
 from sumo_eval.report.packing import packed_json, plotly
 from sumo_eval.report.page import REPORT, asset, template, write_page
 from sumo_eval.report.page_data import View, choose_view, page_data, told_cases
@@ -157,6 +158,7 @@ def _shared(
         "readings": readings(settings),
         "setting_groups": setting_rows(settings),
         "origin": _origin(evaluation),
+        "citation": citation(evaluation),
         "folder": evaluation.folder,
         "badges": _badges(evaluation, beside, len(missing)),
         "css": asset("report.css"),

@@ -6,6 +6,7 @@ from html import escape
 from typing import Any
 
 from sumo_eval.errors import needs_extra
+from sumo_eval.report.citation import citation
 from sumo_eval.report.headline import headline
 from sumo_eval.report.score_table import FIRST, MORE, WORDS, cells_of
 from sumo_eval.report.terminal import closing_lines
@@ -24,7 +25,7 @@ def html_table(evaluation: Evaluation) -> str:
     alarms = "".join(
         f'<br><span style="color:#b00">{escape(ads)}: {escape(words)}</span>' for ads, words in said.alarms
     )
-    lines = "<br>".join(map(escape, (WORDS, *closing_lines(evaluation))))
+    lines = "<br>".join(map(escape, (WORDS, citation(evaluation), *closing_lines(evaluation))))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
     return f"<p>{above}{alarms}</p>{table}<p><small>{lines}</small></p>"
 

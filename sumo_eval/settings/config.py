@@ -24,6 +24,8 @@ PAPER_EVALUATION = Path(__file__).with_name("paper_evaluation.toml")
 SUITES = Path(__file__).with_name("suites")
 """Frozen lists of scenarios, samples, drivers and seed, a file each."""
 _SUITE = "suite:"
+_FIXED = ("seed", "scenario", "drivers", "simulation", "method")
+"""What a suite fixes in an evaluation."""
 
 Settings = TypeVar("Settings", bound=Checked)
 
@@ -64,6 +66,16 @@ def with_suites(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     if changed:
         raise InputError(f"`{changed[0]}` in {where} is fixed by the suite `{names[0]}`; leave it out.")
     return {**plain, **suite}
+
+
+def suite_of(settings: EvaluationSettings) -> str:
+    """The suite that an evaluation is, to the last of its settings; "" of any other."""
+    for path in sorted(SUITES.glob("*.toml")):
+        content = {"name": settings.name, "scenario": [{"use": f"{_SUITE}{path.stem}"}]}
+        suite = settings_from(content, path.stem, own_ads=False)
+        if all(getattr(settings, part) == getattr(suite, part) for part in _FIXED):
+            return path.stem
+    return ""
 
 
 def read_checked(path: Path, kind: type[Settings], what: str) -> Settings:

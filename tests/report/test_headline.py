@@ -86,7 +86,7 @@ def test_sign_test_tells_the_safest_apart(evaluation: Evaluation, hits: int, wor
     assert harm_beside(both, builders.CALM, builders.HOSTILE) == (hits, 0)
     worse = tuple(replace(one, avoidance_grade=1.0 if one.ads == builders.CALM else 0.5) for one in both.scores)
     answer = dict(headline(replace(both, scores=worse)).answers)["Safest"]
-    assert answer.startswith(f"{builders.CALM}, no avoidable collision in 8 cases. {words} from")
+    assert answer.startswith(f"{builders.CALM} with no avoidable collision in 8 cases. {words} from")
 
 
 def test_the_best_is_told_apart_or_not(evaluation: Evaluation) -> None:
@@ -95,7 +95,7 @@ def test_the_best_is_told_apart_or_not(evaluation: Evaluation) -> None:
         ads = (RankedAds(first, 1, 60.0, (55.0, 66.0)), RankedAds(second, 2 if apart else 1, 50.0, (44.0, 57.0)))
         pair = RankedPair(first, second, 10.0, (4.0 if apart else -4.0, 16.0), apart)
         answer = dict(headline(replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))).answers)["Best by S+"]
-        assert answer.startswith(f"{first}, 60.0 of 100 points (55.0 to 66.0). {words} {second}")
+        assert answer.startswith(f"{first} with 60.0 of 100 points (55.0 to 66.0). {words} {second}")
 
 
 def test_without_a_task_a_prime_stands_in_for_s_plus(evaluation: Evaluation) -> None:

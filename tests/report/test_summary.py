@@ -9,56 +9,39 @@ import builders
 import numpy as np
 
 from sumo_eval.report.failure_groups import failure_groups
-from sumo_eval.report.summary import summary_content
-from sumo_eval.results import Evaluation, RankedAds, RankedPair, Ranking
+from sumo_eval.report.headline import headline
+from sumo_eval.report.summary import summary_content, worst_case
+from sumo_eval.results import Evaluation
 from sumo_eval.scenario import catalogue
 
 
-def ranked(evaluation: Evaluation, interval: tuple[float, float], *, told_apart: bool) -> Evaluation:
-    first, second = builders.CALM, builders.HOSTILE
-    ads = (RankedAds(first, 1, 60.0, (55.0, 66.0)), RankedAds(second, 2 if told_apart else 1, 50.0, (44.0, 57.0)))
-    pair = RankedPair(first, second, 10.0, interval, told_apart)
-    return replace(evaluation, ranking=Ranking({}, 0.95, ads, (pair,)))
+def test_worst_case_of_the_best_ads_comes_first(evaluation: Evaluation) -> None:
+    """The case that takes most from A; without any the least human-like one."""
+    for ads in (builders.CALM, builders.HOSTILE):
+        worst = evaluation.case(worst_case(evaluation, [ads]))
+        assert worst is not None
+        assert worst.ads == ads
+        assert (worst.incident_severity or 0.0) > (worst.ideal_severity or 0.0)
+    calm = [case for case in evaluation.cases if case.ads == builders.CALM and not case.incident]
+    safe = replace(evaluation, cases=tuple(calm))
+    least = evaluation.case(worst_case(safe, [builders.CALM]))
+    assert least is not None
+    assert least.human_likeness == min(case.human_likeness for case in calm if case.human_likeness is not None)
 
 
-def answers(evaluation: Evaluation) -> dict[str, tuple[str, str]]:
-    found = summary_content(evaluation, None, ())["answers"]
-    return {one.question: (one.short, " ".join(one.sentences)) for one in found}
-
-
-def test_the_best_is_named_and_the_difference_is_real_where_the_interval_leaves_out_zero(
-    evaluation: Evaluation,
-) -> None:
-    told = answers(ranked(evaluation, (4.0, 16.0), told_apart=True))
-    assert told["Which ADS is best?"][0] == builders.CALM
-    assert told["Is the difference real?"][0] == "yes"
-    assert "10.0 points above" in told["Is the difference real?"][1]
-    assert "(4.0 to 16.0)" in told["Is the difference real?"][1]
-
-
-def test_who_cannot_be_told_apart_shares_the_place(evaluation: Evaluation) -> None:
-    told = answers(ranked(evaluation, (-2.0, 22.0), told_apart=False))
-    assert told["Which ADS is best?"][0] == "2 share the first place"
-    assert told["Is the difference real?"][0] == "it may be chance"
-    alike = answers(ranked(evaluation, (0.0, 0.0), told_apart=False))["Is the difference real?"]
-    assert alike == ("there is none", f"{builders.HOSTILE} drove every case as {builders.CALM} did.")
-
-
-def test_an_ads_with_avoidable_collisions_is_not_called_good(evaluation: Evaluation) -> None:
-    own = [score for score in evaluation.scores if score.ads == builders.CALM]
-    (short, words) = answers(ranked(evaluation, (4.0, 16.0), told_apart=True))[f"Is {builders.CALM} good?"]
-    avoidable = sum(score.avoidable_collisions for score in own)
-    assert (short == "it has avoidable collisions") == (avoidable > 0)
-    assert f"{avoidable} collision" in words or not avoidable
+def test_first_screen_says_what_the_terminal_says(evaluation: Evaluation) -> None:
+    shown, said = summary_content(evaluation, None, ()), headline(evaluation)
+    assert (shown["answers"], shown["alarms"]) == (said.answers, said.alarms)
+    assert shown["alarms"]
 
 
 def test_what_to_look_at_leads_to_cases_of_the_run(evaluation: Evaluation) -> None:
-    look = next(one for one in summary_content(evaluation, None, ())["answers"] if "look at" in one.question)
+    looks = summary_content(evaluation, None, ())["looks"]
     keys = {case.case for case in evaluation.cases}
-    targets = [unquote(address.removeprefix("#case:")) for _, address in look.looks if address.startswith("#case:")]
+    targets = [unquote(address.removeprefix("#case:")) for _, address in looks if address.startswith("#case:")]
     assert targets
     assert set(targets) <= keys
-    assert any(address == "#missing" for _, address in look.looks)
+    assert any(address == "#missing" for _, address in looks)
 
 
 def test_failures_next_to_each_other_are_one_group_and_far_ones_another(evaluation: Evaluation) -> None:

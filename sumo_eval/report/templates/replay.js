@@ -302,6 +302,12 @@ const sumoReplay = (() => {
     drawTop(canvas, scene, view, colour, time, [Math.min(...all.map(([x, half]) => x - half)) - 8, Math.max(...all.map(([x, half]) => x + half)) + 8]);
   }
 
+  /** How a case stands at a time, near the ego. */
+  function moment(canvas, scene, view, colour, time) {
+    named(scene.bodies, view);
+    drawTop(canvas, scene, view, colour, time);
+  }
+
   /** What the others are is said by their scenario, not by their size. */
   function named(bodies, view) {
     for (const [name, actor] of view.actors) actor.kind = (bodies || {})[name] || "car";
@@ -882,7 +888,7 @@ const sumoReplay = (() => {
   }
 
   return {
-    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, named, mapped, bends, within, crossingRings, roomOf, bodyParts,
+    player, ahead, at, onMap, drawChase, drawBody, CAMERAS, still, moment, named, mapped, bends, within, crossingRings, roomOf, bodyParts,
   };
 })();
 

@@ -1071,23 +1071,62 @@
 
   // --- the page ------------------------------------------------------------------------------------------------------
 
-  /** The case a reader most wants to see: the collision that cost C most, else the least human-like case. */
-  function firstCase() {
-    const all = data.scenarios.flatMap((scenario, s) => scenario.cases.map((item, index) => ({ item, s, index })));
-    const worst = (entries, cost) => entries.reduce((best, entry) => (best === null || cost(entry.item) > cost(best.item) ? entry : best), null);
-    return worst(all.filter(({ item }) => item.lost !== null), (item) => item.lost) ??
-      worst(all.filter(({ item }) => item.index !== null), (item) => -item.index) ?? all[0];
+  const LEAD_IN = 4; // s before the moment of contact that a click plays
+
+  /** Beside the first words: the worst case at its moment of contact, which a click plays, and the map around it. */
+  async function opening({ s, index }) {
+    const box = document.querySelector("[data-opening]"), scenario = data.scenarios[s], item = scenario.cases[index];
+    const [stillFigure, mapFigure] = box.querySelectorAll("figure"), plot = box.querySelector(".plot"), view = sumoMaps.opening(scenario);
+    view.panel = null;
+    const held = sumoMaps.sliced(scenario, view);
+    for (const k of held) view.at[k] = { value: item.values[k], half: 0, all: false };
+    const shows = (one) => sumoMaps.shows(scenario, view, [null], 0, one);
+    plot.classList.toggle("strip", view.y === null);
+    const where = held.map((k) => `${sumoMaps.words(scenario.parameters[k].name)} = ${short(item.values[k])} ${scenario.parameters[k].unit}`).join(", ");
+    mapFigure.querySelector("figcaption").textContent = `${item.ads} in ${sumoMaps.words(scenario.name)}${where ? `, at ${where}` : ""}`;
+    const bad = (one) => one.outcome === "collision" || one.outcome === "off road"; // those outside the slice are faint
+    const outside = () => markers(scenario, view, item.ads, (one) => bad(one) && !shows(one)).map((trace) => ({ ...trace, marker: { ...trace.marker, opacity: 0.35 } }));
+    mapFigure.querySelector(".small").hidden = !scenario.cases.some((one) => one.ads === item.ads && bad(one) && !shows(one));
+    const drawMap = () => Plotly.react(plot, [
+      ...backgroundTraces(scenario, view, sumoMaps.zones(scenario, view, [null], 0)), ...outside(), ...markers(scenario, view, item.ads, shows), ring(scenario, view, shows, s),
+    ], layout(...mapAxes(scenario, view, padded), { dragmode: false }), CONFIG);
+    drawMap();
+    plot.on("plotly_click", (event) => onPick(s, event));
+    drawn.push(drawMap);
+    moveRings.push(drawMap);
+    if (!("ego" in item.vehicles)) return;
+
+    stillFigure.hidden = false; // room for it, so that nothing moves when it is drawn
+    const all = await trajectoriesOf(s), canvas = box.querySelector("canvas"), contact = contactOf(item);
+    const drive = { ego: all[item.vehicles.ego], actors: actorsOf(item, all), contact }, end = contact?.time ?? drive.ego.time.at(-1) - drive.ego.time[0];
+    const ended = contact ? `contact at ${(3.6 * contact.speed).toFixed(0)} km/h after ${fixed(contact.time, 1)} s` : `${item.outcome}, ${item.end}`;
+    stillFigure.querySelector("span").textContent = `${item.outcome === "no contact" ? "Least human-like" : "Worst"} case: ${ended}`;
+    let time = end;
+    const frame = () => sumoReplay.moment(canvas, { road: scenario.road, bodies: scenario.bodies, ghosts: [] }, drive, C("--c"), time);
+    const play = () => {
+      const begin = performance.now(), from = Math.max(0, end - LEAD_IN);
+      const step = (now) => {
+        time = Math.min(end, from + (now - begin) / 1000);
+        frame();
+        if (time < end) requestAnimationFrame(step);
+      };
+      requestAnimationFrame(step);
+    };
+    frame();
+    stillFigure.addEventListener("click", play);
+    drawn.push(frame);
+    window.addEventListener("resize", frame);
   }
 
-  function caseFromAddress() {
-    if (!location.hash.startsWith("#case:")) return null;
-    const key = decodeURIComponent(location.hash.slice("#case:".length));
+  function entryOf(key) {
     for (const [s, scenario] of data.scenarios.entries()) {
       const index = scenario.cases.findIndex((item) => item.key === key);
       if (index >= 0) return { s, index };
     }
     return null;
   }
+
+  const caseFromAddress = () => (location.hash.startsWith("#case:") ? entryOf(decodeURIComponent(location.hash.slice("#case:".length))) : null);
 
   function onPrint(begins) {
     document.documentElement.classList.toggle("printing", begins);
@@ -1120,11 +1159,13 @@
   preventedMaps();
   wirePickers();
   const asked = caseFromAddress();
-  const first = asked ?? firstCase();
+  const worst = entryOf(document.querySelector("[data-opening]")?.dataset.opening);
+  const first = asked ?? worst ?? (data.scenarios[0]?.cases.length ? { s: 0, index: 0 } : null);
   const caseFold = byId("case").closest("details.fold");
   caseFold?.addEventListener("toggle", () => { if (caseFold.open && !shown) showCase(selected.scenario, selected.index); });
   drawn.push(() => drawCharts(shown));
   if (first) showCase(first.s, first.index, asked !== null);
   else byId("case-charts").hidden = true;
+  if (worst) await opening(worst);
   document.documentElement.dataset.report = "ready";
 })();

@@ -1,0 +1,34 @@
+"""One line to cite a run by: what was evaluated, with which versions, what came out, and how to see it again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+
+from sumo_eval.results import Evaluation
+from sumo_eval.scoring.case_terms import SCORES
+from sumo_eval.settings.config import suite_of
+
+DIGITS = 6
+"""Decimals of a score that the digest holds: the last bits belong to the machine."""
+
+
+def citation(evaluation: Evaluation) -> str:
+    """`suite 2026.1; sumo_eval 0.1.0, libsumo 1.28.0; seed 1; scores 3f2a91c04b7e; check it: sumo-eval verify ...`."""
+    suite = suite_of(evaluation.settings)
+    versions = evaluation.manifest.get("versions", {})
+    used = ", ".join(f"{name} {versions.get(name, 'not known')}" for name in ("sumo_eval", "libsumo"))
+    what = f"suite {suite}" if suite else f"evaluation {evaluation.name}"
+    command = f"sumo-eval verify {shlex.quote(str(evaluation.folder))} --share 1"
+    return f"Cite: {what}; {used}; seed {evaluation.settings.seed}; scores {digest(evaluation)}; check: {command}"
+
+
+def digest(evaluation: Evaluation) -> str:
+    """Twelve digits of a SHA-256 of every score and count of every ADS; equal ones are equal results."""
+    rows = [
+        [score.ads, score.scenario, score.cases, score.collisions, score.departures, score.gave_up]
+        + [None if (value := getattr(score, name)) is None else round(value, DIGITS) for name in SCORES]
+        for score in sorted(evaluation.scores, key=lambda score: (score.ads, score.scenario))
+    ]
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:12]

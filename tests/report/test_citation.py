@@ -1,0 +1,36 @@
+"""The line that a run is cited by."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sumo_eval.report.citation import citation, digest
+from sumo_eval.results import Evaluation
+from sumo_eval.settings.config import settings_from, suite_of
+
+
+def test_citation_names_run_versions_seed_digest_and_command(evaluation: Evaluation) -> None:
+    line = citation(evaluation)
+    for part in (evaluation.name, "sumo_eval 0.0", "libsumo 1.28", "seed 0", digest(evaluation), "sumo-eval verify"):
+        assert part.replace("seed 0", f"seed {evaluation.settings.seed}") in line
+    assert "\n" not in line
+
+
+def test_digest_follows_every_score_and_no_order(evaluation: Evaluation) -> None:
+    first, *rest = evaluation.scores
+    assert digest(replace(evaluation, scores=(*rest, first))) == digest(evaluation)
+    for changed in ({"s": 1.0}, {"avoided_share": 0.1}, {"departures": 7}, {"ads": "other"}):
+        other = replace(evaluation, scores=(replace(first, **changed), *rest))  # type: ignore[arg-type]
+        assert digest(other) != digest(evaluation)
+    noise = replace(first, c=(first.c or 0.0) + 1e-12)
+    assert digest(replace(evaluation, scores=(noise, *rest))) == digest(evaluation), "the last bits are the machine's"
+
+
+@pytest.mark.parametrize("changes", [{}, {"seed": 99}])
+def test_suite_is_named_only_as_it_is(evaluation: Evaluation, changes: dict[str, int]) -> None:
+    content = {"name": "mine", "scenario": [{"use": "suite:2026.1"}], "ads": [{"name": "a", "controller": "idm"}]}
+    settings = replace(settings_from(content, "a test"), **changes)  # type: ignore[arg-type]
+    assert suite_of(settings) == ("" if changes else "2026.1")
+    assert ("suite 2026.1" in citation(replace(evaluation, settings=settings))) == (not changes)
