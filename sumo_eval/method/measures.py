@@ -21,6 +21,8 @@ CLOCK = 0.1
 SLOPE_SAMPLES = 11
 """Samples of the straight line that is a derivative in `smooth_motion`: 1 s, so that a tracker's noise of a few
 centimetres adds less than 0.1 m/s and 0.2 m/s2."""
+UNREST_SAMPLES, UNREST_CHANGES = 7, 20
+"""Unrest: slopes over 7 samples (0.6 s), and their 20 changes in 2 s; noise of 0.05 m/s adds less than 2 m/s2."""
 STANDING = 0.1
 """Below this speed, m/s, a vehicle stands."""
 
@@ -55,13 +57,14 @@ class SmoothMotion:
     """Derivatives of a recorded or simulated drive that noise does not reach: m/s2, m/s3, m/s and m/s2, (n,) each.
 
     acceleration and jerk belong to the speed, lateral_speed and lateral_acceleration to y, the road's left positive.
-    A drive too short for a derivative has it empty.
+    A drive too short for a derivative has it empty. unrest: how much acceleration changes up and down within 2 s, m/s2.
     """
 
     acceleration: FloatArray
     jerk: FloatArray
     lateral_speed: FloatArray
     lateral_acceleration: FloatArray
+    unrest: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,19 +153,28 @@ def smooth_motion(drive: Trajectory) -> SmoothMotion:
     speed, y = (np.interp(clock, drive.time, channel) for channel in (drive.speed, drive.y))
     acceleration, lateral_speed = _slopes(speed), _slopes(y)
     jerk, lateral_acceleration = _slopes(acceleration), _slopes(lateral_speed)
+    unrest = _unrest(speed)
     stood = np.concatenate([[0], np.cumsum(speed < STANDING)])
-    moves, moves_long = (
+    moves, moves_long, moves_on = (
         stood[clock.size - values.size + 1 :] == stood[: values.size] if values.size else np.zeros(0, dtype=np.bool_)
-        for values in (acceleration, jerk)
+        for values in (acceleration, jerk, unrest)
     )
-    return SmoothMotion(acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration)
+    return SmoothMotion(acceleration[moves], jerk[moves_long], lateral_speed, lateral_acceleration, unrest[moves_on])
 
 
-def _slopes(values: FloatArray) -> FloatArray:
-    """Slope of the least-squares line through every SLOPE_SAMPLES neighbours CLOCK apart, (n - 10,), 1/s."""
-    if values.size < SLOPE_SAMPLES:
+def _unrest(speed: FloatArray) -> FloatArray:
+    """Change of acceleration, up and down alike, within 2 s, m/s2: an oscillation that 1 s slopes nearly cancel."""
+    changes = np.abs(np.diff(_slopes(speed, UNREST_SAMPLES)))
+    if changes.size < UNREST_CHANGES:
         return np.zeros(0)
-    places = np.arange(SLOPE_SAMPLES) - SLOPE_SAMPLES // 2
+    return np.convolve(changes, np.ones(UNREST_CHANGES), mode="valid")
+
+
+def _slopes(values: FloatArray, samples: int = SLOPE_SAMPLES) -> FloatArray:
+    """Slope of the least-squares line through every `samples` neighbours CLOCK apart, (n - samples + 1,), 1/s."""
+    if values.size < samples:
+        return np.zeros(0)
+    places = np.arange(samples) - samples // 2
     return np.correlate(values, places / (CLOCK * np.sum(places**2)), mode="valid")
 
 

@@ -1,8 +1,8 @@
 """Plausibility of a case, a factor of H: are its extremes within what recorded people do?
 
-Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how abruptly. Six
-extremes of a drive do: the least time to collision and time headway, the strongest braking, and the largest jerk,
-lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules on both
+Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how abruptly. Seven
+extremes of a drive do: the least time to collision and time headway, the strongest braking, the largest jerk and
+unrest, lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules on both
 sides (`method.measures`): distances at the recorded samples, derivatives of speed and y by `smooth_motion`.
 
 A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in before it, one before it
@@ -33,6 +33,7 @@ EXTREMES: Final[Mapping[str, int]] = {
     "min_thw": -1,
     "max_deceleration": 1,
     "max_jerk": 1,
+    "max_unrest": 1,
     "max_lateral_speed": 1,
     "max_lateral_acceleration": 1,
 }
@@ -90,6 +91,7 @@ MOTORWAY_PEOPLE: Final = Quantiles(
         "min_thw": (0.203, 0.304, 0.331, 0.369, 0.394, 0.451, 0.557, 0.792, 1.287),
         "max_deceleration": (5.764, 2.778, 2.66, 2.533, 2.163, 2.005, 1.42, 0.998, 0.575),
         "max_jerk": (2.819, 1.593, 1.474, 1.401, 1.353, 1.328, 1.07, 0.814, 0.556),
+        "max_unrest": (5.253, 2.704, 2.535, 2.334, 2.116, 2.011, 1.786, 1.341, 0.93),
         "max_lateral_speed": (1.627, 1.154, 1.064, 1.015, 0.994, 0.967, 0.854, 0.695, 0.31),
         "max_lateral_acceleration": (0.933, 0.589, 0.486, 0.458, 0.446, 0.387, 0.338, 0.265, 0.181),
     },
@@ -98,6 +100,7 @@ MOTORWAY_PEOPLE: Final = Quantiles(
         "min_thw": (0.00117, *LEVELS),
         "max_deceleration": (0.00156, *LEVELS),
         "max_jerk": (0.00156, *LEVELS),
+        "max_unrest": (0.00156, *LEVELS),
         "max_lateral_speed": (0.00117, *LEVELS),
         "max_lateral_acceleration": (0.00156, *LEVELS),
     },
@@ -113,11 +116,11 @@ out as a ghost of the tracker (3.5 m/s across the road). Not for towns: nobody h
 def extremes_of(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None, course: Course | None = None
 ) -> dict[str, float]:
-    """The six extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course: the
+    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course: the
     drive's `course_of`, where it is known already.
 
-    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_lateral_speed m/s;
-    max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this drive,
+    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
+    max_lateral_speed m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this drive,
     as without a vehicle ahead, or in one too short for a derivative.
     """
     seen = course_of(ego, actors, collision) if course is None else course
@@ -127,6 +130,7 @@ def extremes_of(
         "min_thw": -_largest(-seen.thw),
         "max_deceleration": _largest(np.maximum(-motion.acceleration, 0.0)),
         "max_jerk": _largest(np.abs(motion.jerk)),
+        "max_unrest": _largest(motion.unrest),
         "max_lateral_speed": _largest(np.abs(motion.lateral_speed)),
         "max_lateral_acceleration": _largest(np.abs(motion.lateral_acceleration)),
     }

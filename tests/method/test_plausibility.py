@@ -31,6 +31,7 @@ CALM = {
     "min_thw": 3.0,
     "max_deceleration": 0.3,
     "max_jerk": 0.3,
+    "max_unrest": 0.3,
     "max_lateral_speed": 0.2,
     "max_lateral_acceleration": 0.1,
 }
@@ -48,7 +49,7 @@ def test_the_extremes_of_a_steady_approach_by_hand():
     found = extremes_of(drive(np.full(51, 30.0)), {"lead": drive(np.full(51, 20.0), x=104.5)})
     assert found["min_ttc"] == pytest.approx(5.0)
     assert found["min_thw"] == pytest.approx(50.0 / 30.0)
-    assert [found[name] for name in list(EXTREMES)[2:]] == pytest.approx([0.0, 0.0, 0.0, 0.0], abs=1e-9)
+    assert [found[name] for name in list(EXTREMES)[2:]] == pytest.approx([0.0] * 5, abs=1e-9)
 
 
 def test_constant_braking_and_a_parabola_across_have_their_own_derivatives():
@@ -126,6 +127,21 @@ def test_a_contact_is_no_gap_at_all():
 def test_more_extreme_is_never_more_plausible(name, value, more):
     before, after = (CALM | {name: max(value + shift, 0.0)} for shift in (0.0, EXTREMES[name] * more))
     assert plausibility(after, MOTORWAY_PEOPLE) <= plausibility(before, MOTORWAY_PEOPLE)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.0])
+def test_an_oscillation_is_never_more_plausible_when_it_grows(frequency):
+    # The acceleration of 2 m/s2 at 1 Hz has a jerk of 2 * 2 pi = 12.6 m/s3; its slopes over 1 s nearly cancel.
+    time = np.arange(0.0, 12.0, 0.02)
+    turns = 2.0 * np.pi * frequency
+    oscillating = [
+        extremes_of(drive(30.0 + strength / turns * np.sin(turns * time), interval=0.02), {})
+        for strength in np.linspace(0.0, 4.0, 17)
+    ]
+    found = [plausibility(extremes, MOTORWAY_PEOPLE) for extremes in oscillating]
+    assert found[0] == 1.0
+    assert np.all(np.diff(found) <= 0.0)
+    assert max(found[8:]) < 0.01, "2 m/s2 and more"
 
 
 def test_a_table_of_people_is_their_own_shares():
