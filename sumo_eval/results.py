@@ -331,6 +331,14 @@ class GentlerThanIdeal:
 
 
 @dataclass(frozen=True, slots=True)
+class ReferencesCollide:
+    """Points of the safe zone at which drivers or the reference car collide, of all there with such a drive."""
+
+    points: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
 class IdealCollidesToo:
     """Collisions in the safe zone that the ideal vehicle has as well, of all there."""
 
@@ -363,6 +371,7 @@ ScoreNote = (
     | StruckFromBehind
     | GentlerThanIdeal
     | IdealCollidesToo
+    | ReferencesCollide
     | RequirementMissed
 )
 """What a reader must know of a score."""

@@ -23,7 +23,8 @@ from sumo_eval.record.store import FORMAT_VERSION, open_store
 from sumo_eval.report.html import write_report
 from sumo_eval.report.tables import scores_json, write_tables
 from sumo_eval.report.terminal import closing_lines
-from sumo_eval.results import CasesMissing, DrivesLeftOut, Evaluation, NotComputed, ReferenceMissing
+from sumo_eval.report.words import score_note
+from sumo_eval.results import CasesMissing, DrivesLeftOut, Evaluation, NotComputed, ReferenceMissing, ReferencesCollide
 from sumo_eval.settings import (
     AdsSettings,
     DriverSettings,
@@ -169,6 +170,13 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
     again = sumo_eval.score(folder)
     note = again.score("idm", "front_vehicle_low_speed").notes[0]
     assert note == DrivesLeftOut(1, note.drives, (("collision", 1),))
+    unsafe = again.score("idm", "front_vehicle_low_speed").notes[1]
+    assert isinstance(unsafe, ReferencesCollide)
+    assert unsafe.points == 1 <= unsafe.of
+    assert "check `zone.obstacle`" in score_note(unsafe)
+    assert any(score_note(unsafe) in line for line in closing_lines(again))
+    write_report(again, folder / "report.html")
+    assert "drivers or the reference car collide at 1 of them" in (folder / "report.html").read_text(encoding="utf-8")
     assert done.score("idm", "front_vehicle_low_speed").notes == ()
 
 

@@ -2,8 +2,8 @@
 
 Fields and lateral positions say where a vehicle was and how fast, not how close to others nor how abruptly. Seven
 extremes of a drive do: the least time to collision and time headway, the strongest braking, the largest jerk and
-unrest, lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules on both
-sides (`method.measures`): distances at the recorded samples, derivatives of speed and y by `smooth_motion`.
+unrest, lateral speed and lateral acceleration. Each is put beside that of recorded drives, measured by one set of rules
+on both sides (`method.measures`): distances at the recorded samples, derivatives of speed and y by `smooth_motion`.
 
 A drive is one vehicle in one encounter with another (it comes up to a slower one, one cuts in before it, one before it
 leaves its lane), 10 to 32 s long, as most cases of the motorway scenarios are; a longer drive has more chances of an
@@ -116,12 +116,12 @@ out as a ghost of the tracker (3.5 m/s across the road). Not for towns: nobody h
 def extremes_of(
     ego: Trajectory, actors: Mapping[str, Trajectory], collision: Collision | None = None, course: Course | None = None
 ) -> dict[str, float]:
-    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course: the
-    drive's `course_of`, where it is known already.
+    """The seven extremes of a drive: the ego, the other vehicles by name, and the ego's first contact if any. course:
+    the drive's `course_of`, where it is known already.
 
-    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2;
-    max_lateral_speed m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this drive,
-    as without a vehicle ahead, or in one too short for a derivative.
+    min_ttc, min_thw s; max_deceleration m/s2, 0 if it never braked; max_jerk m/s3; max_unrest m/s2; max_lateral_speed
+    m/s; max_lateral_acceleration m/s2. min_ttc is inf where the ego never closes. nan: there is no such thing in this
+    drive, as without a vehicle ahead, or in one too short for a derivative.
     """
     seen = course_of(ego, actors, collision) if course is None else course
     motion = seen.motion

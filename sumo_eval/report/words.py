@@ -31,6 +31,7 @@ from sumo_eval.results import (
     PlausibleTo,
     Ranking,
     ReferenceMissing,
+    ReferencesCollide,
     RequirementMissed,
     ScenarioResult,
     ScoreNote,
@@ -785,6 +786,11 @@ def score_note(note: ScoreNote) -> str:
         case RequirementMissed(name, text, cases, of):
             said = f"`{text}`" if name == text else f"{name} (`{text}`)"
             return f"{count(cases, 'case')} of {of} miss the requirement {said}."
+        case ReferencesCollide(points, of):
+            return (
+                f"The space is called safe at {count(of, 'point')}, yet drivers or the reference car collide at "
+                f"{points} of them: check `zone.obstacle` of the scenario, the actor that ideal braking has to avoid."
+            )
         case IdealCollidesToo(collisions, of):
             return (
                 f"The ideal vehicle has {collisions} of {count(of, 'collision')} in the safe zone as well: C and A "

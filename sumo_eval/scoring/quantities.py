@@ -39,6 +39,7 @@ from sumo_eval.results import (
     IdealCollidesToo,
     NotComputed,
     ReferenceMissing,
+    ReferencesCollide,
     ScenarioResult,
     ScoreNote,
     StruckFromBehind,
@@ -89,12 +90,23 @@ class Remarks:
         self._blocks: Counter[int] = Counter()
         self._left = 0
         self._beyond: Counter[str] = Counter()
+        self._safe, self._struck = 0, 0
 
     def add(self, facts: Sequence[Fact]) -> None:
         """Take in some drives."""
         self._blocks.update(int(clip.requested) for fact in facts for clip in fact.clips if clip.what == IN_BLOCK)
         self._left += sum(any(clip.what == LEFT_THE_NETWORK for clip in fact.clips) for fact in facts)
         self._beyond.update(self._severity.beyond(fact.collision) for fact in facts if fact.collision is not None)
+
+    def add_references(self, facts: Sequence[Fact]) -> None:
+        """Take in the drives of drivers and of the reference car at some points of the safe zone."""
+        self._safe += len({fact.point for fact in facts})
+        self._struck += len({fact.point for fact in facts if fact.status == "collision"})
+
+    @property
+    def references_collide(self) -> tuple[ScoreNote, ...]:
+        """Points called safe at which those who are compared with collide."""
+        return (ReferencesCollide(self._struck, self._safe),) if self._struck else ()
 
     @property
     def in_blocks(self) -> tuple[ScoreNote, ...]:

@@ -126,6 +126,7 @@ class Scoring:
                 *simulated_alone(logical, ads.name, store),
                 *remarks[ads.name].in_blocks,
                 *remarks[ads.name].actors_left,
+                *remarks[ads.name].references_collide,
                 *reference_notes(table),
                 *remarks[ads.name].beyond_range,
             )
@@ -206,5 +207,6 @@ class Scoring:
             table = with_people(table, facts, people, compared, outside, settings.drivers)
             rows.add(logical.name, name, with_requirements(table, facts, logical, store))
             remarks[name].add(facts)
+            remarks[name].add_references([fact for fact in (*drivers, *cars) if not known.hazardous[fact.point]])
         self.progress(stage, points.stop, known.points)
         return people
