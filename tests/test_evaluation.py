@@ -175,8 +175,8 @@ def test_drives_that_are_no_reference_are_named(done: Evaluation, tmp_path: Path
     assert unsafe.points == 1 <= unsafe.of
     assert "check `zone.obstacle`" in score_note(unsafe)
     assert any(score_note(unsafe) in line for line in closing_lines(again))
-    write_report(again, folder / "report.html")
-    assert "drivers or the reference car collide at 1 of them" in (folder / "report.html").read_text(encoding="utf-8")
+    page = write_report(again, zone_partitions(again)).read_text(encoding="utf-8")
+    assert "drivers or the reference car collide at 1 of them" in page
     assert done.score("idm", "front_vehicle_low_speed").notes == ()
 
 
