@@ -502,8 +502,8 @@ class RankedPair:
     told_apart: bool
 
     @property
-    def drove_alike(self) -> bool:
-        """Whether both drove every case that weighs alike: their difference is 0, exactly."""
+    def scored_alike(self) -> bool:
+        """Whether both scored alike in every case that weighs: their difference is 0, exactly."""
         return self.interval == (0.0, 0.0)
 
 

@@ -160,7 +160,7 @@ def ranking_lines(ranking: Ranking | None) -> list[str]:
         if above:
             pair = ranking.pair(above, one.ads)
             ends = "" if pair.interval is None else f" ({number(-pair.interval[1], 1)}..{number(-pair.interval[0], 1)})"
-            why = "drove every case alike" if pair.drove_alike and one.s_plus else "not told apart"
+            why = "scored alike in every case" if pair.scored_alike and one.s_plus else "not told apart"
             told = "" if pair.told_apart else f": {why}, the place is shared"
             words += f"  {number(-pair.difference, 1)}{ends} to {one_line(above)}{told}"
         lines.append(words)

@@ -15,13 +15,14 @@ score's terms owe to a trend along a parameter is no error of theirs. Replicates
 the safe zone leaves no D, so a replicate without any of these has one, and S with it.
 
 T, A' and S+ fall steeply at their good end, so their lower ends carry one more case instead, as bad as doing nothing
-(t = 0, lost = the mean at stake), that weighs e cases, e from an exponential distribution of mean 0.5.
+(t = 0, lost = the mean at stake), that weighs e cases, e from an exponential distribution of mean 0.5. It is a case of
+the scenario: every ADS receives the same one, so that it cancels in a difference as far as two ADSs have it in common.
 
 The limits of an interval are percentiles of the resamples. With few cases they are widened, by as much as Student's t
 is wider than the normal distribution (Hesterberg 2015). A collision keeps its weight r (Eq. 16) in every resample.
 
-Everything random has a stream named by scenario, driver or ADS, never by a place in a list, so an interval is one
-ADS's, whoever else is evaluated.
+Everything random has a stream named by scenario, driver or ADS, never by a place in a list, so the interval of an ADS
+does not depend on what else is evaluated.
 """
 
 from __future__ import annotations
@@ -91,8 +92,7 @@ class Judged:
 class ScoreIntervals:
     """limits: low and high of each score that exists, by its name among the scores. sources: half-width of S and S+ by
     each source alone, by score. worse, better: S+ of every replicate, with and without one more case, (m,). missing:
-    how far missing cases may move S+, down and up. same_drives: a number that ADSs have in common who drove every case
-    of the scenario alike.
+    how far missing cases may move S+, down and up.
     """
 
     limits: Mapping[str, tuple[float, float]]
@@ -100,7 +100,6 @@ class ScoreIntervals:
     worse: FloatArray
     better: FloatArray
     missing: tuple[float, float] = (0.0, 0.0)
-    same_drives: int | None = None
 
 
 def score_intervals(
@@ -192,8 +191,8 @@ class _Sums:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Draws:
-    """What is random of one ADS besides the points, (m,): unseen collisions, the weight of one more case, and the
-    drivers' errors of D and H.
+    """What is random of one ADS besides the points, (m,): unseen collisions, the weight of one more case (alike for
+    all ADSs), and the drivers' errors of D and H.
     """
 
     unseen: FloatArray
@@ -204,7 +203,7 @@ class _Draws:
     @classmethod
     def of(cls, one: Judged, seed: int, scenario: str, replicates: int) -> _Draws:
         unseen = random_stream(seed, "intervals", "unseen", scenario, one.ads).standard_exponential(replicates)
-        one_more = random_stream(seed, "intervals", "one more", scenario, one.ads).exponential(ONE_MORE, replicates)
+        one_more = random_stream(seed, "intervals", "one more", scenario).exponential(ONE_MORE, replicates)
         deviates = driver_deviates(one.drivers, seed, replicates)
         return cls(unseen, one_more, deviates @ one.drivers.index, deviates @ one.drivers.likeness)
 

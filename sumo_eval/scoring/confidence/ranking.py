@@ -1,10 +1,9 @@
 """ADSs in the order of S+ over all scenarios, and which of them can be told apart.
 
 Two ADSs drove the same points beside the same drivers, so what they have in common cancels in their difference, as it
-does not between two intervals. Each replicate gives the difference; unseen collisions are on the side of the ADS that
-it speaks against at each end, because each ADS has its own. Where two ADSs drove every case of a scenario alike, the
-scenario has no part in what tells them apart: what was not seen there is as common to both as what was. So one ADS
-under two names differs from itself by 0, exactly.
+does not between two intervals. Each replicate gives the difference twice, with and without the one more case that every
+ADS receives (`intervals`); each end takes the one that speaks against it. Missing cases speak against the ADS that
+lacks them. One ADS under two names differs from itself by 0, exactly.
 
 S+ over several scenarios is the mean of theirs. A scenario without a safe point has no task to
 drive, no S+ and no part in the order. In one without people to compare with H counts 0, for every ADS alike.
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,16 +40,14 @@ def rank(scores: Sequence[ScenarioResult], found: Found, settings: RankingSettin
     names = list(dict.fromkeys(score.ads for score in scores))
     own = {name: {score.scenario: score for score in scores if score.ads == name} for name in names}
     totals = {name: means.total(own[name]) for name in names}
-    own_found = {name: {scenario: found.get((name, scenario)) for scenario in weights} for name in names}
-    spreads = {name: means.spread(own_found[name]) for name in names}
+    spreads = {name: means.spread({scenario: found.get((name, scenario)) for scenario in weights}) for name in names}
     ranked = sorted(
         (name for name in names if totals[name] is not None), key=lambda name: (-(totals[name] or 0.0), name)
     )
-    pairs = []
-    for above, below in itertools.combinations(ranked, 2):
-        apart_in = _without_same_drives(own_found[above], own_found[below])
-        first, second = (spreads[above], spreads[below]) if apart_in is None else map(means.spread, apart_in)
-        pairs.append(_pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), first, second, level))
+    pairs = [
+        _pair(above, below, (totals[above] or 0.0) - (totals[below] or 0.0), spreads[above], spreads[below], level)
+        for above, below in itertools.combinations(ranked, 2)
+    ]
     apart = {(pair.above, pair.below): pair.told_apart for pair in pairs}
     rows, place = [], 0
     for number, name in enumerate(ranked, start=1):
@@ -84,29 +81,38 @@ class _Means:
             return None
         return self.of({name: value or 0.0 for name, value in plus.items()})
 
-    def spread(self, found: Mapping[str, ScoreIntervals | None]) -> tuple[FloatArray, FloatArray] | None:
-        """`total` of every replicate, with one more case and without, and with what missing cases leave open."""
+    def spread(self, found: Mapping[str, ScoreIntervals | None]) -> _Spread | None:
+        """`total` of every replicate; None where a scenario has no replicates."""
         known = {name: one for name in self.weights if (one := found.get(name)) is not None}
         if not known or len(known) < len(self.weights):
             return None
-        worse, better = (
-            np.sum(
-                [
-                    weight * (np.nan_to_num(getattr(known[name], side)) + known[name].missing[end])
-                    for name, weight in self.weights.items()
-                ],
-                axis=0,
-            )
-            / sum(self.weights.values())
-            for end, side in enumerate(("worse", "better"))
+        return _Spread(
+            self._mean_of({name: np.nan_to_num(one.worse) for name, one in known.items()}),
+            self._mean_of({name: np.nan_to_num(one.better) for name, one in known.items()}),
+            self.of({name: one.missing[0] for name, one in known.items()}),
+            self.of({name: one.missing[1] for name, one in known.items()}),
         )
-        return worse, better
+
+    def _mean_of(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        return np.average([values[name] for name in self.weights], axis=0, weights=list(self.weights.values()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spread:
+    """One ADS's mean S+ in every replicate, (m,). worse, better: with one more case and without. lower, higher: how far
+    missing cases may move it.
+    """
+
+    worse: FloatArray
+    better: FloatArray
+    lower: float
+    higher: float
 
 
 def _interval(
     own: Mapping[str, ScenarioResult],
     total: float | None,
-    spread: tuple[FloatArray, FloatArray] | None,
+    spread: _Spread | None,
     means: _Means,
 ) -> tuple[float, float] | None:
     """Of one ADS's mean: that of its replicates; in a single scenario the interval that its S+ has there."""
@@ -114,35 +120,24 @@ def _interval(
         return own[next(iter(means.weights))].s_plus_interval
     if total is None or spread is None:
         return None
-    low, high = _percentiles(*spread, LEVEL)
+    low, high = _percentiles(spread.worse + spread.lower, spread.better + spread.higher, LEVEL)
     return min(low, total), max(high, total)
-
-
-def _without_same_drives(
-    first: Mapping[str, ScoreIntervals | None], second: Mapping[str, ScoreIntervals | None]
-) -> tuple[Mapping[str, ScoreIntervals | None], Mapping[str, ScoreIntervals | None]] | None:
-    """Both ADSs' replicates by scenario, 0 for both where they drove alike; None where they do so nowhere."""
-    alike = {
-        name: replace(one, worse=zero, better=zero)
-        for name, one in first.items()
-        if one is not None and one.same_drives is not None
-        if (other := second[name]) is not None and other.same_drives == one.same_drives
-        for zero in [np.zeros(len(one.worse))]
-    }
-    return ({**first, **alike}, {**second, **alike}) if alike else None
 
 
 def _pair(
     above: str,
     below: str,
     difference: float,
-    first: tuple[FloatArray, FloatArray] | None,
-    second: tuple[FloatArray, FloatArray] | None,
+    first: _Spread | None,
+    second: _Spread | None,
     level: float,
 ) -> RankedPair:
     if first is None or second is None:
         return RankedPair(above, below, difference, None, False)
-    low, high = _percentiles(first[0] - second[1], first[1] - second[0], level)
+    both = np.stack([first.worse - second.worse, first.better - second.better])
+    low, high = _percentiles(
+        both.min(axis=0) + first.lower - second.higher, both.max(axis=0) + first.higher - second.lower, level
+    )
     interval = min(low, difference), max(high, difference)
     return RankedPair(above, below, difference, interval, interval[0] > 0.0)
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sumo_eval.method.score import score_of
 from sumo_eval.record.progress import Progress, quiet
-from sumo_eval.results import CaseResult, ScenarioResult, columns
+from sumo_eval.results import CaseResult, ScenarioResult
 from sumo_eval.scoring.case_terms import case_terms
 from sumo_eval.scoring.confidence.drivers import DriverDeviations
 from sumo_eval.scoring.confidence.intervals import SCORED, Judged, ScoreIntervals, score_intervals
@@ -34,10 +33,6 @@ WITHIN = {
 """What a score can be; S at most what Eq. 18 makes of C = D = 1."""
 
 LEAST = 2  # evaluated cases of which an interval can be made
-_OF_ONE_ADS = ("case", "ads", "wall_time", "latency_mean", "latency_max")
-_OF_THE_POINT = ("scenario", "values")
-_DRIVEN = tuple(one.name for one in fields(CaseResult) if one.name not in _OF_ONE_ADS + _OF_THE_POINT)
-"""What a row says of a drive, whoever drove it and however long the computer took."""
 
 
 def with_intervals(
@@ -78,26 +73,10 @@ def with_intervals(
     for number, one in zip(which, computed, strict=True):
         score = scores[number]
         found[number] = replace(one, missing=_moved(score.s_plus, score.s_plus_interval))
-    for first, second in itertools.combinations(range(len(judged)), 2):
-        here, there = found[which[first]], found[which[second]]
-        if here is None or there is None or there.same_drives is not None:
-            continue
-        if _drove_alike(judged[first], judged[second], rows[which[first]], rows[which[second]]):
-            found[which[first]] = replace(here, same_drives=which[first])
-            found[which[second]] = replace(there, same_drives=which[first])
     most = score_of(1.0, 1.0, settings.method.score).total or 0.0
     return [
         score if one is None else _joined(score, one, most) for score, one in zip(scores, found, strict=True)
     ], found
-
-
-def _drove_alike(one: Judged, other: Judged, rows: Sequence[CaseResult], others: Sequence[CaseResult]) -> bool:
-    """Whether two ADSs drove the same points and nothing that is kept of any drive differs, none of them missing."""
-    if not (one.terms.counted.all() and np.array_equal(one.points, other.points)):
-        return False
-    if not np.array_equal(one.terms.likeness, other.terms.likeness, equal_nan=True):  # tells most pairs apart at once
-        return False
-    return all(row == beside for row, beside in zip(columns(rows, *_DRIVEN), columns(others, *_DRIVEN), strict=True))
 
 
 def _moved(value: float | None, ends: tuple[float, float] | None) -> tuple[float, float]:
