@@ -1,6 +1,6 @@
 """Drive the games that no score may reward: `python tools/games.py [FOLDER]`.
 
-Seven games and the shipped ADSs drive three motorway scenarios. Prints T, A, A', H and S+, each the mean over the
+Seven games and the shipped ADSs drive 77 points of three scenarios. Prints T, A, A', H and S+, each the mean over the
 scenarios, and the incidents.
 """
 
@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 
 import pandas as pd
 
 import sumo_eval
+from sumo_eval.ads.car_following import IdmParameters, idm_acceleration
 from sumo_eval.cosim import Command
 from sumo_eval.cosim.doors.controller import SHIPPED
 from sumo_eval.cosim.doors.observation import Observation
@@ -48,11 +49,11 @@ class BrakesToAStop:
 
 
 class StopsGently:
-    """Brakes with 1.5 m/s2 whatever happens."""
+    """Brakes with 3 m/s2 whatever happens."""
 
     def act(self, seen: Observation) -> float:
         """The acceleration wanted, m/s2."""
-        return -1.5
+        return -3.0
 
 
 class LeavesTheRoad:
@@ -84,37 +85,52 @@ class Creeps:
         return float(min(max(2.0 - seen.ego.speed, -3.0), 3.0))
 
 
-class RaisesInDanger:
-    """Keeps its speed, and raises an exception at a TTC below 2.5 s."""
+class Follows:
+    """Follows by the IDM, at its first speed on a free road."""
+
+    def __init__(self) -> None:
+        self._wanted: float | None = None
+
+    def act(self, seen: Observation) -> float:
+        """The acceleration wanted, m/s2."""
+        speed, lead = seen.ego.speed, seen.lead
+        self._wanted = speed if self._wanted is None else self._wanted
+        gap, lead_speed = (float("inf"), speed) if lead is None else (lead.gap, lead.speed)
+        return idm_acceleration(speed, self._wanted, gap, lead_speed, IdmParameters())
+
+
+class RaisesInDanger(Follows):
+    """Follows, and raises an exception at a TTC below 2.5 s."""
 
     def act(self, seen: Observation) -> float:
         """The acceleration wanted, m/s2."""
         if time_to_collision(seen) < DANGER:
             raise RuntimeError("too dangerous")
-        return 0.0
+        return super().act(seen)
 
 
-class EndsInDanger:
-    """Keeps its speed, and ends its process at a TTC below 2.5 s."""
+class EndsInDanger(Follows):
+    """Follows, and ends its process at a TTC below 2.5 s."""
 
     def act(self, seen: Observation) -> float:
         """The acceleration wanted, m/s2."""
         if time_to_collision(seen) < DANGER:
             os._exit(1)
-        return 0.0
+        return super().act(seen)
 
 
 GAMES = (BrakesToAStop, StopsGently, LeavesTheRoad, Crawls, Creeps, RaisesInDanger, EndsInDanger)
-SCENARIOS = ("motorway_approach", "motorway_braking", "motorway_cut_out")
+POINTS = {"front_vehicle_low_speed": 32, "front_vehicle_cut_out": 32, "cut_in": 42}
+"""Sobol points in each scenario, of which 77 meet its constraints."""
 
 
-def evaluation(
-    scenarios: Sequence[str], ads: Sequence[AdsSettings], count: int = 32, drivers: int = 10
-) -> EvaluationSettings:
-    """Some ADSs in some scenarios, at `count` Sobol points each, of which some cannot be."""
+def evaluation(points: Mapping[str, int], ads: Sequence[AdsSettings], drivers: int = 10) -> EvaluationSettings:
+    """Some ADSs at Sobol points of some scenarios, of which some do not meet the constraints."""
     return EvaluationSettings(
         name="games",
-        scenario=tuple(ScenarioSettings(name, SamplingSettings(method="sobol", count=count)) for name in scenarios),
+        scenario=tuple(
+            ScenarioSettings(name, SamplingSettings("sobol", count=count)) for name, count in points.items()
+        ),
         ads=tuple(ads),
         drivers=DriverSettings(count=drivers),
         run=RunSettings(workers=2),
@@ -147,7 +163,7 @@ def main() -> None:
     """Drive all, into the folder that the first argument names, and print the table."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(scratch) / "run"
-        done = sumo_eval.evaluate(evaluation(SCENARIOS, entries()), folder)
+        done = sumo_eval.evaluate(evaluation(POINTS, entries()), folder)
         print(f"{len(done.cases) // len(done.settings.ads)} points")
         print(table(done).to_string(index=False, float_format="%.3f"))
 

@@ -35,7 +35,7 @@ from sumo_eval.report.comparability import differences
 from sumo_eval.report.comparison import Comparison, compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import GateResult, failed, judge
-from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, write_junit
+from sumo_eval.report.junit import JUNIT, comparison_suites, merged, run_suites, score_parts, write_junit
 from sumo_eval.report.sections import Beside
 from sumo_eval.report.tables import write_tables
 from sumo_eval.report.terminal import verdict_of
@@ -105,7 +105,8 @@ def run_night(
             comparison = None if base is None else compare(base[1], done, gate)
             gates = judge(done, comparison, gate)
             write_tables(done)
-            write_junit(merged([comparison_suites(comparison, gates), run_suites(done)]), folder / JUNIT)
+            suites = merged([comparison_suites(comparison, gates), run_suites(done)])
+            write_junit(suites, folder / JUNIT, score_parts(done))
             report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
         except KeyboardInterrupt:
             raise StoppedError(f"Stopped. The same command with --resume goes on with night {name}.") from None

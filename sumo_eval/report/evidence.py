@@ -187,15 +187,16 @@ def _preventable(
     verdict: Verdict = "not supported" if row.preventable else "open" if undecided else "supported"
     return _claim(
         score, "preventability",
-        claim=f"{about} has no collision that is preventable for a skilled driver.",
+        claim=f"{about} has no incident that is preventable for a skilled driver.",
         verdict=verdict,
-        argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside the ADS: a collision "
-        "is unpreventable for a skilled driver where that one collides as well.",
+        argument=f"The skilled driver is {skilled}, driven through each concrete scenario beside the ADS: an incident "
+        "(collision, leaving the road, giving up) is unpreventable for it where it has one as well.",
         evidence=(
-            f"{count(row.collided, 'collision')}: {row.preventable} preventable for a skilled driver, "
+            f"{count(row.incidents, 'incident')}: {row.preventable} preventable for a skilled driver, "
             f"{row.unpreventable} unpreventable for a skilled driver, {row.undecided} undecided.",
             f"{count(row.better, 'case')} unpreventable for a skilled driver, preventable for the ADS.",
-            f"{row.off_road} left the road, {row.not_evaluated} not evaluated, of {count(row.cases, 'case')}.",
+            f"{row.off_road} left the road, {row.gave_up} given up, {row.not_evaluated} not evaluated, "
+            f"of {count(row.cases, 'case')}.",
         ),
         interval=None, cases=_names(against), assumptions=assumptions,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import math
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,8 +24,8 @@ from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import AdsComparison, ChangedCase, Changes, Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.tables import write_tables
-from sumo_eval.report.words import count, end_reason, number, placed, point, unevaluated_of, why_missing
-from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.report.words import count, end_reason, explain_s_plus, number, placed, point, unevaluated_of, why_missing
+from sumo_eval.results import CaseResult, Evaluation, ScenarioResult
 from sumo_eval.scoring.kept_rows import Made, parameters_of
 from sumo_eval.settings import ReportSettings
 
@@ -47,6 +47,8 @@ class Test:
 
 Suites = Mapping[tuple[str, str], Sequence[Test]]
 """Tests by (name of the suite, class name)."""
+Properties = Mapping[tuple[str, str], Mapping[str, str]]
+"""Properties by suite, in the order of a file."""
 
 
 def run_suites(evaluation: Evaluation) -> Suites:
@@ -59,14 +61,32 @@ def run_suites(evaluation: Evaluation) -> Suites:
         tests: Sequence[Test] = Made((cases, partial(_case_test, missing=missing, report=report)))
         if report.junit == "cell":
             tests = _by_cell(cases, tests, report.junit_cells)
-        suites[f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"] = tests
+        suites[_suite_of(score)] = tests
     return suites
+
+
+def _suite_of(score: ScenarioResult) -> tuple[str, str]:
+    return f"{score.ads} in {score.scenario}", f"{score.scenario}.{score.ads}"
+
+
+_PARTS = {"T": "task_share", "A'": "avoidance_grade", "H": "human_likeness", "S+": "s_plus", "S": "s"}
+
+
+def score_parts(evaluation: Evaluation) -> Properties:
+    """The scores of each ADS in each scenario, with how S+ is made of its parts."""
+    return {
+        _suite_of(score): {
+            **{name: number(getattr(score, field), 4) for name, field in _PARTS.items()},
+            "S+ of its parts": explain_s_plus(score, evaluation.settings),
+        }
+        for score in evaluation.scores
+    }
 
 
 def write_results(evaluation: Evaluation) -> None:
     """Write what other programs read of a scored run into its folder: scores.json, cases.csv, checks.csv, junit.xml."""
     write_tables(evaluation)
-    write_junit(run_suites(evaluation), evaluation.folder / JUNIT)
+    write_junit(run_suites(evaluation), evaluation.folder / JUNIT, score_parts(evaluation))
 
 
 def comparison_suites(comparison: Comparison | None, gates: Sequence[GateResult]) -> Suites:
@@ -101,10 +121,11 @@ def _test_of_pair(case: CaseResult, place: int, changed: Changes, place_of: NDAr
     return _change_test(case, changed[at] if at >= 0 else None)
 
 
-def write_junit(suites: Suites, path: Path) -> Path:
-    """Write the suites to a file and return its path. No more than one test of a case is in memory at a time.
+def write_junit(suites: Suites, path: Path, properties: Properties | None = None) -> Path:
+    """Write the suites with their properties to a file and return its path.
 
-    How many tests there are stands before them, so they wait in a temporary file: to make each twice costs more.
+    No more than one test of a case is in memory at a time. How many tests there are stands before them, so they wait in
+    a temporary file: to make each twice costs more.
     """
     try:
         with TemporaryFile() as body, path.open("wb") as out:
@@ -115,10 +136,12 @@ def write_junit(suites: Suites, path: Path) -> Path:
                 file.write_declaration()
                 attributes = {key: str(totals[key]) for key in _COUNTED}
                 with file.element("testsuites", name="sumo_eval", **attributes):
-                    for (name, _), one in suited.items():
-                        attributes = {key: str(one.counts[key]) for key in _COUNTED}
+                    for key, one in suited.items():
+                        name, attributes = key[0], {kind: str(one.counts[kind]) for kind in _COUNTED}
                         file.write("\n  ")
                         with file.element("testsuite", name=_clean(name), **attributes, time=f"{one.seconds:z.3f}"):
+                            if properties and key in properties:
+                                file.write("\n    ", _properties(properties[key]))
                             file.flush()
                             _copy(body, out, one.size)
                             file.write("\n  ")
@@ -158,6 +181,14 @@ def _written(tests: Iterable[Test], classname: str, body: IO[bytes]) -> _Suite:
     return _Suite(found, math.fsum(seconds), size)
 
 
+def _properties(values: Mapping[str, str]) -> etree._Element:
+    found = etree.Element("properties")
+    for name, value in values.items():
+        etree.SubElement(found, "property", name=_clean(name), value=_clean(value))
+    etree.indent(found, level=2)
+    return found
+
+
 def _copy(body: IO[bytes], out: IO[bytes], size: int) -> None:
     """Copy so many bytes from one file to another."""
     while size:
@@ -179,8 +210,9 @@ def _case_test(case: CaseResult, place: int, missing: frozenset[int], report: Re
     reason = placed(why_missing(case), case) if place in missing else None
     name, seconds = f"{point(case.values)}", case.wall_time or 0.0
     if not case.evaluated:
-        return Test(name, "error", case.status, _first_line(reason or case.status), reason or "", seconds)
-    if case.status == "off_road":
+        text = "\n".join(filter(None, (reason, *_task_and_harm(case))))
+        return Test(name, "error", case.status, _first_line(reason or case.status), text, seconds)
+    if case.status == "off_road" or case.departed:
         return Test(name, "failure", "off_road", f"{case.ads} left the road", _facts(case), seconds)
     # Where the ideal vehicle's case is not known, nobody can say that the collision was unavoidable.
     if case.collided and (report.junit_failures == "any" or not case.unavoidable):
@@ -207,7 +239,22 @@ def _facts(case: CaseResult) -> str:
             f"U = {number(case.severity, 2)} m/s, Ug of the ideal vehicle = {ideal}, U0 of doing nothing = {nothing}, "
             f"overlap {number(case.overlap, 2)}, hit at the {case.side}"
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, *_task_and_harm(case)])
+
+
+def _task_and_harm(case: CaseResult) -> Iterator[str]:
+    """What the case adds to T, A' and H, as far as it has a part in them."""
+    if case.departed:
+        yield (
+            f"left the road at {number(case.departure_time, 1)} s, {number(case.departure_speed, 1)} m/s: "
+            f"U = {number(case.departure_severity, 2)} m/s"
+        )
+    if case.gave_up:
+        yield f"giving up counts as doing nothing: U = {number(case.no_reaction_severity, 2)} m/s"
+    parts = (("t of T", case.task_share), ("h of H", case.human_likeness))
+    known = [f"{name} = {number(value, 3)}" for name, value in parts if value is not None]
+    if known:
+        yield ", ".join(known)
 
 
 def _change_test(case: CaseResult, change: ChangedCase | None) -> Test:

@@ -1,7 +1,8 @@
 """Preventability: what became of every case beside what a reference driver made of the same concrete scenario.
 
 The question of type approval (UN Regulation No. 157): a collision that a careful and competent driver avoids must not
-happen. The reference is an ADS of the same run, `[report] reference`, or the ideal vehicle where the run has none.
+happen. Leaving the road and giving up are incidents as a collision is, and U counts them. The reference is an ADS of
+the same run, `[report] reference`, or the ideal vehicle where the run has none.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sumo_eval.scoring.outcome_columns import OutcomeColumns
 from sumo_eval.settings import EvaluationSettings
 from sumo_eval.trajectory import BoolArray, FloatArray
 
-Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "off road", "not evaluated"]
+Verdict = Literal["avoided", "better", "preventable", "unpreventable", "undecided", "not evaluated"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +35,10 @@ class Look:
 
 LOOKS: Mapping[Verdict, Look] = {
     "avoided": Look("avoided", "", "#d3e6f3", "#1b1f24"),
-    "better": Look("avoided, the reference collided", "+", "#2b74a8", "#ffffff"),
-    "preventable": Look("preventable collision", "P", "#b23c00", "#ffffff"),
-    "unpreventable": Look("unpreventable collision", "U", "#f2b97c", "#1b1f24"),
-    "undecided": Look("collision, reference not known", "?", "#e0cfdc", "#1b1f24"),
-    "off road": Look("off road", "R", "#8a3d74", "#ffffff"),
+    "better": Look("avoided, the reference had an incident", "+", "#2b74a8", "#ffffff"),
+    "preventable": Look("preventable incident", "P", "#b23c00", "#ffffff"),
+    "unpreventable": Look("unpreventable incident", "U", "#f2b97c", "#1b1f24"),
+    "undecided": Look("incident, reference not known", "?", "#e0cfdc", "#1b1f24"),
     "not evaluated": Look("not evaluated", "–", "#69727c", "#ffffff"),
 }
 
@@ -47,9 +47,9 @@ LOOKS: Mapping[Verdict, Look] = {
 class Preventability:
     """One ADS in one logical scenario beside the reference, in numbers of cases.
 
-    cases = avoided + collided + off_road + not_evaluated. collided = preventable (the reference avoided) +
-    unpreventable (it collided too) + undecided (its case has no outcome, or it left the road). better: those of the
-    avoided in which the reference collided.
+    cases = avoided + incidents + not_evaluated. incidents (U > 0) = preventable (the reference has none) +
+    unpreventable (it has one too) + undecided (its case has no outcome). better: those of the avoided in which the
+    reference has an incident. collided, off_road, gave_up: incidents of each kind; one case may hold two.
     """
 
     ads: str
@@ -57,12 +57,14 @@ class Preventability:
     cases: int
     avoided: int
     better: int
-    collided: int
+    incidents: int
     preventable: int
     unpreventable: int
     undecided: int
-    off_road: int
     not_evaluated: int
+    collided: int
+    off_road: int
+    gave_up: int
 
 
 def reference_ads(settings: EvaluationSettings) -> str | None:
@@ -120,35 +122,37 @@ def verdicts(evaluation: Evaluation, score: ScenarioResult) -> Verdicts:
     cases, reference = evaluation.cases_of(score.ads, score.scenario), reference_ads(evaluation.settings)
     there = OutcomeColumns.of(cases)
     if reference is None:
-        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known.
-        collided = arrays(cases, "ideal_collided")["ideal_collided"]
+        # The ideal vehicle drove every point once, so each row has its outcome: 1, 0, nan where it is not known. Its
+        # contacts alone count (Ug): it hardly steers, and leaves roads that drivers stay on.
+        beside = arrays(cases, "ideal_collided")["ideal_collided"]
     else:
-        collided = _outcomes_at(cases, evaluation.cases_of(reference, score.scenario))
+        beside = _incidents_at(cases, evaluation.cases_of(reference, score.scenario))
     found = np.full(len(there.safe), _CODES["avoided"], dtype=np.uint8)
     rules: tuple[tuple[Verdict, BoolArray], ...] = (
-        ("better", collided == 1.0),
-        ("off road", there.off_road),
-        ("preventable", there.collided),
-        ("unpreventable", there.collided & (collided == 1.0)),
-        ("undecided", there.collided & np.isnan(collided)),
-        ("not evaluated", ~there.evaluated),
+        ("better", beside == 1.0),
+        ("preventable", _incident(there)),
+        ("unpreventable", _incident(there) & (beside == 1.0)),
+        ("undecided", _incident(there) & np.isnan(beside)),
+        ("not evaluated", ~there.counted),
     )
     for verdict, holds in rules:  # of several that hold it is the last
         found[holds] = _CODES[verdict]
     return Verdicts(found)
 
 
-def _outcomes_at(cases: Sequence[CaseResult], reference: Sequence[CaseResult]) -> FloatArray:
-    """Whether the reference collided at the point of each case, (n,): 1 or 0, nan where it has no outcome there, or
-    left the road, which shows neither.
-    """
+def _incident(there: OutcomeColumns) -> BoolArray:
+    """Cases with U > 0, (n,): those whose centre left the road among them, whatever the margin."""
+    return np.asarray(there.incident | there.off_road)
+
+
+def _incidents_at(cases: Sequence[CaseResult], reference: Sequence[CaseResult]) -> FloatArray:
+    """Whether the reference had an incident at the point of each case, (n,): 1 or 0, nan without an outcome there."""
     if not len(reference):
         return np.full(len(cases), np.nan)
     there = OutcomeColumns.of(reference)
-    known = there.evaluated & ~there.off_road
     at, its = point_numbers([cases, reference])
     found = np.full(int(max(at.max(initial=0), its.max(initial=0))) + 1, np.nan)
-    found[its] = np.where(known, there.collided.astype(np.float64), np.nan)
+    found[its] = np.where(there.counted, _incident(there).astype(np.float64), np.nan)
     return np.asarray(found[at])
 
 
@@ -156,7 +160,7 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
     """The counts of every ADS in every logical scenario, in the order of the scores."""
     rows = []
     for score in evaluation.scores:
-        here = verdicts(evaluation, score)
+        here, there = verdicts(evaluation, score), OutcomeColumns.of(evaluation.cases_of(score.ads, score.scenario))
         count = here.numbers()
         rows.append(
             Preventability(
@@ -165,12 +169,14 @@ def preventability(evaluation: Evaluation) -> tuple[Preventability, ...]:
                 cases=len(here),
                 avoided=count["avoided"] + count["better"],
                 better=count["better"],
-                collided=count["preventable"] + count["unpreventable"] + count["undecided"],
+                incidents=count["preventable"] + count["unpreventable"] + count["undecided"],
                 preventable=count["preventable"],
                 unpreventable=count["unpreventable"],
                 undecided=count["undecided"],
-                off_road=count["off road"],
                 not_evaluated=count["not evaluated"],
+                collided=int(there.collided.sum()),
+                off_road=int((there.departed | there.off_road).sum()),
+                gave_up=int(there.gave_up.sum()),
             )
         )
     return tuple(rows)

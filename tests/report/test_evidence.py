@@ -87,7 +87,7 @@ def test_claims_say_what_the_facts_bear_out(run: Path, tmp_path: Path) -> None:
     nothing, ideal = (claims[f"approach/{ads}/preventability"] for ads in ("nothing", "ideal"))
     assert (nothing["verdict"], ideal["verdict"]) == ("not supported", "supported")
     assert len(nothing["cases"]) == 2
-    assert nothing["evidence"][0].startswith("2 collisions: 2 preventable for a skilled driver, 0 unpreventable")
+    assert nothing["evidence"][0].startswith("2 incidents: 2 preventable for a skilled driver, 0 unpreventable")
     share = claims["approach/ideal/collisions"]
     assert share["claim"].endswith("is below 0.842 in this space under equal weights of its points.")
     assert share["interval"]["high"] == pytest.approx(1.0 - 0.025**0.5)

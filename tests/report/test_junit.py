@@ -12,8 +12,8 @@ from report_cases import hit, pick, with_case
 from sumo_eval.report.comparison import compare
 from sumo_eval.report.gate_settings import GateSettings
 from sumo_eval.report.gates import judge
-from sumo_eval.report.junit import comparison_suites, merged, run_suites, write_junit
-from sumo_eval.report.words import point, unevaluated
+from sumo_eval.report.junit import comparison_suites, merged, run_suites, score_parts, write_junit
+from sumo_eval.report.words import number, point, unevaluated
 from sumo_eval.results import Evaluation
 from sumo_eval.settings import ReportSettings
 
@@ -50,6 +50,31 @@ def test_every_case_is_a_test_with_the_verdict_of_the_table(evaluation: Evaluati
                 else "passed"
             )
             assert tests[point(case.values)] == expected, case.case
+
+
+def test_a_suite_names_s_plus_and_its_parts(evaluation: Evaluation, tmp_path: Path) -> None:
+    """Departures and giving up are told with what they cost. junitparser reads properties back."""
+    safe, other = (pick(evaluation, collided=hits, zone=zone) for hits, zone in ((False, "safe"), (True, "hazardous")))
+    odd = with_case(
+        evaluation, safe.case,
+        lambda case: replace(case, departure_time=2.5, departure_speed=20.0, departure_severity=20.0, task_share=0.0),
+    )  # fmt: skip
+    odd = with_case(odd, other.case, lambda case: replace(case, status="ads_error", no_reaction_severity=7.5))
+    xml = junitparser.JUnitXml.fromfile(str(write_junit(run_suites(odd), tmp_path / "junit.xml", score_parts(odd))))
+    for suite, score in zip(xml, odd.scores, strict=True):
+        said = {one.name: one.value for one in suite.properties()}
+        assert said["T"] == number(score.task_share, 4)
+        assert said["S+ of its parts"].startswith("S+ ")
+    left, gave_up = (
+        next(case.result[0] for suite in xml for case in suite
+             if suite.name == f"{one.ads} in {one.scenario}" and case.name == point(one.values))
+        for one in (safe, other)
+    )  # fmt: skip
+    assert isinstance(left, junitparser.Failure)
+    assert "left the road at 2.5 s, 20.0 m/s: U = 20.00 m/s" in left.text
+    assert "t of T = 0.000" in left.text
+    assert isinstance(gave_up, junitparser.Error)
+    assert "giving up counts as doing nothing: U = 7.50 m/s" in gave_up.text
 
 
 def test_the_totals_are_the_sums(evaluation: Evaluation, tmp_path: Path) -> None:

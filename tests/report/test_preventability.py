@@ -28,12 +28,15 @@ def against(evaluation: Evaluation, reference: str) -> Evaluation:
 
 
 def made(evaluation: Evaluation, outcomes: dict[str, list[str]], ideal: list[bool | None] | None = None) -> Evaluation:
-    """One scenario: for each ADS what became of it point by point (-: avoided, X: collided, R: off road, E: error)."""
+    """One scenario: for each ADS what became of it point by point.
+
+    -: avoided, X: collided, R: off road, G: given up, E: error of the harness.
+    """
     like = evaluation.cases[0]
     cases: list[CaseResult] = []
     for ads, kinds in outcomes.items():
         for number, kind in enumerate(kinds):
-            status = {"-": "ok", "X": "collision", "R": "off_road", "E": "ads_error"}[kind]
+            status = {"-": "ok", "X": "collision", "R": "off_road", "G": "ads_error", "E": "sim_error"}[kind]
             cases.append(
                 replace(
                     like,
@@ -64,18 +67,18 @@ def by_case(evaluation: Evaluation) -> dict[str, str]:
 
 
 def test_every_pair_of_outcomes_has_its_verdict(evaluation: Evaluation) -> None:
-    odd = made(evaluation, {"mine": [*"-X-XXXRE-"], "careful_driver": [*"--XXREXX-"]})
+    odd = made(evaluation, {"mine": [*"-X-XXXRGE-"], "careful_driver": [*"--XXREX-G-"]})
     found = by_case(odd)
-    assert [found[f"mine-{number}"] for number in range(9)] == [
-        "avoided", "preventable", "better", "unpreventable", "undecided", "undecided", "off road", "not evaluated",
-        "avoided",
+    assert [found[f"mine-{number}"] for number in range(10)] == [
+        "avoided", "preventable", "better", "unpreventable", "unpreventable", "undecided", "unpreventable",
+        "preventable", "not evaluated", "avoided",
     ]  # fmt: skip
     mine, careful = preventability(odd)
     assert mine == Preventability(
-        ads="mine", scenario=SCENARIO, cases=9, avoided=3, better=1, collided=4, preventable=1, unpreventable=1,
-        undecided=2, off_road=1, not_evaluated=1,
+        ads="mine", scenario=SCENARIO, cases=10, avoided=3, better=1, incidents=6, preventable=2, unpreventable=3,
+        undecided=1, not_evaluated=1, collided=4, off_road=1, gave_up=1,
     )  # fmt: skip
-    assert (careful.collided, careful.unpreventable, careful.preventable) == (4, 4, 0)
+    assert (careful.collided, careful.incidents, careful.unpreventable, careful.preventable) == (3, 5, 5, 0)
 
 
 def test_without_the_named_ads_the_ideal_vehicle_is_the_reference(evaluation: Evaluation) -> None:
@@ -96,8 +99,9 @@ def test_the_counts_add_up(evaluation: Evaluation, reference: str) -> None:
     assert set(found.values()) <= set(LOOKS)
     for row, score in zip(preventability(odd), evaluation.scores, strict=True):
         assert (row.ads, row.scenario, row.cases) == (score.ads, score.scenario, score.cases)
-        assert row.cases == row.avoided + row.collided + row.off_road + row.not_evaluated
-        assert row.collided == row.preventable + row.unpreventable + row.undecided == score.collisions
+        assert row.cases == row.avoided + row.incidents + row.not_evaluated
+        assert row.incidents == row.preventable + row.unpreventable + row.undecided
+        assert (row.collided, row.gave_up) == (score.collisions, score.gave_up)
         assert row.better <= row.avoided
 
 
@@ -115,7 +119,7 @@ def test_the_reference_prevents_nothing_of_its_own_and_is_never_better_than_itse
     assert own
     for row in own:
         assert (row.preventable, row.undecided, row.better) == (0, 0, 0)
-        assert row.unpreventable == row.collided
+        assert row.unpreventable == row.incidents
 
 
 def test_an_ads_that_only_avoids_more_never_has_more_preventable_collisions(evaluation: Evaluation) -> None:

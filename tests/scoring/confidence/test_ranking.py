@@ -67,7 +67,7 @@ def test_a_difference_over_the_same_points_tells_apart_what_two_intervals_do_not
 
 def test_one_ads_under_two_names_differs_from_itself_by_nothing_and_shares_its_place() -> None:
     """In `s` both drove alike but for the computer's time, in `t` by 0.02 of H in every case: 1 point, and 0.5 over
-    both scenarios. One other drive in `s` that scores the same changes nothing, one that scores less widens the interval.
+    both scenarios. One other drive in `s` that scores the same changes nothing, one that scores less widens it.
     """
     one, other = drives("a", 0.0), [replace(row, wall_time=3.0, latency_max=0.2) for row in drives("bb", 0.0)]
     scores, found = scored(one, other)
