@@ -124,7 +124,9 @@ POINTS = {"front_vehicle_low_speed": 32, "front_vehicle_cut_out": 32, "cut_in": 
 """Sobol points in each scenario, of which 77 meet its constraints."""
 
 
-def evaluation(points: Mapping[str, int], ads: Sequence[AdsSettings], drivers: int = 10) -> EvaluationSettings:
+def evaluation(
+    points: Mapping[str, int], ads: Sequence[AdsSettings], drivers: int = 10, workers: int = 2
+) -> EvaluationSettings:
     """Some ADSs at Sobol points of some scenarios, of which some do not meet the constraints."""
     return EvaluationSettings(
         name="games",
@@ -133,7 +135,7 @@ def evaluation(points: Mapping[str, int], ads: Sequence[AdsSettings], drivers: i
         ),
         ads=tuple(ads),
         drivers=DriverSettings(count=drivers),
-        run=RunSettings(workers=2),
+        run=RunSettings(workers=workers),
     )
 
 

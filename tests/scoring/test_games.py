@@ -1,0 +1,51 @@
+"""The driving task: no game of `tools/games.py`, which a safety engineer would not let on a road, is worth driving."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import sumo_eval
+from sumo_eval.cosim.doors.controller import SHIPPED
+
+NO_ORDER = {"no_reaction"}
+GIVING_UP = {"RaisesInDanger", "EndsInDanger"}
+
+
+@pytest.fixture(scope="module")
+def games() -> ModuleType:
+    path = Path(__file__).resolve().parents[2] / "tools" / "games.py"
+    spec = importlib.util.spec_from_file_location("games", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_law_no_game_scores_as_much_as_an_ads_that_ships(games: ModuleType, tmp_path: Path) -> None:
+    """Four Sobol points a scenario, of which 8 meet the constraints. Giving up is below the car that it drives like."""
+    few = games.evaluation(dict.fromkeys(games.POINTS, 4), games.entries(), drivers=2, workers=1)
+    done = sumo_eval.evaluate(few, tmp_path / "run")
+    table = games.table(done).set_index("ADS")
+    plus, names = table["S+"], {game.__name__ for game in games.GAMES}
+    worst = plus[[name for name in SHIPPED if name not in NO_ORDER]].min()
+    assert plus[sorted(names - GIVING_UP)].max() < worst
+    assert plus[sorted(GIVING_UP)].max() < plus["idm"]
+    assert (table.loc[sorted(GIVING_UP), "gave up"] > 0).all()
+    assert plus["LeavesTheRoad"] == 0.0 == table.loc["LeavesTheRoad", "T"]
+
+
+@pytest.mark.campaign
+def test_games_over_77_points_are_below_every_car_that_ships(games: ModuleType, tmp_path: Path) -> None:
+    """The bus, at its own braking among cars, collides in as many cases as the raising car gives up."""
+    done = sumo_eval.evaluate(games.evaluation(games.POINTS, games.entries()), tmp_path / "run")
+    assert len(done.cases) == 77 * len(done.settings.ads)
+    plus = games.table(done).set_index("ADS")["S+"]
+    cars = [name for name in SHIPPED if name not in {*NO_ORDER, "eu_2022_1426_bus"}]
+    assert plus[[game.__name__ for game in games.GAMES]].max() < plus[cars].min()
