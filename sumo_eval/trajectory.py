@@ -198,6 +198,7 @@ AloneReason = Literal[
     "together_failed",
     "pack_lost",
     "block_lost",
+    "late",
 ]
 
 _ALONE: dict[AloneReason, str] = {
@@ -213,6 +214,8 @@ _ALONE: dict[AloneReason, str] = {
     "pack_lost": "Its pack was lost. {}",
     "block_lost": "The block of cases that its policy over arrays drives together was lost, so the policy was shown "
     "this case alone, which may change the last bits of its answers. {}",
+    "late": "It was too late in its first step, or while no processor worked on it (a loaded machine, an ADS that "
+    "waits), so it was driven once more with no other case. {}",
 }
 
 
@@ -226,7 +229,7 @@ class Alone:
     @property
     def by_nature(self) -> bool:
         """Whether such cases are driven alone whatever happens in them; else something went wrong."""
-        return self.why not in ("together_failed", "pack_lost", "block_lost")
+        return self.why not in ("together_failed", "pack_lost", "block_lost", "late")
 
     def __str__(self) -> str:
         """The reason as a sentence, for logs and reports."""

@@ -22,8 +22,10 @@ from sumo_eval.record.worker import answer, run_together, watch
 from sumo_eval.settings import RunSettings
 from sumo_eval.settings.locators import load_object
 from sumo_eval.text import clean
-from sumo_eval.trajectory import Alone
+from sumo_eval.trajectory import Alone, AloneReason
 
+LATE: AloneReason = "late"
+IDLE = 0.2  # of a case's wall time; beyond, another drive of a case that was too late may come in time
 _CLUSTER = "sumo_eval.record.cluster:run_on_cluster"  # a text, because its workers build on this module
 
 
@@ -145,8 +147,14 @@ def _pool(workers: int, setup: Setup, items_per_child: int) -> Pool:
 def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
     """What a pack brought; its other cases go back to the packs, to be run alone."""
     pack = ended.item
+    packs.ended()
     if on_its_own(pack):
-        return [_outcome(ended, *packs.remark(pack[0]), setup)]
+        alone, printed = packs.remark(pack[0])
+        outcome = _outcome(ended, alone, printed, setup)
+        if is_late_by_chance(outcome, ended, setup) and (alone is None or alone.why != LATE):
+            packs.run_undisturbed(pack[0], Alone(LATE, outcome.error or ""), outcome.log)
+            return []
+        return [outcome]
     printed = f"Printed by its pack of {len(pack)} cases:\n{ended.log}" if ended.log else ""
     if ended.how != "done":
         happened = what_happened(ended, setup, "It", "ran it")
@@ -167,8 +175,19 @@ def _settled(ended: Ended[Pack], packs: Packs, setup: Setup) -> list[Outcome]:
         if isinstance(result, Alone):
             packs.run_alone(case, result)
         else:
-            found.append(_of_result(case, result, result.log))
+            outcome = _of_result(case, result, result.log)
+            if case.block is None and is_late_by_chance(outcome, ended, setup):
+                packs.run_undisturbed(case, Alone(LATE, outcome.error or ""), outcome.log)
+            else:
+                found.append(outcome)
     return [replace(outcome, log=outcome.log + printed) for outcome in found[:1]] + found[1:]
+
+
+def is_late_by_chance(outcome: Outcome, ended: Ended[Pack], setup: Setup) -> bool:
+    """Whether another drive may come in time: late in the first step, or while no processor worked on it."""
+    recording = outcome.recording
+    first = recording is not None and recording.simulated_time <= setup.simulation.step
+    return outcome.status in ("timeout", "ads_timeout") and (first or ended.idle > IDLE)
 
 
 def _outcome(ended: Ended[Pack], alone: Alone | None, printed: str, setup: Setup) -> Outcome:

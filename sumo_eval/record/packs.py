@@ -42,6 +42,8 @@ class Packs:
         self._ahead: dict[Kind, _Queue] = {}
         self._number_ahead = 0
         self._alone: deque[tuple[Case, Alone, str]] = deque()
+        self._undisturbed: deque[tuple[Case, Alone, str]] = deque()
+        self._running = 0
         self._largest_of: dict[Kind, int] = {}
         self._in_time: dict[Kind, int] = {}  # size beyond which packs of a kind take too long
         self._remarks: dict[str, tuple[Alone, str]] = {}
@@ -49,10 +51,24 @@ class Packs:
 
     def take(self) -> Pack | None:
         """The next cases to run; None when there are none at the moment."""
+        pack = self._next()
+        if pack is None and not self._running and self._undisturbed:
+            pack = self._single(self._undisturbed)
+        self._running += pack is not None
+        return pack
+
+    def ended(self) -> None:
+        """A pack that was taken does not run any more."""
+        self._running -= 1
+
+    def _single(self, queue: deque[tuple[Case, Alone, str]]) -> Pack:
+        case, why, printed = queue.popleft()
+        self._remarks[case.key] = why, printed
+        return (case,)
+
+    def _next(self) -> Pack | None:
         if self._alone:
-            case, why, printed = self._alone.popleft()
-            self._remarks[case.key] = why, printed
-            return (case,)
+            return self._single(self._alone)
         if not self._ahead and not self._make_ready(self._largest):
             return None
         kind, queue = next(iter(self._ahead.items()))
@@ -122,6 +138,10 @@ class Packs:
     def run_alone(self, case: Case, why: Alone, printed: str = "") -> None:
         """Let a case run alone, next of all. printed: what its log then says besides."""
         self._alone.append((replace(case, block=None), why, printed))
+
+    def run_undisturbed(self, case: Case, why: Alone, printed: str = "") -> None:
+        """Let a case run once all others have ended, and no other beside it."""
+        self._undisturbed.append((case, why, printed))
 
     def remark(self, case: Case) -> tuple[Alone | None, str]:
         """Why a case ran alone, and what its log says besides; said once."""

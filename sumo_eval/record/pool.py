@@ -38,6 +38,7 @@ from sumo_eval.record.hygiene import (
     end_strangers,
     keep_open,
     kill_below,
+    processor_time,
     read_report,
     scratch_folder,
     shared_memory,
@@ -69,6 +70,7 @@ class Ended(Generic[Item]):
 
     `done` with a result; `died` with an exit code, None if it only closed its connection; `overdue`, `overfull` or
     `garbled` and killed. why: what was garbled, going on from "the process that ran the case ..."; how many MB filled.
+    idle: share of its wall time in which no processor worked on it.
     """
 
     item: Item
@@ -77,6 +79,7 @@ class Ended(Generic[Item]):
     exitcode: int | None
     log: str
     why: str = ""
+    idle: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,9 +222,10 @@ class Pool:
             if end is None:
                 continue
             how, result, exitcode, why, last = end
+            idle = child.idle()
             if last:
                 self._drop(child)
-            found.append((child, Ended(item, how, result, exitcode, child.take_log(), why)))
+            found.append((child, Ended(item, how, result, exitcode, child.take_log(), why, idle)))
         return found
 
     def _drop(self, child: _Child) -> None:
@@ -248,7 +252,7 @@ class _Child:
             os.set_blocking(mine.fileno(), False)
         self.home = home
         self.items = 0
-        self.deadline = 0.0
+        self.deadline = self._begun = self._used = 0.0
         scratch.mkdir(exist_ok=True)  # an ADS may have removed it
         self._folder = Path(tempfile.mkdtemp(dir=scratch))
         self._log = BoundedLog()
@@ -279,8 +283,14 @@ class _Child:
         self._reader, self._message, self._fault = FrameReader(ticket), None, ""
         self._to_send = memoryview(_LENGTH.pack(len(order)) + order)
         self.items += work.size(item)
-        self.deadline = clock.monotonic() + deadline
+        self._begun, self._used = clock.monotonic(), processor_time(self._process.pid)
+        self.deadline = self._begun + deadline
         self._send()
+
+    def idle(self) -> float:
+        """Share of the wall time since its item was given in which no processor worked on it, 0 to 1."""
+        wall = max(clock.monotonic() - self._begun, 1e-9)
+        return min(max(1.0 - (processor_time(self._process.pid) - self._used) / wall, 0.0), 1.0)
 
     def _send(self) -> None:
         with suppress(BlockingIOError):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time as clock
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,9 +15,10 @@ import pytest
 from sumo_eval.cli.stopping import Heard
 from sumo_eval.cosim.simulation import simulate
 from sumo_eval.cosim.vehicle_model import Command
-from sumo_eval.record.cases import Case, Outcome, Setup
-from sumo_eval.record.engines import run_cases
-from sumo_eval.record.kept import pack
+from sumo_eval.record.cases import Case, Outcome, Setup, Status
+from sumo_eval.record.engines import LATE, is_late_by_chance, run_cases
+from sumo_eval.record.kept import KeptRecording, pack
+from sumo_eval.record.pool import Ended
 from sumo_eval.scenario import catalogue
 from sumo_eval.settings import RunSettings, SimulationSettings
 
@@ -78,6 +80,67 @@ def test_cases_beside_faulty_ones_are_what_they_are_alone(outcomes: dict[str, Ou
         assert outcome.recording is not None
         assert (outcome.status, outcome.error) == ("ok" if outcome.case.driver == "idm" else "collision", None)
         assert pack(outcome.recording.ego) == pack(expected.ego), "bit for bit"
+
+
+LATE_ADS = """
+import time
+from pathlib import Path
+from sumo_eval import Command
+
+DRIVES = Path(__file__).with_name("drives")
+
+def loads_late(traci, ego, now):
+    if now == 0.0 and not DRIVES.exists():
+        DRIVES.touch()
+        time.sleep(0.5)
+    return Command(0.0)
+
+def waits(traci, ego, now):
+    if now > 0.35:
+        with DRIVES.open("a") as file:
+            file.write("x")
+        time.sleep(0.5)
+    return Command(0.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "drives"), [("loads_late", "collision", ""), ("waits", "ads_timeout", "xx")]
+)
+def test_late_case_is_driven_once_more_alone(tmp_path: Path, name: str, status: str, drives: str) -> None:
+    (tmp_path / "late.py").write_text(LATE_ADS)
+    setup = Setup(SimulationSettings(), RunSettings(workers=1, **LIMITS), tmp_path)
+    cases = [Case(n, CONCRETE, "ads", ads, ads) for n, ads in enumerate((f"late.py:{name}", "idm"))]
+    found = {outcome.case.driver: outcome for outcome in run_cases(cases, setup)}
+    late = found.pop(f"late.py:{name}")
+    assert (late.status, (tmp_path / "drives").read_text()) == (status, drives)
+    assert late.alone is not None
+    assert late.alone.why == LATE
+    assert "took longer" in late.alone.detail
+    assert "driven once more with no other case" in late.log
+    assert found["idm"].alone is None
+
+
+@pytest.mark.parametrize(
+    ("status", "simulated", "idle", "again"),
+    [
+        ("ads_timeout", 0.0, 0.0, True),
+        ("ads_timeout", 2.0, 0.1, False),
+        ("ads_timeout", 2.0, 0.5, True),
+        ("timeout", None, 0.1, False),
+        ("timeout", None, 0.5, True),
+        ("ads_error", 0.0, 0.9, False),
+    ],
+)
+def test_only_lateness_without_a_processor_is_chance(
+    outcomes: dict[str, Outcome], status: Status, simulated: float | None, idle: float, again: bool
+) -> None:
+    kept = outcomes["raises"].recording
+    assert isinstance(kept, KeptRecording)
+    recording = None if simulated is None else kept._replace(simulated_time=simulated)
+    outcome = replace(outcomes["raises"], status=status, recording=recording)
+    ended = Ended((outcome.case,), "done", None, None, "", idle=idle)
+    assert is_late_by_chance(outcome, ended, Setup(SimulationSettings(), RunSettings(), HERE)) is again
 
 
 @pytest.mark.parametrize(
