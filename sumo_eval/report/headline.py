@@ -233,7 +233,7 @@ def _best(evaluation: Evaluation, order: Sequence[RankedAds]) -> str:
     equal = [one.ads for one in order[1:] if one.place == best.place]
     if not equal:
         return f"{points} Told apart from {pair.below}, {number(order[1].s_plus, 1)}."
-    if pair.drove_alike and best.s_plus:
-        return f"{points} {pair.below} drove every case alike."
+    if pair.scored_alike and best.s_plus:
+        return f"{points} {pair.below} scored alike in every case."
     more = f" and {len(equal) - MOST_NAMED} more" if equal[MOST_NAMED:] else ""
     return f"{points} Not told apart from {', '.join(equal[:MOST_NAMED])}{more}."
