@@ -31,7 +31,7 @@ def report(run: Path) -> None:
 @click.argument("case", required=False)
 @trusting
 def explain(run: Path, case: str | None) -> None:
-    """Print the whole arithmetic of CASE of RUN, step by step; without CASE, where the points of S+ and S went."""
+    """Print what happened in CASE of RUN, then its arithmetic; without CASE, where the points of S+ and S went."""
     from sumo_eval.evaluation import score, zone_partitions
     from sumo_eval.report.explain import explain_case, known_case
 

@@ -17,6 +17,7 @@ from sumo_eval.record.human_reference import CaseIndex, PointJob, compute_points
 from sumo_eval.record.kept_results import KeptResults
 from sumo_eval.record.run_folder import FACTS
 from sumo_eval.record.store import Fact, Store, open_store
+from sumo_eval.report.driving_words import driving_words
 from sumo_eval.report.words import (
     FACTORS,
     LIKENESS_FACTORS,
@@ -72,6 +73,8 @@ def explain_case(evaluation: Evaluation, partitions: Mapping[str, ZonePartition]
             f"  {outcome(case)}; {end_reason(case)}"
             + (f" after {case.simulated_time:z.2f} s" if case.simulated_time is not None else "")
             + (f"; {placed(case.error, case)}" if case.error else ""),
+            *(f"  {line}" for line in driving_words(evaluation, case, fact, zones.logical, store)),
+            "",
             *(f"  {line}" for line in _zone(case, zones)),
             *(f"  {line}" for line in _collision(case, fact, score, evaluation, zones)),
             *(f"  {line}" for line in _likeness(case, fact, score, evaluation, zones, store)),

@@ -1,0 +1,268 @@
+"""What an ADS did in one case in driving words: which quantity, beside which people, at what time, and a picture."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sumo_eval.method.driving_task import asked_way, times_at
+from sumo_eval.method.measures import STANDING
+from sumo_eval.method.plausibility import Quantiles, extremes_of, least_plausible
+from sumo_eval.record.store import EGO, Fact, Store
+from sumo_eval.report.words import LIKENESS_FACTORS, count, percent
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario.logical import LogicalScenario
+from sumo_eval.scoring.likeness import plausible_people
+from sumo_eval.trajectory import FloatArray, Trajectory
+
+LOW = 0.99
+"""A case's part in T, or a factor of its part in H, below this is explained."""
+BRAKES = -1.0
+"""Acceleration from which a vehicle counts as braking, m/s2."""
+SIDEWAYS = 0.5
+"""Way from its first y after which a vehicle counts as moving sideways, m."""
+EXTREME_WORDS = {
+    "min_ttc": ("came within {} of a collision", "{:z.1f} s", 0.0),
+    "min_thw": ("followed at a headway of {}", "{:z.2f} s", 0.0),
+    "max_deceleration": ("braked at {}", "{:z.1f} m/s2", 0.5),
+    "max_jerk": ("changed its acceleration by {}", "{:z.1f} m/s3", 1.0),
+    "max_unrest": ("sped up and slowed down by {} within 2 s", "{:z.1f} m/s2", 1.0),
+    "max_lateral_speed": ("moved sideways at {}", "{:z.1f} m/s", 0.5),
+    "max_lateral_acceleration": ("accelerated sideways at {}", "{:z.1f} m/s2", 1.0),
+}
+"""Words of an extreme, its value in its unit, and half of the window that it is measured over, s."""
+BLOCKS = "▁▂▃▄▅▆▇█"
+PICTURE = 60
+"""Characters of a picture of speed over time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """One case with all that drove at its point. beside: drives of drivers and of the reference car, by name."""
+
+    case: CaseResult
+    ego: Trajectory
+    actors: Mapping[str, Trajectory]
+    drivers: tuple[Trajectory, ...]
+    beside: Mapping[str, Trajectory]
+
+
+def driving_words(
+    evaluation: Evaluation, case: CaseResult, fact: Fact, logical: LogicalScenario, store: Store
+) -> list[str]:
+    """Sentences on one case, the gravest first, and a picture of its speed beside that of the drivers."""
+    if store.is_let_go(case.case) or not (case.evaluated or case.departed):
+        return ["The ADS gave the case up, which counts as doing nothing."] if case.gave_up else []
+    scene = _scene(case, fact, store)
+    said = [*_incident(scene, fact), *task_words(scene, logical)]
+
+    if case.zone == "safe" and not case.incident:
+        people = plausible_people(logical, store, evaluation.settings.method.plausibility).people
+        said += likeness_words(scene, people)
+    calm = (
+        "It drove as the drivers did, without harm." if scene.drivers else "It had no contact and stayed on the road."
+    )
+    sentences = [words for words, _ in said] or [calm]
+    moment = said[0][1] if said else None
+    command = f"sumo-eval replay {shlex.quote(str(evaluation.folder))} {shlex.quote(case.case)} --open"
+    return [*sentences, *picture(scene, moment), f"See it: {command}"]
+
+
+def _scene(case: CaseResult, fact: Fact, store: Store) -> Scene:
+    vehicles = store.trajectories(case.case)
+    points = range(fact.point, fact.point + 1)
+    drives = [*store.facts_at(points, "human", case.scenario), *store.facts_at(points, "task_reference", case.scenario)]
+    beside = {
+        one.driver: store.trajectory(one.case) for one in drives if one.status == "ok" and not store.is_let_go(one.case)
+    }
+    humans = tuple(beside[one.driver] for one in drives if one.role == "human" and one.driver in beside)
+    return Scene(case, vehicles.pop(EGO), vehicles, humans, beside)
+
+
+_Said = Iterator[tuple[str, float]]
+"""A sentence, and the time that it is about, s since the start of the drive."""
+
+
+def _incident(scene: Scene, fact: Fact) -> _Said:
+    """Contact, departure, or an end that the harness brought, and what the ADS did before."""
+    case, hit = scene.case, fact.collision
+    if hit is not None:
+        best = "which the ideal vehicle avoids" if case.avoidable else "which the ideal vehicle has as well"
+        best = best if case.ideal_severity is not None else "the ideal vehicle's case is not known"
+        yield (
+            f"Hit `{hit.other}` at {3.6 * hit.relative_speed:z.0f} km/h, {hit.time:z.1f} s after the start, {best}.",
+            hit.time,
+        )
+        yield _braking_before(scene.ego, hit.time), hit.time
+    if case.departed:
+        when, speed = case.departure_time or 0.0, case.departure_speed or 0.0
+        yield f"Left the road at {when:z.1f} s with {3.6 * speed:z.0f} km/h.", when
+
+
+def _braking_before(ego: Trajectory, contact: float) -> str:
+    since = ego.time - ego.time[0]
+    brakes = np.flatnonzero((ego.acceleration <= BRAKES) & (since <= contact))
+    if not len(brakes):
+        return "Before it the ADS did not brake."
+    first = float(since[brakes[0]])
+    hardest = -float(ego.acceleration[since <= contact].min())
+    return (
+        f"The ADS braked from {first:z.1f} s on, {contact - first:z.1f} s before it, with at most {hardest:z.1f} m/s2."
+    )
+
+
+def task_words(scene: Scene, logical: LogicalScenario) -> _Said:
+    """Where the drive fell behind the slowest of the references."""
+    share = scene.case.task_share
+    begin = logical.placed(scene.case.values).ego.x
+    asked = asked_way(begin, list(scene.beside.values()))
+    if share is None or share >= LOW or scene.case.incident or asked is None or not len(asked.places):
+        return
+    own = times_at(scene.ego, asked.places)
+    who = _people(scene, "reference car")
+    reached = np.flatnonzero(np.isfinite(own))
+    whole = asked.places[-1] - begin
+    if len(reached) < len(own):
+        gone = max(scene.ego.x.max() - begin, 0.0)
+        last = float(scene.ego.time[np.argmax(scene.ego.x)] - scene.ego.time[0])
+        ended = "Stood after" if scene.ego.speed[-1] < STANDING else "Came no further than"
+        yield f"{ended} {gone:z.0f} m of {whole:z.0f} m, from {last:z.1f} s on; {who} drove on.", last
+        return
+    late = f"{own[-1]:z.1f} s for {whole:z.0f} m; the slowest of {who} needed {asked.slowest[-1]:z.1f} s"
+    yield f"Needed {late}.", float(own[int(np.argmax(own - asked.slowest))])
+
+
+def _people(scene: Scene, car: str) -> str:
+    drivers = count(len(scene.drivers), "driver")
+    return f"{drivers} and the {car}" if len(scene.beside) > len(scene.drivers) else drivers
+
+
+def likeness_words(scene: Scene, people: Quantiles) -> _Said:
+    """The factor that lowers H most, in words; each factor below `LOW`, the lowest first."""
+    factors = {name: getattr(scene.case, field) for name, (field, _) in LIKENESS_FACTORS.items()}
+    low = sorted((value, name) for name, value in factors.items() if value is not None and value < LOW)
+    for _, name in low:
+        if name == "plausibility":
+            yield _extreme(scene, people)
+        elif name == "similarity" and len(scene.drivers) > 1:
+            yield _unlike(scene)
+        elif name == "operations":
+            yield (
+                "Worked wheel and pedals more often than the drivers did.",
+                float(scene.ego.time[-1] - scene.ego.time[0]),
+            )
+        elif name == "length":
+            gone, theirs = _way(scene.ego), float(np.mean([_way(one) for one in scene.drivers]))
+            end = float(scene.ego.time[-1] - scene.ego.time[0])
+            yield f"Drove {gone:z.0f} m, the drivers {theirs:z.0f} m in the mean.", end
+
+
+def _extreme(scene: Scene, people: Quantiles) -> tuple[str, float]:
+    """The extreme that few people reach: its value and time, the event nearest to it, and how many people do so."""
+    extremes = extremes_of(scene.ego, scene.actors)
+    name, share = least_plausible(extremes, people)
+    words, value, half = EXTREME_WORDS[name]
+    when = max(0.0, _reached(scene, name, extremes[name]) - half)
+    most = f"{percent(float(f'{share:.1g}'))} of people do" if share > 0.0 else "none of the recorded people does"
+    usual = people.values[name][-1]
+    beside = f"half of them stay {'below' if usual < extremes[name] else 'above'} {value.format(usual)}"
+    done = words.format(value.format(extremes[name])).capitalize()
+    return f"{done}{_event(scene, when)}; {most}, {beside} ({people.people} people, {people.source}).", when
+
+
+def _reached(scene: Scene, name: str, value: float) -> float:
+    """When a drive first reached an extreme, s: the shortest drive from its start that has it, by bisection."""
+    ego, low, high = scene.ego, 2, len(scene.ego.time)
+    while low < high:
+        middle = (low + high) // 2
+        part = extremes_of(_until(ego, middle), scene.actors)[name]
+        has = np.isclose(part, value, rtol=1e-6)
+        low, high = (low, middle) if has else (middle + 1, high)
+    return float(ego.time[low - 1] - ego.time[0])
+
+
+def _until(drive: Trajectory, samples: int) -> Trajectory:
+    channels = (drive.time, drive.x, drive.y, drive.heading, drive.speed, drive.acceleration)
+    return Trajectory(*(channel[:samples] for channel in channels), length=drive.length, width=drive.width)
+
+
+def _event(scene: Scene, when: float) -> str:
+    """`, at 3.2 s, 2.1 s before `lead` braked`: the move of another road user that is nearest in time."""
+    moves = []
+    for name, actor in scene.actors.items():
+        since = actor.time - actor.time[0]
+        for done, verb in (
+            (actor.acceleration <= BRAKES, "braked"),
+            (np.abs(actor.y - actor.y[0]) >= SIDEWAYS, "moved over"),
+        ):
+            if done.any():
+                moves.append((float(since[np.argmax(done)]), f"`{name}` {verb}"))
+    if not moves:
+        return f" at {when:z.1f} s"
+    time, words = min(moves, key=lambda move: abs(move[0] - when))
+    order = "after" if when >= time else "before"
+    return f" at {when:z.1f} s, {abs(when - time):z.1f} s {order} {words}"
+
+
+def _unlike(scene: Scene) -> tuple[str, float]:
+    """Where path or speed lies furthest from the drivers' own spread."""
+    ego, end = scene.ego, min(float(one.x.max()) for one in (scene.ego, *scene.drivers))
+    places = np.arange(float(ego.x[0]), max(end, float(ego.x[0]) + 1.0))
+    worst = max((_furthest(scene, places, channel) for channel in ("y", "speed")), key=lambda found: found[0])
+    _, place, own, theirs, channel = worst
+    when = float(times_at(ego, np.array([place]))[0])
+    at = f"At {when:z.1f} s"
+    if channel == "speed":
+        low, high = 3.6 * theirs.min(), 3.6 * theirs.max()
+        return (
+            f"{at} it drove {3.6 * own:z.0f} km/h where {len(theirs)} drivers drove {low:z.0f} to {high:z.0f} km/h.",
+            when,
+        )
+    side = "left" if own > theirs.mean() else "right"
+    away = abs(own - theirs.mean())
+    return f"{at} it was {away:z.1f} m further {side} than {len(theirs)} drivers in the mean.", when
+
+
+def _furthest(scene: Scene, places: FloatArray, channel: str) -> tuple[float, float, float, FloatArray, str]:
+    """(deviations from the drivers' mean, place x, own value, the drivers' values, channel)."""
+    own = _at_places(scene.ego, places, channel)
+    theirs = np.array([_at_places(one, places, channel) for one in scene.drivers])
+    spread = np.maximum(theirs.std(axis=0, ddof=1), 0.2 if channel == "y" else 1.0)
+    away = np.abs(own - theirs.mean(axis=0)) / spread
+    worst = int(np.argmax(away))
+    return float(away[worst]), float(places[worst]), float(own[worst]), theirs[:, worst], channel
+
+
+def _at_places(drive: Trajectory, places: FloatArray, channel: str) -> FloatArray:
+    furthest = np.maximum.accumulate(drive.x)
+    return np.asarray(np.interp(places, furthest, getattr(drive, channel)))
+
+
+def _way(drive: Trajectory) -> float:
+    return float(np.hypot(np.diff(drive.x), np.diff(drive.y)).sum())
+
+
+def picture(scene: Scene, moment: float | None) -> list[str]:
+    """Speed over time of the ego and of the drivers in the mean, in blocks; a mark at the moment."""
+    drives = [scene.ego, *scene.drivers]
+    end = min(max(drive.duration for drive in drives), 1.5 * scene.ego.duration) or 1.0
+    times = np.linspace(0.0, end, PICTURE)
+    top = max(float(drive.speed.max()) for drive in drives) or 1.0
+    rows = [("ego", [scene.ego]), *([("drivers", scene.drivers)] if scene.drivers else [])]
+    lines = [f"  {name:<8}{_blocks(some, times, top)}" for name, some in rows]
+    scale = f"speed, 0 to {3.6 * top:z.0f} km/h over {end:z.1f} s"
+    if moment is None:
+        return [*lines, f"  {'':<8}{scale}"]
+    mark = f"{'':<{8 + round(min(moment / end, 1.0) * (PICTURE - 1))}}^ {moment:z.1f} s"
+    return [*lines, f"  {mark}", f"  {'':<8}{scale}"]
+
+
+def _blocks(drives: Sequence[Trajectory], times: FloatArray, top: float) -> str:
+    """A block for each time at which all drives last, blank after the first ends."""
+    speeds = np.mean([np.interp(times, one.time - one.time[0], one.speed) for one in drives], axis=0)
+    last = min(one.duration for one in drives)
+    level = np.clip(np.round(speeds / top * (len(BLOCKS) - 1)), 0, len(BLOCKS) - 1).astype(int)
+    return "".join(BLOCKS[k] if time <= last + 1e-9 else " " for k, time in zip(level, times, strict=True)).rstrip()

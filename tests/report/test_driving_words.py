@@ -1,0 +1,88 @@
+"""What one case looks like in driving words: worked scenes, each with its quantity, people and time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import builders
+import numpy as np
+import pytest
+
+from sumo_eval.method.plausibility import EXTREMES, MOTORWAY_PEOPLE
+from sumo_eval.report import driving_words as words
+from sumo_eval.report.driving_words import Scene
+from sumo_eval.results import CaseResult, Evaluation
+from sumo_eval.scenario import catalogue
+from sumo_eval.trajectory import Trajectory
+
+FINE = {"length_factor": 1.0, "operation_tolerance": 1.0, "mixture_similarity": 1.0, "plausibility": 1.0}
+
+
+def drive(speeds: list[tuple[float, float]], seconds: float = 10.0, x: float = 50.0, y: float = 0.0) -> Trajectory:
+    """A drive with speeds, m/s, at times, s, linear between them."""
+    time = np.arange(0.0, seconds + 0.05, 0.1)
+    speed = np.interp(time, *zip(*speeds, strict=True))
+    along = x + np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.1)])
+    return Trajectory(time, along, np.full(time.size, y), speed=speed)
+
+
+@pytest.fixture
+def case(evaluation: Evaluation) -> CaseResult:
+    safe = next(one for one in evaluation.cases if one.zone == "safe" and not one.incident)
+    return replace(safe, scenario=builders.SCENARIOS[0], values={"ego_speed": 20.0, "lead_speed": 5.0}, **FINE)  # type: ignore[arg-type]
+
+
+def scene(case: CaseResult, ego: Trajectory, *drivers: Trajectory, **actors: Trajectory) -> Scene:
+    return Scene(case, ego, actors, drivers, {f"driver_{place}": one for place, one in enumerate(drivers)})
+
+
+def test_every_extreme_has_words() -> None:
+    assert set(EXTREMES) <= set(words.EXTREME_WORDS)
+
+
+def test_hard_braking_before_the_lead_brakes_in_words(case: CaseResult) -> None:
+    """20 to 2 m/s between 2 and 4 s: 9 m/s2 over any whole second. The lead brakes from 5.0 s on."""
+    lead = drive([(0, 20), (5, 20), (8, 8), (10, 8)], x=300.0)
+    braking = scene(replace(case, plausibility=0.0), drive([(0, 20), (2, 20), (4, 2), (10, 2)]), lead=lead)
+    ((sentence, when),) = words.likeness_words(braking, MOTORWAY_PEOPLE)
+    assert sentence.startswith("Braked at 9.0 m/s2 at 2.")
+    assert "s before `lead` braked; none of the recorded people does" in sentence
+    assert "half of them stay below 0.6 m/s2 (213 people" in sentence
+    assert 2.4 <= when <= 2.7, "the middle of the first whole second at 9 m/s2"
+
+
+def test_standing_and_crawling_name_the_references(case: CaseResult) -> None:
+    """At 20 m/s the asked way ends 5 m short of 200 m; a stop from 20 m/s in 4 s takes 40 m."""
+    logical, reference = catalogue.load(case.scenario), drive([(0, 20), (10, 20)], x=0.0)
+    begin = logical.placed(case.values).ego.x
+    reference = drive([(0, 20), (10, 20)], x=begin)
+    stops = scene(replace(case, task_share=0.2), drive([(0, 20), (4, 0), (10, 0)], x=begin), reference)
+    ((sentence, _),) = words.task_words(stops, logical)
+    assert sentence == "Stood after 40 m of 195 m, from 4.0 s on; 1 driver drove on."
+    crawls = scene(replace(case, task_share=0.5), drive([(0, 10), (30, 10)], 30.0, x=begin), reference)
+    ((sentence, _),) = words.task_words(crawls, logical)
+    assert sentence == "Needed 19.5 s for 195 m; the slowest of 1 driver needed 9.8 s."
+
+
+@pytest.mark.parametrize(("offset", "speed", "expected"), [
+    (1.5, 20.0, "1.5 m further left than 3 drivers in the mean"),
+    (0.0, 10.0, "it drove 36 km/h where 3 drivers drove 68 to 76 km/h"),
+])  # fmt: skip
+def test_unlike_path_or_speed_names_place_and_drivers(
+    case: CaseResult, offset: float, speed: float, expected: str
+) -> None:
+    drivers = [drive([(0, one), (10, one)]) for one in (19.0, 20.0, 21.0)]
+    ego = drive([(0, speed), (20, speed)], 20.0, y=offset)
+    ((sentence, _),) = words.likeness_words(
+        scene(replace(case, mixture_similarity=0.1), ego, *drivers), MOTORWAY_PEOPLE
+    )
+    assert expected in sentence
+
+
+def test_picture_is_as_wide_as_the_drive_and_marks_the_moment(case: CaseResult) -> None:
+    stops = scene(case, drive([(0, 20), (5, 0), (10, 0)]))
+    ego, mark, scale = words.picture(stops, 5.0)
+    assert len(ego.split()[1]) == words.PICTURE
+    assert (ego.split()[1][0], ego.split()[1][-1]) == ("█", "▁")
+    assert mark.index("^") == 10 + round(0.5 * (words.PICTURE - 1)), "half way, behind two blanks and a name of 8"
+    assert "0 to 72 km/h over 10.0 s" in scale
