@@ -6,6 +6,11 @@ from typing import Never
 
 from sumo_eval.errors import InputError
 
+MODULES = {
+    "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: `carla_agent.py:CarlaAgent?options.agent=...`",
+}
+"""Modules that locators named, and what to do instead."""
+
 
 def is_use_case(name: str) -> bool:
     """Whether `name` is a use case written as Gherkin, or the catalogue of them."""

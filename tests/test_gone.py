@@ -18,6 +18,7 @@ from sumo_eval.cli import main
         ("import UC-1.feature.md", "`[[require]]` of a scenario file"),
         ("import autoware --folder .", "`[[require]]` of a scenario file"),
         ("import --steps", "`[[require]]` of a scenario file"),
+        ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
     ],
 )
 def test_removed_name_says_where_it_went(arguments: str, replacement: str) -> None:

@@ -25,7 +25,7 @@ IDENTITY_BOUND = 4 << 20  # bytes of an identity: some thousands of source files
 _LONGEST_REFUSAL = 20_000  # characters
 _PACKAGE = Path(__file__).parent.parent
 _NOT_PYTHON = ("exec", "traci", "fmu", "onnx", "sumo", "given")  # locators of commands and files, not of Python objects
-_ROOMS_THAT_MAKE_FACTS = ("adapters", "ads", "cosim", "drivers", "scenario")
+_ROOMS_THAT_MAKE_FACTS = ("ads", "cosim", "drivers", "scenario")
 
 
 @cache

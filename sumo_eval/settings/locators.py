@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 from sumo_eval.errors import InputError, did_you_mean, said
+from sumo_eval.gone import MODULES
 from sumo_eval.input_file import input_file
 from sumo_eval.text import words_of
 
@@ -40,7 +41,8 @@ def _load_module(name: str, folder: Path | None, owner: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(error.name + ".")):
-            raise InputError(f"{owner}: there is no module `{name}` to import.") from error
+            instead = f" It was removed: {MODULES[name]}." if name in MODULES else ""
+            raise InputError(f"{owner}: there is no module `{name}` to import.{instead}") from error
         raise InputError(f"{owner}: importing `{name}` failed: {words_of(error)}.") from error
     except KeyboardInterrupt:
         raise

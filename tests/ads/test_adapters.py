@@ -19,6 +19,7 @@ SHORT = SimulationSettings(time_limit=2.0)
 @pytest.fixture(autouse=True)
 def _path(monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path, str(HERE)])
+    monkeypatch.chdir(HERE.parents[1] / "docs" / "examples" / "adapters")
 
 
 def drive(locator, settings=None):
@@ -29,41 +30,41 @@ def drive(locator, settings=None):
 
 
 FOLLOWERS = [
-    "CarlaAgent?options.agent=foreign_agents:BasicAgent",
-    "SmartsAgent?options.agent=foreign_agents:Follower",
-    "NuPlanPlanner?period=0.2&options.agent=foreign_agents.py:SimplePlanner",
-    "CommonRoadPlanner?period=0.2&options.agent=foreign_agents:LanePlanner",
+    "carla_agent.py:CarlaAgent?options.agent=foreign_agents:BasicAgent",
+    "smarts_agent.py:SmartsAgent?options.agent=foreign_agents:Follower",
+    "nuplan_planner.py:NuPlanPlanner?period=0.2&options.agent=foreign_agents.py:SimplePlanner",
+    "commonroad_planner.py:CommonRoadPlanner?period=0.2&options.agent=foreign_agents:LanePlanner",
 ]
 
 
 @pytest.mark.parametrize("locator", FOLLOWERS)
 def test_a_follower_of_another_tool_ends_at_the_leads_speed_and_its_own_gap(locator):
     # at rest behind the lead: lead_speed = lead_speed + 0.3 (gap - 5 - 1.2 v), so gap = 5 + 1.2 x 10 = 17 m
-    found = drive(f"sumo_eval.adapters:{locator}")
+    found = drive(locator)
     assert found.ego.speed[-1] == pytest.approx(10.0, abs=0.2)
     assert found.actors["lead"].x[-1] - found.ego.x[-1] - 4.5 == pytest.approx(17.0, abs=1.0)
     assert abs(found.ego.y).max() < 1e-6
 
 
 def test_carlas_steer_is_to_the_right():
-    found = drive("sumo_eval.adapters:CarlaAgent?options.agent=foreign_agents:LeaderboardAgent", SHORT)
+    found = drive("carla_agent.py:CarlaAgent?options.agent=foreign_agents:LeaderboardAgent", SHORT)
     assert found.ego.y[-1] < -0.05
 
 
 def test_smartss_lane_action_is_to_the_left():
     agent = "foreign_agents:LaneChanger&options.action=LaneWithContinuousSpeed"
-    found = drive(f"sumo_eval.adapters:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0))
+    found = drive(f"smarts_agent.py:SmartsAgent?options.agent={agent}", SimulationSettings(time_limit=6.0))
     assert found.ego.y[-1] == pytest.approx(3.5, abs=0.1)
 
 
 @pytest.mark.parametrize(
     ("name", "method", "adapter", "page"),
     [
-        ("BasicAgent", "run_step", "CarlaAgent", "carla"),
-        ("LeaderboardAgent", "run_step", "CarlaAgent", "carla"),
-        ("Follower", "act", "SmartsAgent", "smarts"),
-        ("SimplePlanner", "compute_planner_trajectory", "NuPlanPlanner", "nuplan"),
-        ("LanePlanner", "plan", "CommonRoadPlanner", "commonroad"),
+        ("BasicAgent", "run_step", "carla_agent.py:CarlaAgent", "carla"),
+        ("LeaderboardAgent", "run_step", "carla_agent.py:CarlaAgent", "carla"),
+        ("Follower", "act", "smarts_agent.py:SmartsAgent", "smarts"),
+        ("SimplePlanner", "compute_planner_trajectory", "nuplan_planner.py:NuPlanPlanner", "nuplan"),
+        ("LanePlanner", "plan", "commonroad_planner.py:CommonRoadPlanner", "commonroad"),
     ],
 )
 def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, method, adapter, page):
@@ -71,7 +72,7 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
         load_controller(f"foreign_agents:{name}")
     said = str(refused.value)
     assert f"It has `{method}`, as " in said
-    assert f"`sumo_eval.adapters:{adapter}?options.agent=foreign_agents:{name}` drives it" in said
+    assert f"`{adapter}?options.agent=foreign_agents:{name}` with the files of docs/examples/adapters drives it" in said
     assert (HERE.parents[1] / "docs" / "ads" / f"{page}.md").is_file()
 
 
@@ -79,31 +80,39 @@ def test_without_its_adapter_it_is_refused_by_a_sentence_that_names_it(name, met
     ("locator", "sentence"),
     [
         (
-            "CarlaAgent?options.agent=foreign_agents:LanePlanner",
-            "`agent` of sumo_eval.adapters:CarlaAgent must be a class or an object with a method `run_step`, got "
-            "LanePlanner. `sumo_eval.adapters:CommonRoadPlanner` drives it.",
+            "carla_agent.py:CarlaAgent?options.agent=foreign_agents:LanePlanner",
+            "`agent` of carla_agent.py:CarlaAgent must be a class or an object with a method `run_step`, got "
+            "LanePlanner. `commonroad_planner.py:CommonRoadPlanner` drives it.",
         ),
         (
-            "NuPlanPlanner",
-            "sumo_eval.adapters:NuPlanPlanner needs the ADS that it drives: "
-            "`sumo_eval.adapters:NuPlanPlanner?options.agent=my_agent.py:Agent`.",
+            "nuplan_planner.py:NuPlanPlanner",
+            "nuplan_planner.py:NuPlanPlanner needs the ADS that it drives: "
+            "`nuplan_planner.py:NuPlanPlanner?options.agent=my_agent.py:Agent`.",
         ),
-        ("CarlaAgent?options.agent=nowhere:Agent", "there is no module `nowhere`"),
-        ("SmartsAgent?options.agent=foreign_agents:Follower&options.action=Continous", "Did you mean `Continuous`?"),
-        ("CommonRoadPlanner?options.agent=foreign_agents:LanePlanner&options.dt=0", "a number greater than 0 s"),
+        ("carla_agent.py:CarlaAgent?options.agent=nowhere:Agent", "there is no module `nowhere`"),
+        (
+            "smarts_agent.py:SmartsAgent?options.agent=foreign_agents:Follower&options.action=Continous",
+            "Did you mean `Continuous`?",
+        ),
+        (
+            "commonroad_planner.py:CommonRoadPlanner?options.agent=foreign_agents:LanePlanner&options.dt=0",
+            "a number greater than 0 s",
+        ),
     ],
 )
 def test_what_an_adapter_cannot_drive_is_refused(locator, sentence):
     with pytest.raises(InputError) as refused:
-        load_controller(f"sumo_eval.adapters:{locator}")
+        load_controller(locator)
     assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize(
     ("locator", "sentence"),
     [
-        ("carla:my.py:Agent", "`sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent` drives it"),
-        ("SmartsAgent", "`sumo_eval.adapters:SmartsAgent?options.agent=my_agent.py:Agent` drives an agent of yours"),
+        (
+            "carla:my.py:Agent",
+            "`carla_agent.py:CarlaAgent?options.agent=my.py:Agent` with the files of docs/examples/adapters drives it",
+        ),
         ("policy.onnx", "`onnx:policy.onnx` drives it"),
         ("Car.fmu", "`fmu:Car.fmu` drives it"),
         ("my_ads.py", "`my_ads.py:NAME` names what it holds, `sumo-eval check my_ads.py` lists it"),

@@ -113,7 +113,7 @@ HERE = {
 }
 """Locators of the table of doors, and how they are typed."""
 ELSEWHERE = {
-    "sumo_eval.adapters:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "?options.agent=": "needs a planner of another tool; tests/ads/test_adapters.py has some",
     "exec:/usr/bin/python3 ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
 }
 

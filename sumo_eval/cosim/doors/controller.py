@@ -322,8 +322,12 @@ def find_controller(locator: str, folder: Path | None = None) -> Any:
 
 _WEIGHTS = (".zip", ".pt", ".pth", ".pkl", ".npz", ".h5", ".keras", ".safetensors")
 _BY_SCHEME = {
-    "carla": "CarlaAgent", "smarts": "SmartsAgent", "nuplan": "NuPlanPlanner", "commonroad": "CommonRoadPlanner",
-}  # fmt: skip
+    "carla": "carla_agent.py:CarlaAgent",
+    "smarts": "smarts_agent.py:SmartsAgent",
+    "nuplan": "nuplan_planner.py:NuPlanPlanner",
+    "commonroad": "commonroad_planner.py:CommonRoadPlanner",
+}
+"""The adapters of docs/examples/adapters, by the tool whose ADSs they drive."""
 
 
 def _other_way(locator: str) -> str | None:
@@ -331,15 +335,13 @@ def _other_way(locator: str) -> str | None:
     scheme, colon, rest = locator.partition(":")
     plain, suffix = locator.partition("?")[0], Path(locator.partition("?")[0]).suffix
     if scheme.lower() in _BY_SCHEME and ":" in rest:
-        return f"`{_adapter(_BY_SCHEME[scheme.lower()], rest)}` drives it"
+        return f"{_adapter(_BY_SCHEME[scheme.lower()], rest)} drives it"
     if colon and scheme.lower() in ("ros2", "ros"):
         return "a node that `exec:` starts drives a ROS 2 stack (docs/ads/ros2.md)"
     if colon and scheme.lower() in ("grpc", "http", "https", "tcp", "zmq"):
         return "a class with `act(observation)` that asks the server drives it (docs/ads/observation.md)"
     if colon:
         return None
-    if locator in _BY_SCHEME.values():
-        return f"`{_adapter(locator, 'my_agent.py:Agent')}` drives an agent of yours"
     if suffix in (".onnx", ".fmu"):
         return f"`{suffix[1:]}:{locator}` drives it"
     if suffix == ".py" and " " not in plain:
@@ -355,7 +357,7 @@ def _other_way(locator: str) -> str | None:
 
 
 def _adapter(name: str, agent: str) -> str:
-    return f"sumo_eval.adapters:{name}?options.agent={agent}"
+    return f"`{name}?options.agent={agent}` with the files of docs/examples/adapters"
 
 
 def knows_the_scripts(driver: Any) -> bool:
@@ -456,19 +458,20 @@ def adapted(found: Any, described: str, options: Mapping[str, Any] | None = None
 
 
 FOREIGN = {
-    "run_step": ("CARLA's agents have it", "CarlaAgent", "carla"),
-    "compute_planner_trajectory": ("nuPlan's planners have it", "NuPlanPlanner", "nuplan"),
-    "compute_trajectory": ("nuPlan's planners have it", "NuPlanPlanner", "nuplan"),
-    "predict": ("the models of stable-baselines3 have it", "", ""),
-    "plan": ("CommonRoad's planners have it", "CommonRoadPlanner", "commonroad"),
+    "run_step": ("CARLA's agents have it", "carla"),
+    "compute_planner_trajectory": ("nuPlan's planners have it", "nuplan"),
+    "compute_trajectory": ("nuPlan's planners have it", "nuplan"),
+    "predict": ("the models of stable-baselines3 have it", ""),
+    "plan": ("CommonRoad's planners have it", "commonroad"),
 }
-"""Methods by which the ADSs of other tools are called: whose, the adapter that drives them, and its page."""
-_SMARTS = ("SMARTS's agents have it", "SmartsAgent", "smarts")
+"""Methods by which the ADSs of other tools are called: whose, and the tool with an adapter and a page of its own."""
+_SMARTS = ("SMARTS's agents have it", "smarts")
 
 
 def adapter_for(found: Any) -> str:
     """The adapter that drives an agent with another tool's interface, "" where there is none."""
-    return next((adapter for name, (_, adapter, _) in FOREIGN.items() if callable(getattr(found, name, None))), "")
+    tools = (tool for name, (_, tool) in FOREIGN.items() if callable(getattr(found, name, None)))
+    return _BY_SCHEME.get(next(tools, ""), "")
 
 
 def _foreign(found: Any, described: str) -> str | None:
@@ -482,10 +485,8 @@ def _foreign(found: Any, described: str) -> str | None:
     call = getattr(kind, "__call__", None)  # noqa: B004  of the class itself: CARLA's agents have one without arguments
     if name is None or (not smarts and inspect.isfunction(call) and len(inspect.signature(call).parameters) > 1):
         return None
-    whose, adapter, page = _SMARTS if smarts else FOREIGN[name]
-    way = f"`sumo_eval.adapters:{adapter}?options.agent={described}` drives it (docs/ads/{page}.md). Or " * bool(
-        adapter
-    )
+    whose, tool = _SMARTS if smarts else FOREIGN[name]
+    way = f"{_adapter(_BY_SCHEME[tool], described)} drives it (docs/ads/{tool}.md). Or " if tool else ""
     return (
         f"ADS `{described}` must be a function (traci, ego, time), a class or an object with a `step` method, "
         f"got {kind.__name__}. It has `{name}`, as {whose}: {way}put it in a class with `act(observation)` that calls "

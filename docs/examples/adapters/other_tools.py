@@ -28,7 +28,7 @@ def found_agent(agent: Any, method: str, owner: str) -> Any:
     if not callable(getattr(agent, method, None)):
         kind = agent if inspect.isclass(agent) else type(agent)
         other = adapter_for(agent)
-        hint = f" `sumo_eval.adapters:{other}` drives it." if other else ""
+        hint = f" `{other}` drives it." if other else ""
         wanted = f"a class or an object with a method `{method}`"
         raise InputError(f"`agent` of {owner} must be {wanted}, got {kind.__name__}.{hint}")
     return agent

@@ -10,14 +10,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from other_tools import found_agent, made_agent
 
-from sumo_eval.adapters.foreign import found_agent, made_agent
 from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.doors.observation import Observation, SeenVehicle
 from sumo_eval.cosim.plans import Plan
 from sumo_eval.errors import ControllerError, must_be
 
-_NAME = "sumo_eval.adapters:CommonRoadPlanner"
+_NAME = "commonroad_planner.py:CommonRoadPlanner"
 _TYPES = {"van": "truck", "child": "pedestrian"}  # what commonroad-io has no obstacle type of its own for
 
 

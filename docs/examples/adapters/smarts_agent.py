@@ -10,15 +10,15 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from other_tools import found_agent, made_agent
 
-from sumo_eval.adapters.foreign import found_agent, made_agent
 from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.plans import Plan, Wanted
 from sumo_eval.cosim.vehicle_model import Command
 from sumo_eval.errors import ControllerError, must_be, unknown
 
-_NAME = "sumo_eval.adapters:SmartsAgent"
+_NAME = "smarts_agent.py:SmartsAgent"
 ACTIONS = {"Continuous": 3, "LaneWithContinuousSpeed": 2, "Trajectory": 4, "TrajectoryWithTime": 5}
 """The members of SMARTS's `ActionSpaceType` that can be driven, and how many parts an action has."""
 _LANE_TIME = 3.0  # s to the centre line of a lane

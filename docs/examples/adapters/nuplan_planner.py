@@ -10,13 +10,14 @@ from collections import deque
 from types import SimpleNamespace
 from typing import Any
 
-from sumo_eval.adapters.foreign import found_agent, made_agent
+from other_tools import found_agent, made_agent
+
 from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.doors.observation import Observation, SeenVehicle
 from sumo_eval.cosim.plans import Plan
 from sumo_eval.errors import ControllerError
 
-_NAME = "sumo_eval.adapters:NuPlanPlanner"
+_NAME = "nuplan_planner.py:NuPlanPlanner"
 _MICRO = 1e6
 _HISTORY = 2.0  # s, nuPlan's own buffer
 

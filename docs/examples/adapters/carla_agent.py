@@ -10,13 +10,14 @@ from fnmatch import fnmatchcase
 from types import SimpleNamespace
 from typing import Any
 
-from sumo_eval.adapters.foreign import found_agent, made_agent, positional, takes, vector
+from other_tools import found_agent, made_agent, positional, takes, vector
+
 from sumo_eval.cosim.doors.controller import Briefing
 from sumo_eval.cosim.doors.observation import Observation
 from sumo_eval.cosim.vehicle_model import Command, Pedals
 from sumo_eval.errors import ControllerError
 
-_NAME = "sumo_eval.adapters:CarlaAgent"
+_NAME = "carla_agent.py:CarlaAgent"
 
 
 class Actor:
