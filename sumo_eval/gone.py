@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Never
 
 from sumo_eval.errors import InputError
@@ -10,6 +11,17 @@ MODULES = {
     "sumo_eval.adapters": "copy the adapter from docs/examples/adapters: `carla_agent.py:CarlaAgent?options.agent=...`",
 }
 """Modules that locators named, and what to do instead."""
+COMMANDS = {
+    "humans similarity": "D and H compare drives; `export RUN` writes trajectories that tslearn can compare by DTW",
+}
+"""Commands by their words, and what to do instead."""
+
+
+def refuse_command(words: Sequence[str]) -> None:
+    """Raise InputError where a command line begins with a removed command."""
+    name = " ".join(words[:2])
+    if name in COMMANDS:
+        raise InputError(f"`sumo-eval {name}` was removed: {COMMANDS[name]}.")
 
 
 def is_use_case(name: str) -> bool:

@@ -18,6 +18,7 @@ from sumo_eval.cli import main
         ("import UC-1.feature.md", "`[[require]]` of a scenario file"),
         ("import autoware --folder .", "`[[require]]` of a scenario file"),
         ("import --steps", "`[[require]]` of a scenario file"),
+        ("humans similarity RUN", "tslearn"),
         ("check sumo_eval.adapters:CarlaAgent?options.agent=my.py:Agent", "docs/examples/adapters"),
     ],
 )

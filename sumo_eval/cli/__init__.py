@@ -18,6 +18,7 @@ import click
 from sumo_eval.cli.exit_status import INPUT_WRONG, INTERRUPTED
 from sumo_eval.cli.sentences import WHOLE, tell
 from sumo_eval.errors import StoppedError, SumoEvalError, did_you_mean
+from sumo_eval.gone import refuse_command
 from sumo_eval.text import clean, clean_log
 
 TASKS: Final = {
@@ -66,7 +67,7 @@ MEANT: Final = {
     "drive": "wheel simulator steer keyboard gamepad study participants",
     "campaign": "rate crashes kilometre km risk importance",
     "learn": "fit rates distribution",
-    "humans": "people drivers recordings events exposure opinion population similarity",
+    "humans": "people drivers recordings events exposure opinion population",
     "calibrate": "k5 k6 tune scale",
     "sensitivity": "k1 k2 constants vary",
     "qualify": "credible credibility believe selftest trustworthy",
@@ -95,6 +96,7 @@ class _Group(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
+        refuse_command(args)
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             raise click.UsageError(f"There is no command `{clean(args[0])}`.{_nearest(args[0])}")
         return super().resolve_command(ctx, args)

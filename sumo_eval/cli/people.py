@@ -213,24 +213,6 @@ def opinion(run: Path, ratings: Path, out: Path | None) -> None:
     tell(f"`sumo-eval report {run}` shows it in the report from now on.")
 
 
-@humans.command(epilog="Example: sumo-eval humans similarity results/first")
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="CSV file for the table (default: RUN/similarity.csv).")
-def similarity(run: Path, out: Path | None) -> None:
-    """Dynamic time warping and longest common subsequence beside every D_i of RUN (needs the extra `similarity`)."""
-    from sumo_eval.evaluation import score
-    from sumo_eval.studies.similarity import similarity_lines, similarity_rows
-    from sumo_eval.studies.tables import write_rows
-
-    with Progress() as progress:
-        evaluation = score(run, progress=progress)
-        rows = similarity_rows(evaluation, progress)
-    place = run / "similarity.csv" if out is None else out
-    write_rows(rows, place)
-    say(similarity_lines(rows))
-    tell(f"Table: {place}")
-
-
 @click.command(epilog="Example: sumo-eval calibrate results/first results/second --by median")
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--by", type=click.Choice(["median", "mean"]), default="median", show_default=True, help="Middle ADS.")

@@ -271,15 +271,3 @@ def test_the_ranking_under_other_constants(runs):
     a = [row for row in rows if (row.constant, row.index) == ("a", "S")]
     assert [row.value for row in a] == [10.0, 25.0, 50.0, 75.0, 90.0]
     assert all(row.ranking[0] == "lane_changer" for row in a)
-
-
-@pytest.mark.campaign  # tslearn compiles for half a minute
-def test_dtw_and_lcss_beside_every_index(runs):
-    pytest.importorskip("tslearn")
-    out, _, rows = runs["fill"]
-    result = CliRunner().invoke(main, ["humans", "similarity", str(out)])
-    assert result.exit_code == 0, result.output
-    with (out / "similarity.csv").open() as file:
-        table = list(csv.DictReader(file))
-    assert len(table) == len(rows)
-    assert all(float(row["dtw"]) >= 0.0 and 0.0 <= float(row["lcss"]) <= 1.0 for row in table)
