@@ -113,7 +113,10 @@ HERE = {
 }
 """Locators of the table of doors, and how they are typed."""
 ELSEWHERE = {
-    "?options.agent=": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "carla_agent.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "smarts_agent.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "nuplan_planner.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
+    "commonroad_planner.py:": "needs a planner of another tool; tests/ads/test_adapters.py has some",
     "exec:/usr/bin/python3 ros2_node.py": "needs ROS 2; tests/ads/test_ros2.py has a stand-in",
 }
 
