@@ -24,7 +24,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -126,8 +126,8 @@ def _kept_code() -> Any:
             self._py_func = function
 
         def load_overload(self, signature: Any, target: Any) -> Any:
-            """The code for arguments of these types, or None."""
-            target.refresh()
+            """The code for arguments of these types, or None; without what numba imports to compile, 0.5 s."""
+            importlib.import_module("numba.core.runtime").rtsys.initialize(target)
             try:
                 content = self._path(signature, target.codegen()).read_bytes()
                 whole = content[:_SEAL] == _seal(content)
@@ -167,22 +167,6 @@ def _numba() -> Any:
     while _waiting:
         _register(_waiting.pop())
     return numba
-
-
-def set_up() -> None:
-    """Import numba with all that it imports when a loop is first called, but for scipy.linalg.
-
-    numba imports that only to see whether it is there, for a sixth of the time until a run's first child can begin. No
-    rule multiplies matrices; who does so in numba gets scipy.linalg then. For a process that imports nothing meanwhile.
-    """
-    _numba()
-    absent = [name for name in ("scipy.linalg", "scipy.linalg.cython_blas") if name not in sys.modules]
-    sys.modules.update({name: ModuleType(name) for name in absent})
-    try:
-        importlib.import_module("numba.np.arraymath")
-    finally:
-        for name in absent:
-            del sys.modules[name]
 
 
 def _register(function: Callable[..., Any]) -> None:

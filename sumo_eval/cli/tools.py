@@ -54,14 +54,17 @@ def _of_a_run(name: str) -> Callable[[], float]:
 )
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws two of the cases.")
 def check(what: str, step_timeout: float, case_timeout: float, seed: int) -> None:
-    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file or a scenario file (FILE.toml).
+    """Check an ADS (edge cases of two scenarios, driven twice), an evaluation file, or a scenario (name or FILE.toml).
 
     Exit status: 0 all is well, 1 the ADS breaks the contract or a run would lose cases of it to the clock, 2 it cannot
     be loaded or the file is wrong.
     """
     from sumo_eval.gone import is_use_case, refuse_use_case
+    from sumo_eval.scenario.shipped_files import scenario_files
 
     file = what.partition("?")[0]
+    if file in scenario_files():
+        _check_scenario(f"{scenario_files()[file]}{what.removeprefix(file)}")
     if is_use_case(file):
         refuse_use_case(file)
     _refuse_a_folder(file)
@@ -138,8 +141,8 @@ def _is_scenario(path: Path) -> bool:
 
 def _check_scenario(use: str) -> NoReturn:
     """By the function that a run of the scenario alone, on its own sample, asks first."""
+    from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import space_of
-    from sumo_eval.record.points import zones_of
     from sumo_eval.scenario.catalogue import options_of
     from sumo_eval.scenario.file import check_file
     from sumo_eval.settings import AdsSettings, EvaluationSettings, ScenarioSettings
@@ -148,7 +151,7 @@ def _check_scenario(use: str) -> NoReturn:
     path = Path(file)
     scenario = ScenarioSettings(path.name + use.removeprefix(file))
     alone = EvaluationSettings("check", (scenario,), (AdsSettings("idm", "idm"),))
-    zones_of(space_of(scenario, alone, path.parent.resolve()).logical, alone.method.zones)
+    refuse_impossible_zones(space_of(scenario, alone, path.parent.resolve()).logical, alone.method.zones)
     say(check_file(path, given))
     sys.exit(DONE)
 
@@ -185,8 +188,9 @@ def _check_evaluation(path: Path) -> None:
     """Ask of each part of the file what a run asks before it simulates; name every mistake, not only the first."""
     from sumo_eval.errors import InputError
     from sumo_eval.method.severity import chosen_severity
+    from sumo_eval.method.zone_partition import refuse_impossible_zones
     from sumo_eval.record.facts import refuse_doubles, resolve, space_of
-    from sumo_eval.record.points import scenario_weights, zones_of
+    from sumo_eval.record.points import scenario_weights
     from sumo_eval.record.qualification import read_qualification
     from sumo_eval.record.recording import planner
     from sumo_eval.scenario import catalogue
@@ -215,7 +219,7 @@ def _check_evaluation(path: Path) -> None:
         space = space_of(entry, settings, source, offset=offset)
         spaces.append(space)
         refuse_doubles(spaces)
-        zones_of(space.logical, settings.method.zones)
+        refuse_impossible_zones(space.logical, settings.method.zones)
         return f"{len(space.points)} points of {', '.join(space.logical.names)}"
 
     def planned(words: str, part: EvaluationSettings) -> str:

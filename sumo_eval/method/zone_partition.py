@@ -290,15 +290,8 @@ def partition(
     notes = list(thinned) if points is None else []
     training = _mesh(axes) if points is None else _user_points(logical, points)
 
-    searched = logical.search is not None
-    refined = _refine(axes, min(settings.grid_points, SEARCHED_GRID) if searched else settings.grid_points)
-    grid = _mesh(refined)
+    refined, grid, feasible = _dense_grid(logical, axes, settings)
     unit = logical.to_unit(grid)
-    feasible = logical.feasible(grid)
-    if not feasible.any():
-        raise InputError(
-            f"Scenario `{logical.name}` must have points that satisfy its constraints: none of {len(grid)} do."
-        )
     learnt = _learn(logical, training, grid, feasible, settings, settings.refinements if points is None else 0)
     training, surface, y = learnt.training, learnt.surface, learnt.y
     notes += learnt.notes
@@ -336,6 +329,31 @@ def partition(
         zone_index=zone[in_zone],
         boundary_tree=boundary,
     )
+
+
+def refuse_impossible_zones(logical: LogicalScenario, settings: ZoneSettings = DEFAULT_SETTINGS) -> None:
+    """Raise what `partition` raises: all that it asks of the scenario is asked, and nothing is learnt from it."""
+    axes, _ = _own_axes(logical)
+    _, grid, feasible = _dense_grid(logical, axes, settings)
+    exactly_hazardous(logical, grid[feasible], settings)
+    training = _mesh(axes)
+    _training_target(logical, training, settings)
+    _coordinates(logical, training)(logical.to_unit(training))
+
+
+def _dense_grid(
+    logical: LogicalScenario, axes: list[FloatArray], settings: ZoneSettings
+) -> tuple[list[FloatArray], FloatArray, BoolArray]:
+    """The axes of the dense grid, its points (n, k), and which of them can be."""
+    most = settings.grid_points if logical.search is None else min(settings.grid_points, SEARCHED_GRID)
+    refined = _refine(axes, most)
+    grid = _mesh(refined)
+    feasible = logical.feasible(grid)
+    if not feasible.any():
+        raise InputError(
+            f"Scenario `{logical.name}` must have points that satisfy its constraints: none of {len(grid)} do."
+        )
+    return refined, grid, feasible
 
 
 def _tree(points: FloatArray) -> Nearest | None:

@@ -8,22 +8,26 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
+from itertools import islice, zip_longest
 from pathlib import Path
+from statistics import fmean
 from typing import Any
+
+import numpy as np
 
 from sumo_eval.cosim.doors.controller import find_controller
 from sumo_eval.cosim.doors.entry import made_absolute
 from sumo_eval.drivers.recorded.exposure import exposure_of
 from sumo_eval.errors import InputError, StoppedError
 from sumo_eval.method.severity import severity_of
-from sumo_eval.method.zone_partition import exactly_hazardous
+from sumo_eval.method.zone_partition import exactly_hazardous, refuse_impossible_zones
 from sumo_eval.record import loops, run_folder
 from sumo_eval.record.cases import Case, Setup
 from sumo_eval.record.engines import refuse_engine, run_cases, run_packs
 from sumo_eval.record.given import entry_of
 from sumo_eval.record.human_reference import prepared_meanwhile
-from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of, zones_of
+from sumo_eval.record.points import choose_points, scenario_weights, scenarios_of
 from sumo_eval.record.progress import Progress, Stopping, never, quiet
 from sumo_eval.record.qualification import read_qualification
 from sumo_eval.record.recording import (
@@ -57,7 +61,10 @@ else the paper's.
 WHOLE = (1, 1)
 _TIMED = 32  # drives at most, and
 _LEAST_TIMED = 2  # drives at least, by which an estimate times a kind; in between it takes
-_TIMED_FOR = 1.0  # s
+_A_KIND_FOR = 1.0  # s
+_TIMED_FOR = 5.0  # s for all kinds
+_KINDS = 12  # ADSs and scenarios that are timed, at most
+_LOOKED_AT = 2_000  # points that an estimate looks at, of each scenario, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,9 +373,9 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
     _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation))
     plan = planner(evaluation, source)
-    spaces = _spaces(evaluation, source, shard)
+    spaces = _spaces(evaluation, source, shard, looked_at=_LOOKED_AT)
     for space in spaces:
-        zones_of(space.logical, evaluation.method.zones)  # a run would end where they cannot be found
+        refuse_impossible_zones(space.logical, evaluation.method.zones)  # a run would end there
     ads = sum(len(space.numbers) for space in spaces) * len(evaluation.ads)
     synthetic = evaluation.drivers.source == "synthetic"
     known = sum(len(space.safe) for space in spaces if space.logical.has_drivers)
@@ -379,25 +386,28 @@ def estimate(evaluation: EvaluationSettings, source: Path, folder: Path | None, 
             find_stale(store, source)
             recorded = sum(store.holds(case) for space in spaces for case in _planned(plan, space))
     setup = replace(plan.setup, run=replace(plan.setup.run, workers=1, engine="processes"))
-    seconds, timed = 0.0, 0
-    for space in spaces:
-        some = _some(space)
-        ads_cases = list(plan.ads(some))
-        kinds = [([case for case in ads_cases if case.driver == ads.name], space.numbers) for ads in evaluation.ads]
-        kinds += [(list(plan.reference(some, role)), space.numbers) for role in REFERENCES]
-        samples = [(cases, len(numbers)) for cases, numbers in kinds]
-        if synthetic:
-            people = list(islice(plan.humans(some), _TIMED))
-            samples.append((people, len(space.safe) * evaluation.drivers.count))
-        for cases, times in samples:
-            if cases:
-                a_drive, drives = _seconds_a_drive(cases, setup)
-                seconds += a_drive * times
-                timed += drives
+    driven = [(space, one) for space in spaces for one in evaluation.ads]
+    kinds = {
+        "ads": [_kind(_of(plan, one), space) for space, one in driven[:: -(-len(driven) // _KINDS)]],
+        "references": [_kind(partial(plan.reference, role=role), space) for space in spaces for role in REFERENCES],
+        "humans": [_kind(plan.humans, space) for space in spaces] if humans else [],
+    }
     references = sum(len(space.numbers) for space in spaces) * len(REFERENCES)
+    a_drive, timed = _seconds_a_drive(kinds, setup)
+    seconds = ads * a_drive["ads"] + references * a_drive["references"] + humans * a_drive["humans"]
     share_to_do = 1.0 - recorded / max(ads + humans + references, 1)
     workers = evaluation.run.workers
     return Estimate(ads, humans, references, recorded, seconds * share_to_do / workers, timed, workers)
+
+
+def _of(plan: Planner, ads: AdsSettings) -> Callable[[Space], Iterator[Case]]:
+    """The cases of one ADS alone."""
+    return replace(plan, settings=replace(plan.settings, ads=(ads,))).ads
+
+
+def _kind(cases: Callable[[Space], Iterator[Case]], space: Space) -> list[Case]:
+    """A few cases of one kind, from all over the space."""
+    return list(islice(cases(_some(space)), _TIMED))
 
 
 def _some(space: Space) -> Space:
@@ -412,18 +422,29 @@ def _some(space: Space) -> Space:
     )
 
 
-def _seconds_a_drive(cases: Sequence[Case], setup: Setup) -> tuple[float, int]:
-    """Wall time of a drive among these in a warm pool, by how many drives: as many as a second is enough for."""
-    for _ in run_cases(cases[:1], setup):
-        pass  # imports and compilation are no rate
-    began, done, took = clock.perf_counter(), 0, 0.0
-    with closing(run_packs(cases, setup)) as packs:
-        for outcomes in packs:
-            done += len(outcomes)
-            took = clock.perf_counter() - began
-            if took > _TIMED_FOR and done >= _LEAST_TIMED:
-                break
-    return took / done, done
+def _seconds_a_drive(kinds: Mapping[str, Sequence[Sequence[Case]]], setup: Setup) -> tuple[dict[str, float], int]:
+    """Wall time of a drive of each sort, and by how many drives: kinds in turn, until `_TIMED_FOR` have gone by.
+
+    kinds: cases by sort. What was not reached takes what the others took.
+    """
+    began, timed = clock.perf_counter(), 0
+    took: dict[str, list[float]] = {sort: [] for sort in kinds}
+    turns = zip_longest(*([(sort, cases) for cases in some if cases] for sort, some in kinds.items()))
+    for sort, cases in (kind for turn in turns for kind in turn if kind is not None):
+        if timed and clock.perf_counter() - began > _TIMED_FOR:
+            break
+        for _ in run_cases(cases[:1], setup):
+            pass  # imports and compilation are no rate
+        begin, done = clock.perf_counter(), 0
+        with closing(run_packs(cases, setup)) as packs:
+            for outcomes in packs:
+                done += len(outcomes)
+                if clock.perf_counter() - begin > _A_KIND_FOR and done >= _LEAST_TIMED:
+                    break
+        took[sort].append((clock.perf_counter() - begin) / done)
+        timed += done
+    known = [seconds for some in took.values() for seconds in some]
+    return {sort: fmean(some or known or [0.0]) for sort, some in took.items()}, timed
 
 
 def _planned(plan: Planner, space: Space) -> Iterator[Case]:
@@ -449,12 +470,16 @@ def _chosen(store: Store, plan: Planner, spaces: Sequence[Space], share: float, 
 
 
 def _spaces(
-    settings: EvaluationSettings, source: Path, shard: tuple[int, int], progress: Progress = quiet
+    settings: EvaluationSettings,
+    source: Path,
+    shard: tuple[int, int],
+    progress: Progress = quiet,
+    looked_at: int | None = None,
 ) -> list[Space]:
     """The points of every scenario, with their zones; a shard has every n-th point, with all its drives."""
     spaces: list[Space] = []
     for offset, entry in enumerate(settings.scenario):
-        spaces.append(space_of(entry, settings, source, shard, offset))
+        spaces.append(space_of(entry, settings, source, shard, offset, looked_at))
         refuse_doubles(spaces)
         progress("zones", len(spaces), len(settings.scenario))
     scenario_weights([space.logical.name for space in spaces], settings.method.ranking)
@@ -467,8 +492,11 @@ def space_of(
     source: Path,
     shard: tuple[int, int] = WHOLE,
     offset: int = 0,
+    looked_at: int | None = None,
 ) -> Space:
     """The points of one scenario of an evaluation, with their zones.
+
+    looked_at: an estimate looks at about so many of the points only, and each stands for those that follow it.
 
     Raises InputError for whatever makes the scenario impossible to run, at any of its points; `check` and `run` ask it
     alike. offset: the scenario's place in the evaluation, so that shards share the points of all evenly.
@@ -476,10 +504,12 @@ def space_of(
     known = catalogue.find(entry.use, source)
     exposure = exposure_of(known, entry.exposure, settings.drivers, source)
     logical, points = choose_points(entry, source, settings, exposure.density)
-    check_points(logical, points.points)
+    every = 1 if looked_at is None else -(-len(points.points) // looked_at)
+    check_points(logical, points.points[::every])
     for name in settings.report.axes.get(logical.name, ()):  # misspelt ones must not be found out at the report
         logical.column(name)
-    hazardous = exactly_hazardous(logical, points.points, settings.method.zones)
+    hazardous = exactly_hazardous(logical, points.points[::every], settings.method.zones)
+    hazardous = np.repeat(hazardous, every)[: len(points.points)]
     index, count = shard
     numbers = range((index - 1 - offset) % count, len(points.points), count)
     return Space(logical, points.points, hazardous, numbers, points.exposure, exposure.plain(points.points))

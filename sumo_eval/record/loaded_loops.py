@@ -21,12 +21,10 @@ def _load() -> None:
     """Without looks for garbage: all of it stays, and is left out when a child looks for its own."""
     gc.disable()
     import sumo_eval.record.worker  # noqa: F401
-    from sumo_eval.kernels import set_up
     from sumo_eval.record.hygiene import adopt_orphans
     from sumo_eval.record.loops import OF_EVERY_RUN, compiled, load
 
     if known := set(OF_EVERY_RUN).intersection(compiled()):
-        set_up()
         load(sorted(known))
     adopt_orphans()
     gc.freeze()
