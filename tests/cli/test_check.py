@@ -143,3 +143,13 @@ def test_an_ads_that_ends_or_overwrites_the_process_it_is_checked_in_is_a_findin
     assert done.returncode == 1, done.stdout + done.stderr
     assert words in done.stdout
     assert not done.stderr or done.stderr.startswith("It printed:")  # the child's own traceback, as its words
+
+
+def test_a_shipped_scenario_is_checked_by_its_name_without_a_fit(tmp_path, monkeypatch):
+    def fit(*_):
+        raise AssertionError("whether zones can be found takes no Gaussian process")
+
+    monkeypatch.setattr("sumo_eval.method.zone_partition._fit", fit)
+    done = check("front_vehicle_low_speed", tmp_path)
+    assert done.returncode == 0, done.said
+    assert "Logical scenario `front_vehicle_low_speed`: ego_speed" in done.stdout
