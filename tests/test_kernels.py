@@ -119,7 +119,7 @@ def test_a_case_alone_has_the_bits_that_it_has_beside_others(ads: str):
 
 
 @pytest.mark.skipif(kernels.INTERPRETED, reason="this is the interpreted run")
-@pytest.mark.parametrize("sparse", [16, pytest.param(4, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("sparse", [64, pytest.param(4, marks=pytest.mark.campaign)])
 def test_interpreted_and_compiled_rules_drive_alike_to_the_bit(sparse: int):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import test_kernels as it; "

@@ -26,7 +26,7 @@ def report(run: Path) -> None:
     tell(str(path))
 
 
-@click.command(epilog="Example: sumo-eval explain results/first cut_in-0042-idm")
+@click.command(epilog="Example: sumo-eval explain results/first cut_in-0007-idm")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("case", required=False)
 @trusting
@@ -65,7 +65,7 @@ def find(run: Path, values: tuple[str, ...], ads: str | None, scenario: str | No
     say(nearest_cases(evaluation, named_values(values, "A parameter"), ads, scenario, most))
 
 
-@click.command(epilog="Example: sumo-eval replay results/first cut_in-0042-idm --beside driver_03 --open")
+@click.command(epilog="Example: sumo-eval replay results/first cut_in-0007-idm --beside driver_03 --open")
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("case")
 @click.option("--beside", metavar="NAME", help="Another ADS, or a driver such as driver_03, next to it.")

@@ -76,7 +76,7 @@ def test_an_example_runs_in_a_real_shell_and_opens_the_page(desk: Path, tmp_path
     browser.chmod(0o755)
     done = in_a_shell(EXAMPLES["replay"], desk, BROWSER=str(browser))
     assert done.returncode == 0, done.stderr
-    assert "replay-cut_in-0042-idm" in (tmp_path / "opened").read_text()
+    assert "replay-cut_in-0007-idm" in (tmp_path / "opened").read_text()
 
 
 def in_a_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:

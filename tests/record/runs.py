@@ -1,10 +1,11 @@
-"""Small evaluations on disk, run by the command line as a person would."""
+"""Small evaluations on disk, and commands on them."""
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
+
+import commands
 
 import sumo_eval
 
@@ -50,8 +51,8 @@ def command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "sumo_eval", *map(str, arguments)]
 
 
-def sumo_eval_cli(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=300, check=False)
+def sumo_eval_cli(*arguments: object) -> commands.Done:
+    return commands.sumo_eval(*arguments)
 
 
 def digest(folder: Path) -> str:

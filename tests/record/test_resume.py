@@ -249,12 +249,12 @@ def in_shell(line: str, folder: Path, **variables: str) -> subprocess.CompletedP
 
 
 def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) -> None:
-    """As docs/clusters.md has it for Slurm, with three jobs of one process in place of eight of sixteen."""
+    """As docs/clusters.md has it for Slurm, with two jobs of one process in place of eight of sixteen."""
     write_evaluation(tmp_path)
     script, merging = re.findall(r"```sh\n(.*?)```", CLUSTERS.read_text(encoding="utf-8"), flags=re.DOTALL)[:2]
     for there, here in (
-        ("array=1-8", "array=1-3"),
-        ("TASK_ID/8", "TASK_ID/3"),
+        ("array=1-8", "array=1-2"),
+        ("TASK_ID/8", "TASK_ID/2"),
         ("cpus-per-task=16", "cpus-per-task=1"),
     ):
         assert there in script
@@ -262,14 +262,14 @@ def test_shards_make_the_whole_and_only_together(whole: Path, tmp_path: Path) ->
     jobs = sbatch(script, tmp_path)
     for number, done in enumerate(jobs, start=1):
         assert done.returncode == 0, done.stderr
-        assert f"Shard {number}/3" in done.stdout
+        assert f"Shard {number}/2" in done.stdout
     shards = tmp_path / "shards"
     lone = sumo_eval_cli("score", shards / "1")
     assert lone.returncode == 2
-    assert "is shard 1/3 of an evaluation; put the shards together first" in lone.stderr
+    assert "is shard 1/2 of an evaluation; put the shards together first" in lone.stderr
     for parts, sentence in (
-        (("1", "2"), "missing: 3/3"),
-        (("1", "2", "2", "3"), "are both shard 2/3"),
+        (("1",), "missing: 2/2"),
+        (("1", "2", "2"), "are both shard 2/2"),
     ):
         refused = sumo_eval_cli("merge", *(shards / part for part in parts), "--out", tmp_path / "merged")
         assert (refused.returncode, sentence in refused.stderr) == (2, True), refused.stderr

@@ -53,7 +53,7 @@ controller = "exec:./lib/brakes.sh"
 [drivers]
 count = 2
 [run]
-workers = 2
+engine = "serial"
 [simulation]
 step = 0.1
 [method.zones]
