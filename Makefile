@@ -11,7 +11,9 @@ VENV ?= .venv
 TEST_PROCESSES ?= $(shell expr \( $$(getconf _NPROCESSORS_ONLN) \* 3 + 1 \) / 2)
 OUT ?= results/$(shell date +%Y%m%d-%H%M%S)
 BIN := $(VENV)/bin
-# Python compiles a package when it is first imported: most of what is installed never is.
+# Python compiles a package when it is first imported: most of what is installed never is. It keeps the result, whatever
+# the environment says: dozens of processes of the tests import the same.
+export PYTHONDONTWRITEBYTECODE :=
 INSTALL = $(BIN)/python tools/install.py
 
 # tests/conftest.py puts the files that take longest first.
@@ -42,7 +44,7 @@ quick: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest $(IN_PARALLEL) -k "not shipped_table_is_what_the_tool" $(QUICK)
 
 campaign: $(VENV)/.installed-dev
-	$(BIN)/python tools/campaign.py
+	$(BIN)/python tools/run_campaign.py
 
 coverage: $(VENV)/.installed-dev
 	$(BIN)/python -m coverage run -m pytest $(IN_PARALLEL)

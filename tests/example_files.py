@@ -40,7 +40,7 @@ refinements = 0
 grid_points = 1000
 """
 CASES = "ego_speed,cut_in_speed,gap,lateral_speed\n" + "".join(
-    f"{20 + number % 9},{12 + number % 5},{30 + number},{0.8 + 0.1 * (number % 3):.1f}\n" for number in range(8)
+    f"{20 + number % 9},{12 + number % 5},{30 + 7 * number},{0.8 + 0.1 * (number % 3):.1f}\n" for number in range(8)
 )
 """So many points that `cut_in-0007-idm` is a case."""
 

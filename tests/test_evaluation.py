@@ -66,7 +66,7 @@ def test_the_ideal_vehicle_scores_c_1_where_it_collides_itself(tmp_path: Path) -
         scenario=tuple(ScenarioSettings(name, sampling=corners) for name in names),
         ads=(AdsSettings("ideal", "ideal_braking"),),
         drivers=DriverSettings(count=2),
-        run=RunSettings(workers=2),
+        run=RunSettings(engine="serial"),
         method=MethodSettings(zones=ZoneSettings(grid_points=1_000, restarts=0, refinements=0)),  # C asks the criterion
     )
     scores = sumo_eval.evaluate(everywhere, tmp_path / "run").scores

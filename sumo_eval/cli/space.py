@@ -94,7 +94,7 @@ def sample(
     tell(str(page))
 
 
-@click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --out boundary")
+@click.command(epilog="Example: sumo-eval boundary cut_in careful_driver --fix ego_speed=25 --budget 64 --out boundary")
 @click.argument("scenario")
 @click.argument("ads")
 @click.option("--out", type=click.Path(path_type=Path),

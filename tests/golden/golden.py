@@ -80,7 +80,7 @@ def evaluation(part: int) -> EvaluationSettings:
         scenario=tuple(ScenarioSettings(name, sampling) for name in scenarios),
         ads=tuple(AdsSettings(name.replace(":", "_"), name) for name in names),
         drivers=DriverSettings(count=DRIVERS if closed_form else FEW_DRIVERS),
-        run=RunSettings(workers=2),
+        run=RunSettings(engine="serial"),
         method=MethodSettings() if closed_form else MethodSettings(zones=COARSE),
     )
 

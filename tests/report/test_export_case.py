@@ -53,7 +53,7 @@ controller = "exec:./lib/brakes.sh"
 [drivers]
 count = 2
 [run]
-engine = "serial"
+workers = 2
 [simulation]
 step = 0.1
 [method.zones]

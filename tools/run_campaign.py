@@ -1,6 +1,6 @@
 """Run the slow tests, and the laws with twenty times as many examples; keep when each file last passed.
 
-    python tools/campaign.py [pytest arguments, such as tests/record or -k people]
+    python tools/run_campaign.py [pytest arguments, such as tests/record or -k people]
 
 tests/campaign/passed.json has a row for each file: day, commit, share of the cases (SUMO_EVAL_CAMPAIGN_SHARE), tests,
 wall time (s). A run of a part renews the rows of its files; a file with a failure loses its row.
