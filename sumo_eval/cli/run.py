@@ -124,8 +124,8 @@ def score(run: Path, changes: tuple[str, ...], everything: bool) -> None:
 
     with Progress() as progress:
         result = score_run(run, changes, progress=progress)
-    said = f"Scored with {', '.join(changes)}, in place of what {result.folder / 'evaluation.toml'} says."
-    stays = "report.html and scores.json show that; every other command scores with the file's own settings."
+    said = f"Scored with {', '.join(changes)} instead of the values in {result.folder / 'evaluation.toml'}."
+    stays = "report.html and scores.json show these scores; other commands use the settings of the file."
     finish(result, [f"{said} {stays}"] if changes else [], everything=everything)
 
 
@@ -166,7 +166,7 @@ def verify(run: Path, share: float, workers: int | None) -> None:
     if len(differences) > _MOST_LISTED:
         tell(f"and {len(differences) - _MOST_LISTED} more.")
     if differences:
-        tell(f"{len(differences)} of {drives} drives of {run} are not what they were.")
+        tell(f"{len(differences)} of {drives} drives of {run} differ from the recorded ones.")
         sys.exit(GATE_FAILED)
     tell(f"{drives} drives of {run} simulated again, all the same to the bit.")
     sys.exit(DONE)

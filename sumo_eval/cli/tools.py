@@ -180,7 +180,8 @@ def _check_controller(locator: str, step_timeout: float, case_timeout: float, se
         if finding.mend and (after is None or after.mend != finding.mend):
             tell(f"      -> {finding.mend}")
     failed = sum(finding.kind == "FAIL" for finding in findings)
-    tell(f"{locator}: {'keeps the contract' if not failed else f'breaks the contract in {failed} point(s)'}")
+    points = f"{failed} point{'s' * (failed != 1)}"
+    tell(f"{locator}: {f'breaks the contract in {points}' if failed else 'keeps the contract'}")
     sys.exit(GATE_FAILED if failed else DONE)
 
 

@@ -111,7 +111,7 @@ def run_night(
         except KeyboardInterrupt:
             raise StoppedError(f"Stopped. The same command with --resume goes on with night {name}.") from None
         except (OSError, sqlite3.Error) as error:
-            left = "The same command with --resume goes on."
+            left = "The same command with --resume continues."
             if _full(error):
                 shutil.rmtree(folder, ignore_errors=True)  # what fills a full disk must not stay there until tomorrow
                 left = "What this one had recorded was removed."

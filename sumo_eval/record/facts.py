@@ -103,7 +103,7 @@ class Estimate:
         return (
             f"{self.ads} drives of the ADSs, {self.humans} of human drivers and {self.references} of the "
             f"references{done}.\nAbout {time} with {self.workers} worker{'s' if self.workers > 1 else ''}, "
-            f"by {self.timed} drives timed just now; scoring comes on top."
+            f"estimated from {self.timed} drives timed now; scoring takes additional time."
         )
 
 
@@ -187,7 +187,7 @@ def record_facts(
     _check_scenarios(evaluation, source)
     loops.ready(loops.of_evaluation(evaluation), progress)
     plan = planner(evaluation, source)  # a misspelt controller must not be found out after an hour of simulation
-    progress("controllers", len(plan.identities), len(plan.identities))
+    progress("controllers checked", len(plan.identities), len(plan.identities))
     spaces = _spaces(evaluation, source, shard, progress)
     if any(_middle(space).lively for space in spaces):
         loops.ready([loops.PLAYED], progress)
@@ -209,7 +209,7 @@ def record_facts(
             except (StoppedError, KeyboardInterrupt):
                 raise StoppedError(
                     f"Stopped. {_counted(store, folder, shard).drives} drives are recorded in {folder}; "
-                    "the same command with --resume goes on."
+                    "the same command with --resume continues."
                 ) from None
             store.seal()
             store.note(run_folder.COMPLETE, "yes")
@@ -353,7 +353,7 @@ def verify(
                 if again.case_digest(key, drives=drives) != store.case_digest(key, drives=drives):
                     differences.append(f"{key} is not the same again: {store.difference(key, again)}.")
                 again.remove([key])
-                progress("simulated again", done, len(same), len(differences))
+                progress("drives simulated again", done, len(same), len(differences))
     return len(chosen), differences
 
 

@@ -288,8 +288,8 @@ def find_stale(store: Store, source: Path) -> tuple[str, ...]:
         cases = sum(of == ads for _, of, _ in stale)
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         notes.append(
-            f"{cases} recorded case{'s' * (cases > 1)} of ADS `{ads}` cannot be taken over: {clean(names[0])}{more} is "
-            "not what its processes had read. They are driven again."
+            f"{cases} recorded case{'s' * (cases > 1)} of ADS `{ads}` cannot be reused: {clean(names[0])}{more} "
+            "changed since its processes read it. They are rerun."
         )
     return tuple(notes)
 

@@ -79,16 +79,16 @@ def closing_lines(evaluation: Evaluation) -> list[str]:
     ]
     lines += check_lines(evaluation)
     lines += [
-        f"{count(zone.refused, 'point')} of {zone.sampled + zone.refused} of {zone.scenario} cannot be, by its "
-        "constraints, and left the sample."
+        f"The sample of {zone.scenario} leaves out {zone.refused} of {count(zone.sampled + zone.refused, 'point')}: "
+        "impossible by its constraints."
         for zone in evaluation.zones
         if zone.refused
     ]
     lines += [f"Zones of {zone.scenario}: {note}" for zone in evaluation.zones for note in zone.notes]
     lines += [
-        f"Of the catalogue does not play: {why}"
+        f"Not supported in the catalogue: {why}"
         if Path(file).name in why
-        else f"{file} of the catalogue does not play: {why}"
+        else f"{file} of the catalogue is not supported: {why}"
         for entry in evaluation.settings.scenario
         for file, why in entry.not_played.items()
     ]

@@ -136,9 +136,9 @@ MEASURES = (
 """The criticality measures of a case: (field of CaseResult, words, unit)."""
 
 _STATUS = {
-    "timeout": "The case took longer than it may.",
+    "timeout": "The case exceeded its time limit.",
     "ads_error": "The controller failed.",
-    "ads_timeout": "One step of the controller took longer than it may.",
+    "ads_timeout": "One step of the controller exceeded its time limit.",
     "sim_error": "SUMO refused or lost something.",
     "crashed": "The process that ran the case died.",
     "rejected": "The case was refused before it began.",
@@ -165,7 +165,7 @@ _END = {
     "road_end": "the ego reached the end of the road",
     "off_road": "the ego left the road",
     "time_limit": "the simulated time limit was reached",
-    "decided": "nothing could come of it any more",
+    "decided": "no collision was possible any more",
     "ads_error": "the controller failed",
     "ads_timeout": "the controller took too long over one step",
     "sim_error": "SUMO failed",
@@ -295,23 +295,22 @@ def people_sentence(evaluation: Evaluation) -> str:
     settings = evaluation.settings
     if nobody_drove(evaluation):
         return (
-            "There is nobody whom D and H compare with: synthetic drivers do not know these scenes, and nobody is "
-            "recorded in them."
+            "D and H have no drivers to compare with: synthetic drivers do not cover these scenes, and no recorded "
+            "driver matches them."
         )
     if settings.drivers.source != "recorded":
         alone = ", ".join(dict.fromkeys(score.scenario for score in evaluation.scores if score.nobody_compared))
-        return drivers_sentence(settings) + (f" In {alone} there is nobody to compare with." if alone else "")
+        return drivers_sentence(settings) + (f" There are none in {alone}." if alone else "")
     behind = people_behind(evaluation)
     source = ", ".join(settings.drivers.recordings) or settings.drivers.cases
     fills = settings.drivers.too_thin == "fill"
     points = sum(one.points for one in behind)
     if nobody_recorded(evaluation):
         instead = "D and H compare with synthetic drivers alone" if fills else "there is no D_i"
-        who = "nobody" if fills else f"nowhere as many as {settings.drivers.least} people"
-        was = "was" if fills else "were"
+        who = "no driver" if fills else f"fewer than {settings.drivers.least} drivers"
         return (
-            f"No recorded person stands behind D and H: {who} in {source} {was} recorded in anything like these "
-            f"{count(points, 'safe concrete scenario')}; {instead}. `sumo-eval humans coverage` says where they are."
+            f"D and H use no recorded driver: {source} has {who} in a situation like any of these "
+            f"{count(points, 'safe concrete scenario')}; {instead}. `sumo-eval humans coverage` shows where they are."
         )
     rest = "synthetic drivers fill up" if fills else "the others are left out"
     each = "; ".join(
@@ -724,21 +723,20 @@ def score_note(note: ScoreNote) -> str:
     match note:
         case DrivesLeftOut(left_out, drives, statuses):
             how = ", ".join(f"{number} {_LEFT_OUT.get(status, status)}" for status, number in statuses)
-            return f"{left_out} of the drivers' {drives} drives are left out of the reference: {how}."
+            return f"The reference leaves out {left_out} of the drivers' {drives} drives: {how}."
         case DrivenAlone(alone):
             why = " ".join(f"{number} x: {reason}" for reason, number in alone)
             drives = sum(number for _, number in alone)
             ran = f"{count(drives, 'drive')} could not share one simulation with others and ran alone"
-            return f"{ran}, which changes no result but those of policies over arrays. {why}"
+            return f"{ran}, which changes results of policies over arrays only. {why}"
         case DrivenInBlocks(drives, sizes):
             return (
-                f"Its policy over arrays was shown cases in blocks of {' and '.join(map(str, sizes))}, whose "
-                f"composition the evaluation fixes ({count(drives, 'drive')}): the last bits of its answers may depend "
-                "on which cases stand together."
+                f"Its policy over arrays received cases in fixed batches of {' and '.join(map(str, sizes))} "
+                f"({count(drives, 'drive')}). The last bits of its answers may depend on the batch."
             )
         case ActorsLeft(cases):
             return (
-                f"In {count(cases, 'case')} an actor came to the end of the network and left it, and the case went on "
+                f"In {count(cases, 'case')} an actor reached the end of the network and left it; the case continued "
                 "without it (clip `actor_left_the_network`)."
             )
         case BeyondRange(severity, reasons):
@@ -754,10 +752,10 @@ def score_note(note: ScoreNote) -> str:
             return f"{cases} of {of} cases lie outside the support of the recorded exposure."
         case PlausibleTo(scenario, people, drives, least, instead):
             if instead is None:
-                return f"Plausibility is judged by {people} recorded drivers of the run ({drives} drives)."
+                return f"Plausibility compares with {people} recorded drivers of the run ({drives} drives)."
             return (
-                f"Plausibility is judged by {instead} people on a motorway: the run has {people} recorded drivers in "
-                f"`{scenario}`, of the {least} that a table needs."
+                f"Plausibility compares with {instead} people on a motorway: the run has {people} recorded drivers in "
+                f"`{scenario}`, and a table needs {least}."
             )
         case CasesMissing(zones):
             places = " and ".join(f"{number} in the {zone} zone" for zone, number in zones)
@@ -778,14 +776,14 @@ def score_note(note: ScoreNote) -> str:
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
         case StruckFromBehind(cases):
             return (
-                f"In {count(cases, 'case')} a vehicle that reacts ran into the ego's rear: the other's fault, counted "
-                "apart, and no collision to C and A (`method.collision.rear_end`)."
+                f"In {count(cases, 'case')} an actor that reacts ran into the ego's rear: its own fault, counted apart, "
+                "no collision for C and A (`method.collision.rear_end`)."
             )
         case GentlerThanIdeal(collisions):
-            return f"In {count(collisions, 'collision')} the ADS was gentler than the ideal vehicle; each counts 1."
+            return f"In {count(collisions, 'collision')} the ADS hit more softly than the ideal vehicle; each has the ratio 1."
         case RequirementMissed(name, text, cases, of):
             said = f"`{text}`" if name == text else f"{name} (`{text}`)"
-            return f"{count(cases, 'case')} of {of} miss the requirement {said}."
+            return f"{cases} of {count(of, 'case')} miss the requirement {said}."
         case ReferencesCollide(points, of):
             return (
                 f"The space is called safe at {count(of, 'point')}, yet drivers or the reference car collide at "
@@ -794,7 +792,7 @@ def score_note(note: ScoreNote) -> str:
         case IdealCollidesToo(collisions, of):
             return (
                 f"The ideal vehicle has {collisions} of {count(of, 'collision')} in the safe zone as well: C and A "
-                "judge them, and D and H leave them out."
+                "count them, D and H leave them out."
             )
 
 

@@ -141,7 +141,7 @@ def survey(
     for first in range(0, len(there), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         hazardous[there[some]], weights[there[some]] = _zone_and_weight(values[some], zones, zones_key, kept)
-        progress(f"{logical.name}: the weight of every point", min(some.stop, len(there)), len(there))
+        progress(f"{logical.name}: weights of the points", min(some.stop, len(there)), len(there))
     usable, compared = np.zeros(points, dtype=np.bool_), False
     for point, drivers, recorded in store.drivers_at_points(logical.name, RECORDED):
         usable[point], compared = _usable(drivers, recorded, settings.drivers)[1], True

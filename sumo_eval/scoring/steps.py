@@ -181,7 +181,7 @@ class Scoring:
             name: [fact for fact in facts if not known.hazardous[fact.point] and fact.collision is None]
             for name, facts in drives.items()
         }
-        stage = f"{logical.name}: comparing everybody with the drivers"
+        stage = f"{logical.name}: comparison with the drivers"
         people = compare_with_people(  # step 4: D_i
             logical, compared, judged, known, store, settings, self.spread,
             lambda share: self.progress(stage, points.start + round(share * len(points)), known.points), self.kept,

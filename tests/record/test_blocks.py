@@ -148,6 +148,6 @@ def test_a_policy_says_by_batch_that_it_takes_arrays_as_a_class_and_as_an_object
 
 def test_the_note_beside_the_score_says_that_cases_were_shown_in_blocks() -> None:
     assert score_note(DrivenInBlocks(6, (2, 4))) == (
-        "Its policy over arrays was shown cases in blocks of 2 and 4, whose composition the evaluation fixes "
-        "(6 drives): the last bits of its answers may depend on which cases stand together."
+        "Its policy over arrays received cases in fixed batches of 2 and 4 (6 drives). "
+        "The last bits of its answers may depend on the batch."
     )

@@ -305,7 +305,7 @@ def test_a_score_says_which_drives_left_their_pack(tmp_path: Path) -> None:
     lost = "Its pack was lost. The process that ran it died with exit code 7."
     assert (
         note == f"{mine.cases} drives could not share one simulation with others and ran alone, "
-        f"which changes no result but those of policies over arrays. {mine.cases} x: {lost}"
+        f"which changes results of policies over arrays only. {mine.cases} x: {lost}"
     )
     assert mine.not_evaluated >= 1
     assert not any("pack" in score_note(note) for note in idm.notes)

@@ -120,7 +120,7 @@ def test_case_depends_on_what_its_ads_had_read(whole: Path, tmp_path: Path, kind
     assert stale(folder) == ()
     change(folder / "source")
     (said,) = stale(folder)
-    assert said.startswith(f"3 recorded cases of ADS `mine` cannot be taken over: {name} is not what")
+    assert said.startswith(f"3 recorded cases of ADS `mine` cannot be reused: {name} changed")
 
 
 def test_touched_and_written_files_change_nothing(whole: Path, tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_edited_planner_is_driven_again_and_said(whole: Path, tmp_path: Path) ->
     (folder / "source" / "lazy" / "planner.py").write_text(ROLLS)
     run = sumo_eval_cli("run", folder / "source" / "evaluation.toml", "--out", folder / "run", "--resume")
     assert run.returncode == 0, run.stderr
-    assert "3 recorded cases of ADS `mine` cannot be taken over: lazy/planner.py is not what" in run.stdout
+    assert "3 recorded cases of ADS `mine` cannot be reused: lazy/planner.py changed" in run.stdout
     fresh = sumo_eval.evaluate(folder / "source" / "evaluation.toml", tmp_path / "fresh")
     resumed = sumo_eval.score(folder / "run")
     assert [score.collisions for score in resumed.scores] == [score.collisions for score in fresh.scores]
@@ -185,7 +185,7 @@ def test_two_versions_in_one_run_stop_it(tmp_path: Path) -> None:
     path = written(tmp_path / "source", EDITED_MEANWHILE, cases_per_child=1)
     with pytest.raises(InputError, match=r"`mine` was changed while the run went on: .* two versions of lazy/planner"):
         sumo_eval.evaluate(path, tmp_path / "run")
-    assert "1 recorded case of ADS `mine` cannot be taken over: lazy/planner.py" in stale(tmp_path)[0]
+    assert "1 recorded case of ADS `mine` cannot be reused: lazy/planner.py" in stale(tmp_path)[0]
     done = sumo_eval.evaluate(path, tmp_path / "run", resume=True)
     assert done.scores[0].cases == 3
     assert stale(tmp_path) == ()

@@ -149,7 +149,7 @@ def test_ctrl_c_once_ends_the_running_cases_and_says_how_to_go_on(whole: Path, t
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
     assert "Ctrl-C once more stops at once" in errors
-    assert "the same command with --resume goes on" in errors
+    assert "the same command with --resume continues" in errors
     assert "Traceback" not in errors
     sumo_eval.evaluate(path, tmp_path / "run", resume=True)
     assert digest(tmp_path / "run") == digest(whole)

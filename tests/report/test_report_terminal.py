@@ -55,7 +55,7 @@ def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Eval
     nobody = NotComputed("no_drivers")
     alone = [replace(score, human_likeness=None, h_reason=nobody) for score in evaluation.scores]
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(alone))))
-    assert "There is nobody whom D and H compare with" in told
+    assert "D and H have no drivers to compare with" in told
     assert "human drivers of each concrete scenario" not in told
     (first, *_), (last, *_) = alone, reversed(alone)
     some = [
@@ -63,7 +63,7 @@ def test_nothing_is_said_of_synthetic_drivers_when_they_are_not(evaluation: Eval
     ]
     assert first.scenario != last.scenario
     told = "\n".join(closing_lines(replace(evaluation, scores=tuple(some))))
-    assert f"They are not recorded people. In {last.scenario} there is nobody to compare with." in told
+    assert f"They are not recorded people. There are none in {last.scenario}." in told
 
 
 def test_the_ledger_on_the_terminal_adds_up_to_s_plus_and_s(evaluation: Evaluation) -> None:

@@ -350,6 +350,6 @@ def test_a_vehicle_that_left_is_told_in_row_and_report(tmp_path, monkeypatch):
     done = sumo_eval.evaluate(evaluation, "run", ads=["idm"])
     assert {case.status for case in done.cases} == {"ok"}
     assert all("actor_left_the_network x1" in case.clips for case in done.cases)
-    told = [line for line in closing_lines(done) if "came to the end of the network" in line]
-    assert told == ["idm in short: In 2 cases an actor came to the end of the network and left it, and the case "
-                    "went on without it (clip `actor_left_the_network`)."]  # fmt: skip
+    told = [line for line in closing_lines(done) if "reached the end of the network" in line]
+    assert told == ["idm in short: In 2 cases an actor reached the end of the network and left it; the case "
+                    "continued without it (clip `actor_left_the_network`)."]  # fmt: skip

@@ -255,7 +255,7 @@ def test_a_table_of_the_runs_own_people_needs_twenty_of_them_and_the_scores_say_
     out, _, _ = runs["fill"]
     for one in score(out, ["method.plausibility.table=recorded"]).scores:
         (note,) = [words for words in map(score_note, one.notes) if words.startswith("Plausibility")]
-        assert note.startswith("Plausibility is judged by 213 people on a motorway: the run has ")
+        assert note.startswith("Plausibility compares with 213 people on a motorway: the run has ")
     assert not any(isinstance(note, PlausibleTo) for one in score(out).scores for note in one.notes)
 
 

@@ -41,7 +41,7 @@ def test_the_default_is_the_people_of_the_motorway_and_says_nothing(tmp_path: Pa
 def test_the_recorded_drivers_of_the_run_are_measured_among_its_other_vehicles(tmp_path: Path) -> None:
     found = people(tmp_path / "facts.sqlite", 40, RECORDED_TABLE)
     assert tuple(map(score_note, found.notes)) == (
-        "Plausibility is judged by 40 recorded drivers of the run (40 drives).",
+        "Plausibility compares with 40 recorded drivers of the run (40 drives).",
     )
     assert (found.people.people, found.people.drives) == (40, 40)
     assert found.people.values["min_thw"][0] == pytest.approx(1.0, abs=0.01)
@@ -53,6 +53,6 @@ def test_too_few_recorded_drivers_are_no_table_and_the_note_counts_them(tmp_path
     found = people(tmp_path / "facts.sqlite", LEAST_PEOPLE - 1, RECORDED_TABLE)
     assert found.people is MOTORWAY_PEOPLE
     assert tuple(map(score_note, found.notes)) == (
-        "Plausibility is judged by 213 people on a motorway: the run has 19 recorded drivers in "
-        "`front_vehicle_low_speed`, of the 20 that a table needs.",
+        "Plausibility compares with 213 people on a motorway: the run has 19 recorded drivers in "
+        "`front_vehicle_low_speed`, and a table needs 20.",
     )

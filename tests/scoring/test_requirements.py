@@ -123,7 +123,7 @@ check = "at_end(time) > gap0 / 10 - 0.01"
     (score,) = result.scores
     assert score.requirements_missed == 2
     said = [score_note(note) for note in score.notes]
-    assert "2 cases of 2 miss the requirement keeps clear (`collided == 0 and min(gap) > 2`)." in said
+    assert "2 of 2 cases miss the requirement keeps clear (`collided == 0 and min(gap) > 2`)." in said
     assert not any("at_end(time)" in note for note in said)
     write_tables(result)
     with (result.folder / "cases.csv").open(encoding="utf-8") as file:

@@ -51,8 +51,8 @@ _MARGIN = 0.5  # of a limit: a busier machine can take twice as long
 _HINTS = {
     r"[Tt]ype '.*' is not known": "a type of the ego's own is the class attribute `vehicle_type`, e.g. "
     'vehicle_type = {"carFollowModel": "IDM"}',
-    r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; the others come and '
-    "go, see traci.vehicle.getIDList()",
+    r"[Vv]ehicle '.*' is not known": 'the ego\'s id is the argument `ego`, which is "ego"; other vehicles come '
+    "and go, see traci.vehicle.getIDList()",
 }
 """What to do about an error of TraCI's, by its words."""
 _WALL_CLOCK = ("late_command",)  # clips that differ from run to run by their nature
@@ -183,7 +183,7 @@ def _fault(case: ConcreteScenario, recording: Recording, count: int, cases: int)
     mend = {
         "ads_timeout": "answer sooner, or allow more: [run] step_timeout",
         "sim_error": "SUMO's own words are above; check the vehicle, the parameters and the FMU",
-    }.get(recording.end_reason, "mend what the sentence names")
+    }.get(recording.end_reason, "fix what the message names")
     mend = next((hint for told, hint in _HINTS.items() if re.search(told, recording.error or "")), mend)
     if recording.error_place:
         return Finding("FAIL", f"{where}: {recording.error} At {recording.error_place}.", mend)
@@ -199,13 +199,15 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
     text = "; ".join(said.values())
     if any(clip.what in _COMMANDS for clip in worst):
         mend = (
-            "the vehicle does what it can, and every case counts that as clips; if it was not meant: acceleration is "
+            "the vehicle does what it can, and every case counts that as clips; if that was not intended: acceleration is "
             "in m/s2, steering is the steering WHEEL's angle in rad"
         )
         if any(clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst):
-            mend += "; who asks for (wanted - v)/dt, to have a speed at once, may return Command(speed=wanted)"
+            mend += "; for a speed at once return Command(speed=wanted) instead of (wanted - v)/dt"
         return Finding("warn", text, mend)
-    return Finding("note", text, "allowed, and counted in every case as clips; limit it yourself if it was not meant")
+    return Finding(
+        "note", text, "allowed, and counted in every case as clips; limit it yourself if that was not intended"
+    )
 
 
 def _planned(recordings: Sequence[Recording]) -> list[Finding]:
@@ -233,7 +235,7 @@ def _same(case: ConcreteScenario, one: Recording, two: Recording) -> Finding:
     differ = np.flatnonzero(np.any((rows[0] != rows[1]) & ~(np.isnan(rows[0]) & np.isnan(rows[1])), axis=1))
     clips = [tuple(clip for clip in r.clips if clip.what not in _WALL_CLOCK) for r in (one, two)]
     if not differ.size and len(one.ego) == len(two.ego) and one.collision == two.collision and clips[0] == clips[1]:
-        return Finding("ok", f"drives {where} a second time as the first, with another case in between")
+        return Finding("ok", f"drives {where} the same a second time, with another case in between")
     when = float(one.ego.time[differ[0]]) if differ.size else one.simulated_time
     i = int(differ[0]) if differ.size else n - 1
     return Finding(

@@ -1091,6 +1091,7 @@
       ...backgroundTraces(scenario, view, sumoMaps.zones(scenario, view, [null], 0)), ...outside(), ...markers(scenario, view, item.ads, shows), ring(scenario, view, shows, s),
     ], layout(...mapAxes(scenario, view, padded), { dragmode: false }), CONFIG);
     drawMap();
+    chart(plot, `${scenario.name} map of ${item.ads}`, scenario);
     plot.on("plotly_click", (event) => onPick(s, event));
     drawn.push(drawMap);
     moveRings.push(drawMap);

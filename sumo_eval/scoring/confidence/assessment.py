@@ -58,7 +58,7 @@ def assess(evaluation: Evaluation, partitions: Mapping[str, ZonePartition], prog
     coverage, assessments = {}, []
     for score in evaluation.scores:
         assessments.append(_assess(score, evaluation, partitions[score.scenario]))
-        progress("confidence", len(assessments), len(evaluation.scores))
+        progress("confidence in the scores", len(assessments), len(evaluation.scores))
     for name, zones in partitions.items():
         coverage[name] = space_coverage(zones, _points(evaluation, zones))
     return Confidence(tuple(assessments), coverage)

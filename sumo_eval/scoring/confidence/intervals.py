@@ -121,7 +121,7 @@ def score_intervals(
     sums = [_Sums.of(one, lists.points, replicates, method) for one in judged]
 
     def told(points: int, of: int) -> None:
-        progress(f"{scenario}: replicates for the intervals", points * replicates // of, replicates)
+        progress(f"{scenario}: resamples for the intervals", points * replicates // of, replicates)
 
     for part in resamples(lists, replicates, seed, ("intervals", scenario), even=even, done=told):
         for of_one in sums:
