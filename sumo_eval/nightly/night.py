@@ -109,7 +109,7 @@ def run_night(
             write_junit(suites, folder / JUNIT, score_parts(done))
             report = write_assessed_report(done, Beside(comparison, gates, tuple(notes)), progress=progress)
         except KeyboardInterrupt:
-            raise StoppedError(f"Stopped. The same command with --resume goes on with night {name}.") from None
+            raise StoppedError(f"Stopped. The same command with --resume continues night {name}.") from None
         except (OSError, sqlite3.Error) as error:
             left = "The same command with --resume continues."
             if _full(error):

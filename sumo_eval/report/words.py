@@ -776,11 +776,12 @@ def score_note(note: ScoreNote) -> str:
             return f"With the missing cases counted as worst and as best: {', '.join(parts)}."
         case StruckFromBehind(cases):
             return (
-                f"In {count(cases, 'case')} an actor that reacts ran into the ego's rear: its own fault, counted apart, "
-                "no collision for C and A (`method.collision.rear_end`)."
+                f"In {count(cases, 'case')} an actor that reacts ran into the ego's rear: its own fault, "
+                "counted apart, no collision for C and A (`method.collision.rear_end`)."
             )
         case GentlerThanIdeal(collisions):
-            return f"In {count(collisions, 'collision')} the ADS hit more softly than the ideal vehicle; each has the ratio 1."
+            softer = count(collisions, "collision")
+            return f"In {softer} the ADS hit more softly than the ideal vehicle; each has the ratio 1."
         case RequirementMissed(name, text, cases, of):
             said = f"`{text}`" if name == text else f"{name} (`{text}`)"
             return f"{cases} of {count(of, 'case')} miss the requirement {said}."

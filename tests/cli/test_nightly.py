@@ -215,7 +215,7 @@ def test_a_disk_that_fails_without_being_full_and_a_late_ctrl_c_keep_the_night(
         raise fault
 
     monkeypatch.setattr("sumo_eval.nightly.night.write_tables", broken)
-    with pytest.raises((InputError, StoppedError), match="The same command with --resume goes on"):
+    with pytest.raises((InputError, StoppedError), match="The same command with --resume continues"):
         run_night(folder / "evaluation.toml", history, GateSettings(resamples=100))
     monkeypatch.undo()
     before = len(nights(history))

@@ -78,7 +78,7 @@ def test_a_run_with_one_worker_that_is_stopped_in_its_second_round_goes_on_to_th
     settings, _ = resolve(EVALUATION, tmp_path / "run", resume=False, workers=1)
     settings = replace(settings, run=replace(settings.run, cases_per_child=8, cases_per_pack=8))
     second = lambda: sum(sampling_of(tmp_path / "run").rounds, ()) != () and next(stops)  # noqa: E731
-    with pytest.raises(StoppedError, match="--resume goes on"):
+    with pytest.raises(StoppedError, match="--resume continues"):
         sumo_eval.evaluate(settings, tmp_path / "run", stopping=second)
     assert len(sampling_of(tmp_path / "run").rounds) == 2
     again = sumo_eval.evaluate(EVALUATION, tmp_path / "run", workers=1, resume=True)

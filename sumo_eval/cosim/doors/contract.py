@@ -199,8 +199,8 @@ def _in_range(recordings: Sequence[Recording]) -> Finding:
     text = "; ".join(said.values())
     if any(clip.what in _COMMANDS for clip in worst):
         mend = (
-            "the vehicle does what it can, and every case counts that as clips; if that was not intended: acceleration is "
-            "in m/s2, steering is the steering WHEEL's angle in rad"
+            "the vehicle does what it can, and every case counts that as clips; if that was not intended: "
+            "acceleration is in m/s2, steering is the steering WHEEL's angle in rad"
         )
         if any(clip.what == "acceleration" and abs(clip.requested) > _NO_ACCELERATION for clip in worst):
             mend += "; for a speed at once return Command(speed=wanted) instead of (wanted - v)/dt"
