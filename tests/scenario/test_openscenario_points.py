@@ -46,7 +46,8 @@ DETERMINISTIC = variation(
     + "</Deterministic>"
 )
 
-DECLARATIONS = """<OpenSCENARIO><ParameterDeclarations>
+DECLARATIONS = """<OpenSCENARIO><FileHeader revMajor="1" revMinor="1"/>
+<ParameterDeclarations>
 <ParameterDeclaration name="Ve0_kph" parameterType="double" value="60.0">
   <ConstraintGroup><ValueConstraint rule="greaterThan" value="0.0"/><ValueConstraint rule="lessOrEqual" value="60.0"/>
   </ConstraintGroup></ParameterDeclaration>
@@ -132,6 +133,13 @@ def test_steps_of_a_tenth_end_where_they_should(files):
     assert values == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
 
 
+def test_numbers_with_underscores_are_texts(files):
+    inner = "<Deterministic>" + single("Model", elements("1_0", "2")) + "</Deterministic>"
+    (files / "variation.xosc").write_text(variation(inner))
+    values = [item["Model"] for item in read_variation(files / "variation.xosc", None, 1).combinations]
+    assert values == ["1_0", 2.0]
+
+
 def test_value_sets_vary_parameters_together(files):
     sets = "".join(
         f'<ParameterValueSet><ParameterAssignment parameterRef="Ve0_kph" value="{ve}"/>'
@@ -203,9 +211,14 @@ def test_stochastic_distributions_have_their_moments_and_their_limits(files):
         (("mapping.toml", "variation.xosc", "nowhere.xosc"), "There is no OpenSCENARIO file"),
         (("mapping.toml", "[only]", "[olny]"), "Did you mean `only`?"),
         (("mapping.toml", "Ve0_kph / 3.6", "Ve0_kph * 100"), "lies within the ranges of `cut_in`"),
-        (("variation.xosc", "DistributionSet", "UserDefinedDistribution"), "must have a DistributionSet or a"),
+        (
+            ("variation.xosc", "DistributionSet", "UserDefinedDistribution"),
+            "<UserDefinedDistribution>: this is not played",
+        ),
         (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="0"'), "`stepWidth`"),
-        (("variation.xosc", 'upperLimit="3.0"', 'upperLimit="x"'), "The Range"),
+        (("variation.xosc", 'upperLimit="3.0"', 'upperLimit="x"'), "`upperLimit` must be a finite number"),
+        (("variation.xosc", 'stepWidth="0.5"', 'stepWidth="1e-9"'), "between 1 and 1,000,000"),
+        (("variation.xosc", "<OpenSCENARIO>", "<!DOCTYPE x><OpenSCENARIO>"), "must not declare a document type"),
         (("variation.xosc", "</OpenSCENARIO>", ""), "is not XML"),
         (("Concrete/cut_in.xosc", "lessOrEqual", "lessOrEqal"), "Did you mean `lessOrEqual`?"),
         (("Concrete/cut_in.xosc", 'rule="greaterThan" value="0.0"', 'rule="greaterThan" value="99"'), "allow none"),

@@ -137,7 +137,7 @@ def read_space(path: Path) -> Space:
         distribution = read_openscenario(file).find("ParameterValueDistribution")
         if distribution is not None and len(seen) > _DEEPEST:
             raise fault(named, "distributions of distributions are not played")
-    axes = [] if first is None else list(_axes(first))
+    axes = [] if first is None else list(axes_of(first))
     names = [name for axis in axes for name in axis.names]
     for name in names:
         if names.count(name) > 1:
@@ -163,7 +163,8 @@ def _check_declared(space: Space, element: Element) -> None:
                         .rstrip("."))  # fmt: skip
 
 
-def _axes(distribution: Element) -> Iterator[Axis]:
+def axes_of(distribution: Element) -> Iterator[Axis]:
+    """What a ParameterValueDistribution varies."""
     held = [part for part in children(distribution) if part.tag in ("Deterministic", "Stochastic")]
     if len(held) != 1:
         raise fault(distribution, "it must be either <Deterministic> or <Stochastic>")
@@ -185,7 +186,7 @@ def _single(element: Element) -> Axis:
         return _listed(element, name, (name,), [((name, plain(value)),) for value in written])
     if kind.tag != "DistributionRange":
         raise not_played(kind)
-    low, high = _range(kind)
+    low, high = range_of(kind)
     step = decimal(kind, "stepWidth")
     if step <= 0.0:
         raise fault(kind, f"`stepWidth` must be above 0, got {step:g}")
@@ -224,7 +225,8 @@ def _listed(element: Element, name: str, names: tuple[str, ...], rows: Sequence[
     return Axis(name, names, choices[0][0], choices[-1][0], 1.0, tuple(choices))
 
 
-def _range(element: Element) -> tuple[float, float]:
+def range_of(element: Element) -> tuple[float, float]:
+    """The limits of a distribution, low to high."""
     limits = child(element, "Range")
     low, high = decimal(limits, "lowerLimit"), decimal(limits, "upperLimit")
     if low > high:
@@ -236,10 +238,10 @@ def _drawn(element: Element) -> Axis:
     """A stochastic distribution: a range with a density, sampled as the evaluation says."""
     name, kind = attribute(element, "parameterName"), only(element)
     if kind.tag == "UniformDistribution":
-        low, high = _range(kind)
+        low, high = range_of(kind)
         density = Distribution("uniform", (("loc", low), ("scale", high - low)))
     elif kind.tag == "NormalDistribution":
-        low, high = _range(kind)
+        low, high = range_of(kind)
         mean, variance = decimal(kind, "expectedValue"), decimal(kind, "variance")
         if variance <= 0.0:
             raise fault(kind, f"`variance` must be above 0, got {variance:g}")

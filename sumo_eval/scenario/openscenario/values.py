@@ -190,7 +190,10 @@ def _evaluate(node: ast.expr, names: Mapping[str, float], depth: int) -> float:
 def compared(rule: str, one: Value, two: Value, element: Element) -> bool:
     """Whether a rule of OpenSCENARIO holds between two values; texts are equal or not."""
     if rule not in _RULES:
-        raise fault(element, f"`rule` must be one of {', '.join(RULES)}, got {shown(rule)}")
+        raise fault(
+            element,
+            f"`rule` must be one of {', '.join(RULES)}, got {shown(rule)}.{did_you_mean(rule, RULES)}".rstrip("."),
+        )
     first, second = _number(one), _number(two)
     if first is not None and second is not None:
         return _RULES[rule](first, second)
