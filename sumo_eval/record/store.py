@@ -542,6 +542,20 @@ class Store:
         found = list(self._read(query, (case,))) if drives else []
         return hashlib.sha256(repr((row, found)).encode()).hexdigest()
 
+    def drive(self, case: str, *, whole: bool = True) -> str | None:
+        """A hash of what happened in a case, whatever drove it under whatever key; None when it is not recorded.
+
+        whole: with its trajectories.
+        """
+        self._check_one(case)
+        happened = 'SELECT status, end_reason, error, simulated_time, collision, clips FROM facts WHERE "case" = ?'
+        row = next(self._read(happened, (case,)), None)
+        if row is None:
+            return None
+        query = 'SELECT vehicle, data FROM trajectories WHERE "case" = ? ORDER BY vehicle'
+        drives = list(self._read(query, (case,))) if whole else []
+        return hashlib.sha256(repr((row, drives)).encode()).hexdigest()
+
     def trajectory(self, case: str, vehicle: str = EGO) -> Trajectory:
         """A recorded trajectory of a case."""
         self._check_one(case)

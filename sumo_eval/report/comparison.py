@@ -6,8 +6,9 @@ and a row only where somebody looks at it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Final, Literal, overload
 
 import numpy as np
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from sumo_eval.errors import InputError, unknown
 from sumo_eval.method.score_terms import excess
+from sumo_eval.record.run_folder import FACTS
+from sumo_eval.record.store import Store, open_store
 from sumo_eval.report.bootstrap import paired_differences, quantities
 from sumo_eval.report.comparability import Difference, differences, refuse_unless_comparable
 from sumo_eval.report.gate_settings import GateSettings
@@ -64,12 +67,40 @@ _ORDER: Final[tuple[Change, ...]] = (*WORSE, *BETTER)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Cases of both runs at the same points: which row of either run each pair is, (n,)."""
+    """Cases of both runs at the same points: which row of either run each pair is, (n,).
+
+    lost, added: rows of the base, and of the new run, at points that only that run has.
+    """
 
     base: Sequence[CaseResult]
     new: Sequence[CaseResult]
     base_rows: IntArray
     new_rows: IntArray
+    lost: IntArray
+    added: IntArray
+
+    def arrays(self, *names: str) -> tuple[dict[str, Column], dict[str, Column]]:
+        """Columns of every pair in the base and in the new run, (n,) each."""
+        base, new = arrays(self.base, *names), arrays(self.new, *names)
+        return (
+            {name: base[name][self.base_rows] for name in names},
+            {name: new[name][self.new_rows] for name in names},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Unpaired:
+    """Cases of an ADS in a logical scenario that have no partner: of the base's `of` cases `lost`, and `added` ones.
+
+    ads: its name in the base; in the new run where the base has no such ADS. examples: keys of lost cases.
+    """
+
+    ads: str
+    scenario: str
+    lost: int
+    added: int
+    of: int
+    examples: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +210,7 @@ class AdsComparison:
 
     pairs: cases that both runs have. changed: the worst first. quantities: those of `bootstrap.COMPARED` over the
     pairs. unpaired: cases that only one of the runs has. undecided: pairs without an outcome in at least one run.
+    identical: pairs that are equal to the last bit in everything but times.
     counts: how many pairs are collisions and the like, in the base and in the new run. moved_zone: pairs that lie in
     another zone than in the base. new_cases: all pairs in the new run.
     """
@@ -189,6 +221,7 @@ class AdsComparison:
     pairs: int
     unpaired: int
     undecided: int
+    identical: int
     changed: Changes
     quantities: Mapping[str, QuantityChange]
     counts: Mapping[str, tuple[int, int]]
@@ -213,6 +246,18 @@ class Comparison:
     differences: tuple[Difference, ...]
     ads: tuple[AdsComparison, ...]
     notes: tuple[str, ...]
+    unpaired: tuple[Unpaired, ...] = ()
+
+    @property
+    def pairs(self) -> int:
+        """Cases that both runs have."""
+        return sum(one.pairs for one in self.ads)
+
+    @property
+    def identical(self) -> bool:
+        """Whether every case of the base has a partner, equal to the last bit."""
+        lost = any(one.lost for one in self.unpaired)
+        return not lost and all(one.identical == one.pairs for one in self.ads)
 
     @property
     def worse(self) -> Sequence[ChangedCase]:
@@ -237,9 +282,21 @@ def compare(
 
     Raises InputError where more than the ADS differs, unless `accept_differences`.
     """
-    found = differences(base, new)
     if not accept_differences:
-        refuse_unless_comparable(found)
+        refuse_unless_comparable(differences(base, new))
+    comparison = side_by_side(base, new, settings, pairs=pairs)
+    if not comparison.ads:
+        raise InputError(
+            f"{base.folder} and {new.folder} have no ADS in a common logical scenario; name the ADSs that belong "
+            "together with --pair BASE=NEW."
+        )
+    return comparison
+
+
+def side_by_side(
+    base: Evaluation, new: Evaluation, settings: GateSettings, *, pairs: Mapping[str, str] | None = None
+) -> Comparison:
+    """Compare whatever two runs have in common, though it be nothing; what differs is listed and not refused."""
     partners, notes = _partners(base, new, pairs or {})
     compared = tuple(
         one
@@ -247,11 +304,6 @@ def compare(
         if score.ads in partners
         and (one := _compare_ads(base, new, partners[score.ads], score.ads, score.scenario, settings)) is not None
     )
-    if not compared:
-        raise InputError(
-            f"{base.folder} and {new.folder} have no ADS in a common logical scenario; name the ADSs that belong "
-            "together with --pair BASE=NEW."
-        )
     unpaired = sum(one.unpaired for one in compared)
     if unpaired:
         notes.append(f"{count(unpaired, 'case')} exist in one run only and are left out; every value is over the rest.")
@@ -265,10 +317,33 @@ def compare(
         new_name=new.name,
         new_folder=str(new.folder),
         confidence=settings.confidence,
-        differences=found,
+        differences=differences(base, new),
         ads=compared,
         notes=tuple(notes),
+        unpaired=tuple(_unpaired(base, new, compared)),
     )
+
+
+MOST_EXAMPLES = 5  # keys of lost cases
+
+
+def _unpaired(base: Evaluation, new: Evaluation, compared: Sequence[AdsComparison]) -> Iterator[Unpaired]:
+    """Where cases have no partner."""
+    known = {(one.base_ads, one.scenario): one for one in compared}
+    for score in base.scores:
+        cases = base.cases_of(score.ads, score.scenario)
+        one = known.get((score.ads, score.scenario))
+        lost = np.arange(len(cases)) if one is None else one.changed.paired.lost
+        added = 0 if one is None else len(one.changed.paired.added)
+        if len(lost) or added:
+            examples = names_at(cases, lost[:MOST_EXAMPLES]).tolist()
+            yield Unpaired(score.ads, score.scenario, len(lost), added, len(cases), tuple(examples))
+
+    paired = {(one.ads, one.scenario) for one in compared}
+    for score in new.scores:
+        if (score.ads, score.scenario) not in paired:
+            added = len(new.cases_of(score.ads, score.scenario))
+            yield Unpaired(score.ads, score.scenario, 0, added, 0, ())
 
 
 def _partners(base: Evaluation, new: Evaluation, pairs: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
@@ -296,7 +371,7 @@ def _partners(base: Evaluation, new: Evaluation, pairs: Mapping[str, str]) -> tu
 def _compare_ads(
     base: Evaluation, new: Evaluation, base_ads: str, ads: str, scenario: str, settings: GateSettings
 ) -> AdsComparison | None:
-    paired, unpaired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
+    paired = _paired(base.cases_of(base_ads, scenario), new.cases_of(ads, scenario))
     if not len(paired.new_rows):
         return None
     terms = _terms(paired.base, paired.base_rows, base), _terms(paired.new, paired.new_rows, new)
@@ -306,8 +381,9 @@ def _compare_ads(
         base_ads=base_ads,
         scenario=scenario,
         pairs=len(paired.new_rows),
-        unpaired=unpaired,
+        unpaired=len(paired.lost) + len(paired.added),
         undecided=undecided,
+        identical=identical_pairs(paired, base.folder, new.folder),
         changed=changed,
         quantities=_quantity_changes(*terms, base, new, settings),
         counts=counts,
@@ -316,14 +392,14 @@ def _compare_ads(
     )
 
 
-def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> tuple[Paired, int]:
-    """The cases at points that both runs have, in the order of the new run, and how many points only one of them has.
+def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> Paired:
+    """The cases at points that both runs have, in the order of the new run, and those that only one of them has.
 
     Of several cases at one point the last one counts.
     """
     nobody = np.empty(0, dtype=np.intp)
     if not (len(base) and len(new)) or base[0].values.keys() != new[0].values.keys():
-        return Paired(base, new, nobody, nobody), len(base) + len(new)
+        return Paired(base, new, nobody, nobody, np.arange(len(base)), np.arange(len(new)))
     old, now = point_numbers([base, new])
     places = int(max(old.max(), now.max())) + 1
     last_old, last_now, first_now = (np.full(places, -1, dtype=np.intp) for _ in range(3))
@@ -332,7 +408,38 @@ def _paired(base: Sequence[CaseResult], new: Sequence[CaseResult]) -> tuple[Pair
     first_now[now[::-1]] = np.arange(len(now))[::-1]
     both = np.flatnonzero((last_old >= 0) & (last_now >= 0))
     both = both[np.argsort(first_now[both], kind="stable")]
-    return Paired(base, new, last_old[both], last_now[both]), places - len(both)
+    lost, added = last_old[(last_old >= 0) & (last_now < 0)], last_now[(last_now >= 0) & (last_old < 0)]
+    return Paired(base, new, last_old[both], last_now[both], lost, added)
+
+
+_NOT_DRIVEN: Final = frozenset((
+    "case", "scenario", "ads", "values", "exposure", "weight", "wall_time", "latency_mean", "latency_max",
+    "index_note", "reference_note",
+))  # fmt: skip
+"""Fields of a row that are no outcome of its drive, or no plain value."""
+
+
+def identical_pairs(paired: Paired, base: Path, new: Path) -> int:
+    """Number of pairs that are equal to the last bit in everything but times.
+
+    base, new: folders of the runs. Trajectories are compared where every row is equal and both runs have them.
+    """
+    same = np.ones(len(paired.new_rows), dtype=np.bool_)
+    for name in (item.name for item in fields(CaseResult) if item.name not in _NOT_DRIVEN):
+        before, after = (column[name] for column in paired.arrays(name))
+        number = before.dtype.kind == after.dtype.kind == "f"
+        same &= (before == after) | (np.isnan(before) & np.isnan(after)) if number else _texts(before) == _texts(after)
+
+    if not same.all() or base == new or not all((folder / FACTS).is_file() for folder in (base, new)):
+        return int(same.sum())
+    keys = (names_at(paired.base, paired.base_rows).tolist(), names_at(paired.new, paired.new_rows).tolist())
+    with open_store(base / FACTS) as old, open_store(new / FACTS) as now:
+        return sum(_drove_alike(old, one, now, other) for one, other in zip(*keys, strict=True))
+
+
+def _drove_alike(old: Store, before: str, now: Store, after: str) -> bool:
+    whole = not (old.is_let_go(before) or now.is_let_go(after))
+    return old.drive(before, whole=whole) == now.drive(after, whole=whole)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -42,12 +42,69 @@ class LimitSettings(Checked):
     ] = False
 
 
-DEFAULT_LIMITS = (
-    LimitSettings("new_collisions", at_most=0.0),
-    LimitSettings("newly_off_road", at_most=0.0),
-    LimitSettings("newly_not_evaluated", at_most=0.0),
-    *(LimitSettings(score, worse_by=0.0, only_if_certain=True) for score in HIGHER_IS_BETTER),
-)
+@dataclass(frozen=True, slots=True)
+class MeasureSettings(Checked):
+    """A quantity of a case, and from which change on it counts as worse or better."""
+
+    quantity: Annotated[str, About("a column of cases.csv")]
+    absolute: Annotated[float, NotNegative, About("least change that counts, in the quantity's own unit")]
+    share: Annotated[float, NotNegative, About("least change that counts, as a share of the base's value")] = 0.0
+    zone: Annotated[float | None, About("only cases are looked at that are on this limit's bad side in a run")] = None
+    higher_is_better: Annotated[bool, About("whether a rise is an improvement")] = True
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeSettings(Checked):
+    """Part one of the rule: single cases that ended worse. repeats and bad_of: of an ADS that does not repeat."""
+
+    on: Annotated[bool, About("whether this part is judged")] = True
+    severity_by: Annotated[float, NotNegative, About("rise of U from which a case failed", "m/s", "U", "15")] = 0.5
+    floors: Annotated[float, NotNegative, About("rise of U that chance makes, in floors of U")] = 2.0
+    repeats: Annotated[int, Ge(0), About("further drives of such a case")] = 4
+    bad_of: Annotated[int, Ge(1), About("drives, the first among them, that must be bad")] = 3
+
+
+@dataclass(frozen=True, slots=True)
+class NearMissSettings(Checked):
+    """Part two of the rule: whether more cases came nearer to an accident than went away from it."""
+
+    on: Annotated[bool, About("whether this part is judged")] = True
+    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = 0.1
+    kept_margin: Annotated[float, NotNegative, About("share of its margin that a case must keep")] = 0.6
+    measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
+        MeasureSettings("min_gap", 0.1, 0.1, zone=2.0),
+        MeasureSettings("min_ttc", 0.1, 0.1, zone=1.5),
+        MeasureSettings("pet", 0.1, 0.1, zone=1.0),
+        MeasureSettings("max_drac", 0.2, 0.05, zone=3.4, higher_is_better=False),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftSettings(Checked):
+    """Part three of the rule: whether many cases became a little worse. share_alone: where no case is better."""
+
+    on: Annotated[bool, About("whether this part is judged")] = True
+    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of the sign test below which it fails")] = 0.02
+    cases: Annotated[int, Ge(1), About("least number of worse cases")] = 3
+    share: Annotated[float, NotNegative, Le(1.0), About("least share of worse cases")] = 0.05
+    share_alone: Annotated[float, NotNegative, Le(1.0), About("share that fails if no case is better")] = 0.15
+    measure: Annotated[tuple[MeasureSettings, ...], About("what is watched")] = (
+        MeasureSettings("max_jerk", 2.0, 0.2, higher_is_better=False),
+        MeasureSettings("task_share", 0.01),
+        MeasureSettings("simulated_time", 0.25, 0.02, higher_is_better=False),
+        MeasureSettings("human_likeness", 0.01),
+        MeasureSettings("index", 0.01),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseSettings(Checked):
+    """How an ADS that does not repeat bit for bit is found, and what is forgiven to it."""
+
+    cases: Annotated[int, Ge(0), About("cases of an ADS that a night drives twice; 0: each ADS repeats")] = 30
+    quantile: Annotated[float, Gt(0.0), Lt(1.0), About("of the differences between two drives")] = 0.95
+    factor: Annotated[float, NotNegative, About("times that quantile is the floor of a tolerance")] = 1.5
+    chance: Annotated[float, Gt(0.0), Lt(1.0), About("P of all sign tests of a night together (Holm)")] = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +126,14 @@ class GateSettings(Checked):
             equation="12",
         ),
     ] = 0.01
-    limit: Annotated[tuple[LimitSettings, ...], About("what is not let through")] = DEFAULT_LIMITS
+    lost_share: Annotated[
+        float, NotNegative, Le(1.0), About("share of the base's cases that a night may lose; never an ADS or scenario")
+    ] = 0.1
+    outcome: OutcomeSettings = field(default_factory=OutcomeSettings)
+    near_miss: NearMissSettings = field(default_factory=NearMissSettings)
+    shift: ShiftSettings = field(default_factory=ShiftSettings)
+    noise: NoiseSettings = field(default_factory=NoiseSettings)
+    limit: Annotated[tuple[LimitSettings, ...], About("further limits")] = ()
 
 
 def read_gate(path: Path | None) -> GateSettings:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from sumo_eval.report.comparison import AdsComparison, Change, ChangedCase, Comparison, QuantityChange
+from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange
+from sumo_eval.report.gate_result import GateResult as GateResult
 from sumo_eval.report.gate_settings import (
     HIGHER_IS_BETTER,
     OF_THE_COMPARISON,
@@ -13,6 +14,8 @@ from sumo_eval.report.gate_settings import (
     LimitSettings,
     Quantity,
 )
+from sumo_eval.report.rule import QUIET, Noise
+from sumo_eval.report.rule_limits import end_words, judge_rule
 from sumo_eval.report.words import (
     REASON_WITHOUT_T,
     SCORES,
@@ -32,39 +35,24 @@ _CHANGES: dict[Quantity, Change] = {
     "newly_off_road": "left the road",
     "newly_not_evaluated": "not evaluated any more",
 }
+LAST_DIGIT = 1e-9
+"""Share of the base's value that rounding may change: no limit fails on it."""
 _DIGITS: dict[Quantity, int] = {
     "T": 4, "A": 4, "A'": 4, "H": 4, "S+": 2, "regret": 4, "S": 2, "C": 4, "D": 4, "collision_probability": 6,
 }  # fmt: skip
-MOST_NAMED = 5  # cases in a sentence
-MOST_KEYS = 1_000  # cases that a failed limit names by key
 
 
-@dataclass(frozen=True, slots=True)
-class GateResult:
-    """One limit applied to one ADS in one logical scenario.
+def judge(
+    new: Evaluation, comparison: Comparison | None, settings: GateSettings, noise: Noise = QUIET
+) -> tuple[GateResult, ...]:
+    """The rule, then every limit of a gate, for every ADS and logical scenario it is about.
 
-    passed None: the limit is about a change, and there is nothing to compare with. threshold: the value of the new run
-    at which it would fail, for drawing. cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`.
-    """
-
-    quantity: Quantity
-    ads: str
-    scenario: str
-    passed: bool | None
-    sentence: str
-    value: float | None
-    threshold: float | None
-    cases: tuple[str, ...] = ()
-
-
-def judge(new: Evaluation, comparison: Comparison | None, settings: GateSettings) -> tuple[GateResult, ...]:
-    """Every limit of a gate, for every ADS and logical scenario it is about. comparison None: there is no base.
-
+    comparison None: there is no base. noise: what is known of ADSs that do not repeat.
     A limit on missed requirements in all scenarios is about those that have some, if any has.
     """
     compared = {(one.ads, one.scenario): one for one in comparison.ads} if comparison else {}
     requiring = {score.scenario for score in new.scores if score.requirements_missed is not None}
-    results: list[GateResult] = []
+    results = judge_rule(comparison, settings, noise) if comparison else []
     for score in new.scores:
         for limit in settings.limit:
             everywhere = limit.scenario is None and limit.quantity == "requirements_missed" and requiring
@@ -97,7 +85,8 @@ def _judge(
         ok = sign * (value - bound) >= 0.0
         sentence = f"{quantity} is {_number(quantity, value)}; it must be {words} {bound:g}"
         keys = () if ok else tuple(item.new.case for item in changed[:MOST_KEYS])
-        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, keys)
+        named = () if ok else _worst(quantity, compared)
+        yield GateResult(*where, ok, sentence if ok else sentence + _named(changed), value, bound, keys, named)
     for bound, percent in ((limit.worse_by, False), (limit.worse_by_percent, True)):
         if bound is not None:
             yield _judge_change(limit, score, compared, bound, percent, confidence)
@@ -131,7 +120,7 @@ def _judge_change(
     loss = change.base - change.new if higher else change.new - change.base
     threshold = change.base - allowed if higher else change.base + allowed
     excused = limit.only_if_certain and not change.certain
-    ok = loss <= allowed or excused
+    ok = loss <= allowed + LAST_DIGIT * abs(change.base) or excused
     spread = (
         f", difference within {change.low:+z.4g} to {change.high:+z.4g} ({confidence:z.0%})"
         if change.low is not None and change.high is not None
@@ -142,7 +131,11 @@ def _judge_change(
         if change.base == change.new and not change.low and not change.high
         else f"went from {_number(quantity, change.base)} to {_number(quantity, change.new)}{spread}"
     )
-    return GateResult(*where, ok, f"{quantity} {moved}; {_may(limit, bound, percent)}", change.new, threshold)
+    worst = () if ok else _worst(quantity, compared)
+    keys = tuple(one.case for one in worst)
+    return GateResult(
+        *where, ok, f"{quantity} {moved}; {_may(limit, bound, percent)}", change.new, threshold, keys, worst
+    )
 
 
 def _may(limit: LimitSettings, bound: float, percent: bool) -> str:
@@ -187,6 +180,17 @@ def _cases(quantity: Quantity, compared: AdsComparison | None) -> Sequence[Chang
     if compared is None or quantity not in _CHANGES:
         return ()
     return compared.changed.of(_CHANGES[quantity])
+
+
+def _worst(quantity: Quantity, compared: AdsComparison | None) -> tuple[CaseChange, ...]:
+    """The worst cases that a failed limit is about, or else of all that got worse."""
+    if compared is None:
+        return ()
+    changed = _cases(quantity, compared) or compared.changed.worse
+    return tuple(
+        CaseChange(item.new.case, point(item.new.values), end_words(item.base), end_words(item.new))
+        for item in changed[:MOST_NAMED]
+    )
 
 
 def _named(cases: Sequence[ChangedCase]) -> str:

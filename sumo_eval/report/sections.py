@@ -21,7 +21,8 @@ from sumo_eval.report.opinion_section import opinion_content
 from sumo_eval.report.people import people_context
 from sumo_eval.report.qualification import qualification_content
 from sumo_eval.report.summary import summary_content
-from sumo_eval.report.terminal import moved_words, quantity_words, verdict_of
+from sumo_eval.report.terminal import moved_words, quantity_words
+from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import interval_words, number, parts_of_total, point
 from sumo_eval.results import Evaluation
 from sumo_eval.scoring.confidence.assessment import Confidence

@@ -11,7 +11,7 @@ import numpy as np
 from sumo_eval.report.comparison import Comparison
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.headline import headline, ranked
-from sumo_eval.report.terminal import verdict_of
+from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import (
     cases_of,
     count,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,8 @@ from sumo_eval.report.comparison import BETTER, WORSE, ChangedCase, Comparison, 
 from sumo_eval.report.gates import GateResult
 from sumo_eval.report.ledger import Ledger, ledger, ledger_plus
 from sumo_eval.report.qualification import qualification_sentence
+from sumo_eval.report.rule_limits import CANNOT_SEE
+from sumo_eval.report.verdict import verdict_of
 from sumo_eval.report.words import (
     REASON_WITHOUT_C,
     REASON_WITHOUT_T,
@@ -195,7 +198,7 @@ def comparison_lines(comparison: Comparison, gates: Sequence[GateResult], evalua
                 lines.append(f"    and {len(found) - MOST_CHANGES} more, all in the report.")
         for name, change in one.quantities.items():
             lines.append(f"  {name}: {quantity_words(name, change, comparison.confidence)}")
-    return [*lines, *gate_lines(gates)]
+    return [*lines, *gate_lines(gates, Path(comparison.new_folder))]
 
 
 _SEEN = 5e-4
@@ -209,23 +212,49 @@ def moved_words(item: ChangedCase) -> list[str]:
     return [*words, *(f"{name} {by:+z.3g}" for name, by in item.moved.items() if abs(by) >= _SEEN)]
 
 
-def gate_lines(gates: Sequence[GateResult]) -> list[str]:
-    """A line for each gate that failed or could not be judged, and the number of those that passed."""
-    lines = [
-        f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}"
-        for gate in gates
-        if gate.passed is False
-    ]
-    unjudged: dict[str, list[GateResult]] = {}
+def gate_lines(gates: Sequence[GateResult], run: Path | None = None) -> list[str]:
+    """Limits that failed with their worst cases, what could not be judged, and how many passed.
+
+    run: the folder whose cases they are, for the command that drives one of them again.
+    """
+    lines = []
+    for gate in gates:
+        if gate.passed is False:
+            since = f" (beside the accepted {gate.against})" if gate.against else ""
+            lines.append(f"gate FAILED: {one_line(gate.ads)} in {gate.scenario}: {gate.sentence}{since}")
+            lines += [f"    {one_line(f'{one.case}: {one.point}: {one.words}')}" for one in gate.worst]
+            if gate.worst and run is not None:
+                lines.append(f"    again: {replay_command(run, gate.worst[0].case)}")
+
+    return [*lines, *_unjudged_lines(gates), f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
+
+
+def replay_command(run: Path, case: str) -> str:
+    """The command that shows one case again."""
+    return shlex.join(["sumo-eval", "replay", str(run), case])
+
+
+def _unjudged_lines(gates: Sequence[GateResult]) -> list[str]:
+    """What could not be judged: limits with one reason on one line."""
+    unjudged: dict[tuple[str, str], list[GateResult]] = {}
     for gate in gates:
         if gate.passed is None:
-            unjudged.setdefault(gate.sentence.partition(": ")[2] or gate.sentence, []).append(gate)
-    for reason, alike in unjudged.items():
-        first = f"{one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
-        lines.append(
-            f"{count(len(alike), 'gate')} not judged: {reason}" if len(alike) > 1 else f"gate not judged: {first}"
-        )
-    return [*lines, f"{count(sum(gate.passed is True for gate in gates), 'gate')} passed."]
+            reason = gate.sentence.partition(": ")[2] or gate.sentence
+            blind = reason.startswith(CANNOT_SEE)
+            key = (gate.ads, reason.partition(" inside ")[0]) if blind else ("", reason)
+            unjudged.setdefault(key, []).append(gate)
+
+    return [_unjudged_line(ads, reason, alike) for (ads, reason), alike in unjudged.items()]
+
+
+def _unjudged_line(ads: str, reason: str, alike: Sequence[GateResult]) -> str:
+    if ads:
+        names = ", ".join(gate.sentence.partition(": ")[0] for gate in alike)
+        inside = " inside the zone of interest" if " inside " in alike[0].sentence else ""
+        return f"{one_line(ads)}: {reason.replace(CANNOT_SEE, f'{CANNOT_SEE} in {names}', 1)}{inside}"
+    if len(alike) > 1:
+        return f"{count(len(alike), 'gate')} not judged: {reason}"
+    return f"gate not judged: {one_line(alike[0].ads)} in {alike[0].scenario}: {alike[0].sentence}"
 
 
 def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
@@ -242,28 +271,6 @@ def quantity_words(name: str, change: QuantityChange, confidence: float) -> str:
         return f"{change.new:z.{digits}f}, unchanged"
     interval = f"{change.low:+z.{digits}f} to {change.high:+z.{digits}f}"
     return f"{values}, {change.difference:+z.{digits}f} ({confidence:z.0%} interval of the difference: {interval})"
-
-
-def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> str:
-    """One sentence for somebody who reads no further: gates, changes, avoidable collisions of the newer run."""
-    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
-    hit = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
-    return f"{_standing(comparison, gates)}; {hit}."
-
-
-def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> str:
-    bad = sum(gate.passed is False for gate in gates)
-    if comparison is None:
-        beside = "there is no earlier good run to compare with"
-        return f"NOT GOOD: {count(bad, 'gate')} failed; {beside}" if bad else f"NO GATE FAILED; {beside}"
-    base = Path(comparison.base_folder).name
-    worse, better = len(comparison.worse), len(comparison.better)
-    moved = f"{count(worse, 'case')} got worse, {better} better"
-    if bad:
-        return f"WORSE than {base}: {count(bad, 'gate')} failed; {moved}"
-    if not worse and not better:
-        return f"THE SAME as {base}: no case changed, and every gate holds"
-    return f"NO GATE FAILED beside {base}: {moved}"
 
 
 # --- where the points went --------------------------------------------------------------------------------------------

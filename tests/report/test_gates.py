@@ -11,13 +11,24 @@ from report_cases import hit, pick, with_case
 
 from sumo_eval.errors import InputError
 from sumo_eval.report.comparison import compare
-from sumo_eval.report.gate_settings import DEFAULT_LIMITS, GateSettings, LimitSettings, read_gate
+from sumo_eval.report.gate_settings import (
+    GateSettings,
+    LimitSettings,
+    NearMissSettings,
+    OutcomeSettings,
+    ShiftSettings,
+    read_gate,
+)
 from sumo_eval.report.gates import GateResult, failed, judge
 from sumo_eval.results import Evaluation
 
 
+OFF = {"outcome": OutcomeSettings(on=False), "near_miss": NearMissSettings(on=False), "shift": ShiftSettings(on=False)}
+
+
 def judged(base: Evaluation, new: Evaluation, *limits: LimitSettings) -> tuple[GateResult, ...]:
-    settings = GateSettings(resamples=400, **({"limit": limits} if limits else {}))
+    """By these limits alone, without any by the rule."""
+    settings = GateSettings(resamples=400, **({"limit": limits, **OFF} if limits else {}))  # type: ignore[arg-type]
     return judge(new, compare(base, new, settings), settings)
 
 
@@ -27,8 +38,11 @@ def with_scores(evaluation: Evaluation, **values: float | None) -> Evaluation:
 
 def test_a_repeat_of_the_same_run_passes_every_gate(evaluation: Evaluation) -> None:
     results = judged(evaluation, evaluation)
-    assert len(results) == len(DEFAULT_LIMITS) * len(evaluation.scores)
-    assert all(result.passed for result in results)
+    assert {result.ads for result in results} == {score.ads for score in evaluation.scores}
+    assert not failed(results)
+    assert {result.quantity for result in results if result.passed} >= {"collided", "simulated_time", "index"}
+    blind = [result for result in results if result.passed is None]
+    assert all("cannot see a change with 0 cases" in result.sentence for result in blind)
 
 
 def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(evaluation: Evaluation) -> None:
@@ -49,7 +63,11 @@ def test_a_limit_on_missed_requirements_is_about_the_scenarios_that_have_some(ev
 
 def test_one_new_collision_fails_the_gate_that_names_it(evaluation: Evaluation) -> None:
     case = pick(evaluation, collided=False)
-    bad = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
+    (outcome,) = failed(judged(evaluation, with_case(evaluation, case.case, hit)))
+    assert (outcome.quantity, outcome.cases) == ("collided", (case.case,))
+    assert outcome.worst[0].words == "ok -> contact with U 5.0 m/s"
+    limit = LimitSettings("new_collisions", at_most=0.0)
+    bad = failed(judged(evaluation, with_case(evaluation, case.case, hit), limit))
     named = [result for result in bad if result.quantity == "new_collisions"]
     assert [result.cases for result in named] == [(case.case,)]
     assert case.case in named[0].sentence

@@ -1,0 +1,52 @@
+"""What became of a limit, and the cases that it names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MOST_NAMED = 5  # cases of a failed limit that are shown with their values
+MOST_KEYS = 1_000  # cases that a failed limit names by key
+
+
+@dataclass(frozen=True, slots=True)
+class CaseChange:
+    """A case that a limit names. point: in words. before, after: the limit's quantity, or how the case ended."""
+
+    case: str
+    point: str
+    before: float | str | None
+    after: float | str | None
+
+    @property
+    def words(self) -> str:
+        """`0.92 -> 0.32`."""
+        return " -> ".join(
+            "none" if value is None else value if isinstance(value, str) else f"{value:z.4g}"
+            for value in (self.before, self.after)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GateResult:
+    """One limit applied to one ADS in one logical scenario, or in all that are in `scenario`.
+
+    passed None: the limit could not be judged, and the sentence says why. threshold: the value of the new run at which
+    it would fail, for drawing. cases: keys of the cases that a failed limit is about, at most `MOST_KEYS`. worst: the
+    worst of them. against: the accepted night where only the comparison with that one failed.
+    """
+
+    quantity: str
+    ads: str
+    scenario: str
+    passed: bool | None
+    sentence: str
+    value: float | None
+    threshold: float | None
+    cases: tuple[str, ...] = ()
+    worst: tuple[CaseChange, ...] = ()
+    against: str = ""
+
+    @property
+    def name(self) -> tuple[str, str, str]:
+        """What makes it the same limit in another night: ADS, scenario, quantity."""
+        return self.ads, self.scenario, self.quantity

@@ -1,0 +1,286 @@
+"""The rule by which a build got worse, in three parts: outcome, near miss, shift.
+
+d is by how much a quantity of a case got worse. A case is worse where d is above its tolerance, better where -d is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.stats import binom
+
+from sumo_eval.report.comparison import AdsComparison, Comparison, Paired
+from sumo_eval.report.gate_settings import GateSettings, MeasureSettings, NoiseSettings, ShiftSettings
+from sumo_eval.results import EVALUATED, GAVE_UP
+from sumo_eval.scoring.kept_rows import Column
+from sumo_eval.trajectory import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Repeats:
+    """What driving an ADS twice tells. cases: driven twice; alike: equal to the last bit; floors: by quantity."""
+
+    cases: int
+    alike: int
+    floors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def noisy(self) -> bool:
+        """Whether the ADS drives one case in more than one way."""
+        return self.alike < self.cases
+
+
+ALIKE = Repeats(0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What a night knows of chance, by ADS.
+
+    repeats: of each ADS that was driven twice. bad: by case, how many of its drives tonight were bad, the first among
+    them. shaky: cases that were bad before in some drives of one build.
+    """
+
+    repeats: Mapping[str, Repeats] = field(default_factory=dict)
+    bad: Mapping[str, int] = field(default_factory=dict)
+    shaky: frozenset[str] = frozenset()
+
+    def of(self, ads: str) -> Repeats:
+        """Of one ADS; of one that was not driven twice, that it repeats."""
+        return self.repeats.get(ads, ALIKE)
+
+
+QUIET = Noise()
+
+
+# --- equations --------------------------------------------------------------------------------------------------------
+
+
+def worsening(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
+    """d: by how much a quantity got worse, (n,); nan where it has no value in a run."""
+    return np.asarray(base - new if measure.higher_is_better else new - base)
+
+
+def tolerance(base: FloatArray, measure: MeasureSettings, floor: float = 0.0) -> FloatArray:
+    """max(absolute, share |base|, floor), (n,)."""
+    return np.maximum(np.maximum(measure.absolute, measure.share * np.abs(base)), floor)
+
+
+def floor_of(differences: FloatArray, settings: NoiseSettings) -> float:
+    """1.5 q95(|d|) of differences between two drives of one build, (n,); 0 where there are none."""
+    known = np.abs(differences[np.isfinite(differences)])
+    return float(settings.factor * np.quantile(known, settings.quantile)) if len(known) else 0.0
+
+
+def sign_test(worse: int, better: int) -> float:
+    """P(Bin(W + B, 1/2) >= W): chance of so many worse cases if nothing changed."""
+    return float(binom.sf(worse - 1, worse + better, 0.5))
+
+
+def kept_margin(base: FloatArray, new: FloatArray, measure: MeasureSettings) -> FloatArray:
+    """Share of its distance to an accident that a case kept: new / base, of a rate such as DRAC base / new, (n,)."""
+    kept, of = (new, base) if measure.higher_is_better else (base, new)
+    return np.divide(kept, of, out=np.ones_like(kept), where=of > 0.0)
+
+
+def holm(chances: Sequence[tuple[float, float]], level: float) -> list[bool]:
+    """Holm's method: which tests are rejected so that one false alarm has at most the probability `level`.
+
+    chances: of each test its P and the least P that it could have had. Tests that could not be rejected however they
+    come out are no tests (Tarone).
+    """
+    able = list(range(len(chances)))
+    while any(chances[i][1] > level / len(able) for i in able):
+        able.remove(max(able, key=lambda i: chances[i][1]))
+
+    rejected = [False] * len(chances)
+    for place, i in enumerate(sorted(able, key=lambda i: chances[i][0])):
+        if chances[i][0] > level / (len(able) - place):
+            break
+        rejected[i] = True
+    return rejected
+
+
+# --- cases ------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ends:
+    """How cases ended, (n,) each. severity: U of the contact or of the departure, 0 without one, m/s."""
+
+    collided: BoolArray
+    departed: BoolArray
+    gave_up: BoolArray
+    not_evaluated: BoolArray
+    missed: BoolArray
+    severity: FloatArray
+
+    @classmethod
+    def of(cls, rows: Mapping[str, Column]) -> Ends:
+        """Those of columns named in `END_COLUMNS`."""
+        missed, severity = rows["requirements_missed"], np.nan_to_num(rows["severity"])
+        gave_up, evaluated = np.isin(rows["status"], GAVE_UP), np.isin(rows["status"], EVALUATED)
+        return cls(
+            collided=rows["collided"] == 1.0,
+            departed=np.isfinite(rows["departure_time"]) | (rows["status"] == "off_road"),
+            gave_up=gave_up,
+            not_evaluated=~evaluated & ~gave_up,
+            missed=(missed != "") if missed.dtype.kind == "U" else np.zeros(len(missed), dtype=np.bool_),
+            severity=np.maximum(severity, np.nan_to_num(rows["departure_severity"])),
+        )
+
+    @property
+    def bad(self) -> BoolArray:
+        """Cases with any of these ends."""
+        return self.collided | self.departed | self.gave_up | self.not_evaluated | self.missed
+
+
+END_COLUMNS = ("status", "collided", "departure_time", "requirements_missed", "severity", "departure_severity")
+ENDS = {
+    "collided": "collided", "departed": "left the road", "gave_up": "gave up", "not_evaluated": "not evaluated",
+    "missed": "missed a requirement",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Worse:
+    """Cases of an ADS in one scenario that are worse in a quantity, the worst first.
+
+    which: their pairs, (w,). before, after: values of all pairs, (n,).
+    """
+
+    one: AdsComparison
+    which: Sequence[int]
+    before: Column
+    after: Column
+
+
+def newly_bad(one: AdsComparison, settings: GateSettings, repeats: Repeats) -> dict[str, Worse]:
+    """Part one: pairs that ended in a way in which they did not end before, and those with a higher U, by quantity."""
+    base, new = (Ends.of(rows) for rows in one.changed.paired.arrays(*END_COLUMNS))
+    severity_by = max(settings.outcome.severity_by, settings.outcome.floors * repeats.floors.get("severity", 0.0))
+    rise = new.severity - base.severity
+    fresh = np.zeros(len(rise), dtype=np.bool_)
+    found = {}
+    for name in ENDS:
+        flags = getattr(new, name) & ~getattr(base, name) & ~fresh
+        fresh |= flags
+        found[name] = _worst(one, flags, rise, getattr(base, name), getattr(new, name))
+
+    harder = (rise > severity_by * (1.0 + 1e-9)) & ~fresh
+    found["severity"] = _worst(one, harder, rise, base.severity, new.severity)
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tally:
+    """Cases of one ADS in all scenarios, by one measure: worse ones by scenario, numbers, and what the sign test says.
+
+    cases: looked at. least_kept: the least share of its margin that a worse case kept.
+    """
+
+    ads: str
+    measure: MeasureSettings
+    worse: tuple[Worse, ...]
+    better: int
+    cases: int
+    least_kept: float
+
+    @property
+    def number(self) -> int:
+        """W, the worse cases."""
+        return sum(len(one.which) for one in self.worse)
+
+    @property
+    def chance(self) -> float:
+        """P of the sign test."""
+        return sign_test(self.number, self.better)
+
+    @property
+    def least_chance(self) -> float:
+        """The least P that so many changed cases could have had."""
+        return float(0.5 ** (self.number + self.better))
+
+
+def tally(
+    ads: str, compared: Sequence[AdsComparison], measure: MeasureSettings, repeats: Repeats, *, zone: bool
+) -> Tally:
+    """Worse and better cases of an ADS. zone: a value that is missing counts as one at the zone's limit."""
+    worse, better, cases, kept = [], 0, 0, 1.0
+    for one in compared:
+        before, after, there = values_of(one.changed.paired, measure, fill=zone)
+        by = worsening(before, after, measure)
+        limit = tolerance(before, measure, repeats.floors.get(measure.quantity, 0.0)) * (1.0 + 1e-9)
+
+        if zone and measure.zone is not None:
+            nearest = np.fmin(before, after) if measure.higher_is_better else -np.fmax(before, after)
+            there &= nearest < (measure.zone if measure.higher_is_better else -measure.zone)
+        flags = there & (by > limit)
+
+        better += int(np.sum(there & (by < -limit)))
+        cases += int(np.sum(there))
+        worse.append(_worst(one, flags, by, before, after))
+        kept = min(kept, float(kept_margin(before, after, measure)[flags].min(initial=1.0)))
+    return Tally(ads, measure, tuple(worse), better, cases, kept)
+
+
+def values_of(paired: Paired, measure: MeasureSettings, *, fill: bool) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """A quantity of all pairs, before and after, and which pairs have it and ended without contact in both runs."""
+    old, now = paired.arrays(measure.quantity, "status")
+    there = (old["status"] == "ok") & (now["status"] == "ok")
+    before, after = old[measure.quantity], now[measure.quantity]
+    if fill and measure.zone is not None:
+        before, after = (np.where(np.isnan(values), measure.zone, values) for values in (before, after))
+    return before, after, there & np.isfinite(before) & np.isfinite(after)
+
+
+def _worst(one: AdsComparison, flags: BoolArray, by: FloatArray, before: Column, after: Column) -> Worse:
+    which = np.flatnonzero(flags)
+    return Worse(one, which[np.argsort(-by[which], kind="stable")].tolist(), before, after)
+
+
+# --- the parts --------------------------------------------------------------------------------------------------------
+
+
+def came_nearer(found: Tally, settings: GateSettings) -> bool:
+    """Part two, of an ADS that repeats: W > B and (P < 0.1, or B = 0, or a case kept at most 60 % of its margin)."""
+    rule = settings.near_miss
+    if not found.number > found.better:
+        return False
+    return found.chance < rule.chance or not found.better or found.least_kept <= rule.kept_margin
+
+
+def shifted(found: Tally, settings: GateSettings, *, noisy: bool = False) -> bool:
+    """Part three: w >= max(3, 5 %) and P < 0.02, or, where the ADS repeats, B = 0 and w >= max(3, 15 %)."""
+    rule = settings.shift
+    enough = found.number >= _least(found, rule, rule.share)
+    if noisy:
+        return enough
+    alone = not found.better and found.number >= _least(found, rule, rule.share_alone)
+    return alone or (enough and found.chance < rule.chance)
+
+
+def _least(found: Tally, rule: ShiftSettings, share: float) -> float:
+    return max(rule.cases, share * found.cases)
+
+
+def can_fail(found: Tally, settings: GateSettings, *, near: bool, noisy: bool) -> bool:
+    """Whether a part could fail at all with so many cases, all of them worse."""
+    least = 1 if near else settings.shift.cases
+    chance = 0.5**found.cases <= settings.noise.chance if noisy else True
+    return found.cases >= least and chance
+
+
+def tallies(comparison: Comparison, settings: GateSettings, noise: Noise) -> tuple[list[Tally], list[Tally]]:
+    """What parts two and three look at: near misses, and shifts, of every ADS."""
+    near, shift = [], []
+    for ads in dict.fromkeys(one.ads for one in comparison.ads):
+        compared = [one for one in comparison.ads if one.ads == ads]
+        repeats = noise.of(ads)
+        if settings.near_miss.on:
+            near += [tally(ads, compared, item, repeats, zone=True) for item in settings.near_miss.measure]
+        if settings.shift.on:
+            shift += [tally(ads, compared, item, repeats, zone=False) for item in settings.shift.measure]
+    return near, shift

@@ -1,0 +1,200 @@
+"""The rule's three parts as limits that passed, failed, or could not be judged, each with its cases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.gate_result import MOST_KEYS, MOST_NAMED, CaseChange, GateResult
+from sumo_eval.report.gate_settings import GateSettings
+from sumo_eval.report.rule import (
+    ENDS,
+    Noise,
+    Tally,
+    Worse,
+    came_nearer,
+    can_fail,
+    holm,
+    newly_bad,
+    shifted,
+    tallies,
+)
+from sumo_eval.report.words import count, number, point
+from sumo_eval.results import CaseResult
+
+WORDS = {
+    "min_gap": ("smallest gap", "m"), "min_ttc": ("smallest TTC", "s"), "pet": ("PET", "s"),
+    "max_drac": ("largest DRAC", "m/s2"), "max_jerk": ("largest jerk", "m/s3"), "task_share": ("t_i", ""),
+    "simulated_time": ("time to come through", "s"), "human_likeness": ("H_i", ""), "index": ("D_i", ""),
+}  # fmt: skip
+"""Name and unit of what the rule watches by default."""
+
+EVERYWHERE = "all scenarios"
+CANNOT_SEE = "cannot see a change"
+
+
+def judge_rule(comparison: Comparison, settings: GateSettings, noise: Noise) -> list[GateResult]:
+    """Every part of the rule that is on."""
+    results = list(_outcomes(comparison, settings, noise)) if settings.outcome.on else []
+    near, shift = tallies(comparison, settings, noise)
+    noisy = [found for found in (*near, *shift) if noise.of(found.ads).noisy]
+    rejected = holm([(found.chance, found.least_chance) for found in noisy], settings.noise.chance)
+    certain = {id(found) for found, one in zip(noisy, rejected, strict=True) if one}
+
+    for found in near:
+        bad = id(found) in certain if noise.of(found.ads).noisy else came_nearer(found, settings)
+        results.append(_result(found, comparison, settings, noise, near=True, bad=bad))
+    for found in shift:
+        unlikely = id(found) in certain
+        noisy_ads = noise.of(found.ads).noisy
+        bad = shifted(found, settings, noisy=noisy_ads) and (unlikely or not noisy_ads)
+        results.append(_result(found, comparison, settings, noise, near=False, bad=bad))
+    return results
+
+
+def judge_pairs(comparison: Comparison, settings: GateSettings, accept: str) -> list[GateResult]:
+    """Whether a night was compared at all, and lost no ADS, no scenario and at most a tenth of its pairs.
+
+    accept: the command that accepts the loss.
+    """
+    lost = sum(one.lost for one in comparison.unpaired)
+    of = comparison.pairs + lost
+    examples = [key for one in comparison.unpaired for key in one.examples][:MOST_NAMED]
+    missing = [*_gone(comparison)]
+    if not comparison.pairs:
+        missing.append("no case has a partner in the base, so nothing was judged")
+    elif lost > settings.lost_share * of:
+        missing.append(f"{lost} of the base's {count(of, 'case')} have no partner")
+    if not missing:
+        return []
+    sentence = f"{'; '.join(missing)}. If this is meant: {accept}"
+    return [GateResult("pairs", "every ADS", EVERYWHERE, False, sentence, float(of - lost), None, tuple(examples))]
+
+
+def _gone(comparison: Comparison) -> Iterator[str]:
+    """ADSs and logical scenarios of the base that the new run has not."""
+    lost = [one for one in comparison.unpaired if one.of and one.lost == one.of]
+    there = {one.base_ads for one in comparison.ads}, {one.scenario for one in comparison.ads}
+    for kind, names, known in (
+        ("ADS", [one.ads for one in lost], there[0]),
+        ("logical scenario", [one.scenario for one in lost], there[1]),
+    ):
+        yield from (f"{kind} `{name}` of the base is missing" for name in dict.fromkeys(names) if name not in known)
+    yield from (
+        f"`{one.ads}` has no case of the base's {one.scenario} any more"
+        for one in lost
+        if one.ads in there[0] and one.scenario in there[1]
+    )
+
+
+# --- outcome ----------------------------------------------------------------------------------------------------------
+
+
+def _outcomes(comparison: Comparison, settings: GateSettings, noise: Noise) -> Iterator[GateResult]:
+    for one in comparison.ads:
+        repeats = noise.of(one.ads)
+        for quantity, worse in newly_bad(one, settings, repeats).items():
+            changes = [_ending(worse, pair) for pair in worse.which[:MOST_KEYS]]
+            shaky = [change.case for change in changes if repeats.noisy and is_shaky(change.case, settings, noise)]
+            bad = [change for change in changes if change.case not in shaky]
+            number = len(worse.which) - len(shaky)
+            sentence = _outcome_words(quantity, number, settings) + _shaky_words(shaky, noise)
+            yield GateResult(
+                quantity, one.ads, one.scenario, not number, sentence, float(number), 0.0,
+                tuple(change.case for change in bad), tuple(bad[:MOST_NAMED]),
+            )  # fmt: skip
+
+
+def is_shaky(case: str, settings: GateSettings, noise: Noise) -> bool:
+    """Whether a newly bad case of a noisy ADS is chance: bad in too few of tonight's drives, or in some before."""
+    return case in noise.shaky or noise.bad.get(case, settings.outcome.bad_of) < settings.outcome.bad_of
+
+
+def _outcome_words(quantity: str, number: int, settings: GateSettings) -> str:
+    if not number:
+        return f"{quantity}: no case"
+    if quantity == "severity":
+        return f"U rose by more than {settings.outcome.severity_by:g} m/s in {count(number, 'case')}"
+    return f"{count(number, 'case')} {ENDS[quantity]}, not so in the base"
+
+
+def _shaky_words(shaky: Sequence[str], noise: Noise) -> str:
+    if not shaky:
+        return ""
+    named = ", ".join(f"{case} ({noise.bad.get(case, 1)})" for case in shaky[:MOST_NAMED])
+    return f"; not failed, because bad in some drives of this build only (in brackets how many): {named}"
+
+
+def _ending(worse: Worse, pair: int) -> CaseChange:
+    """How a case ended in both runs."""
+    paired = worse.one.changed.paired
+    before, after = paired.base[int(paired.base_rows[pair])], paired.new[int(paired.new_rows[pair])]
+    return CaseChange(after.case, point(after.values), end_words(before), end_words(after))
+
+
+def end_words(case: CaseResult) -> str:
+    """`contact with U 5.0 m/s`, `left the road`, `ads_error`, `misses: gap`, `ok`."""
+    ends = [f"contact with U {number(case.severity, 1)} m/s"] if case.collided else []
+    ends += ["left the road"] if case.departed else []
+    ends += [case.status] if not case.evaluated else []
+    ends += [f"misses: {case.requirements_missed}"] if case.requirements_missed else []
+    return ", ".join(ends) or case.status
+
+
+# --- near miss and shift ----------------------------------------------------------------------------------------------
+
+
+def _result(
+    found: Tally, comparison: Comparison, settings: GateSettings, noise: Noise, *, near: bool, bad: bool
+) -> GateResult:
+    quantity = found.measure.quantity
+    words, unit = WORDS.get(quantity, (quantity, ""))
+    where = _where(found, comparison) if bad else _scenario(comparison, found.ads)
+    inside = f" inside {found.measure.zone:g} {unit}" if near and found.measure.zone is not None else ""
+    if not can_fail(found, settings, near=near, noisy=noise.of(found.ads).noisy):
+        sentence = f"{words}: {CANNOT_SEE} with {count(found.cases, 'case')}{inside}"
+        return GateResult(quantity, found.ads, where, None, sentence, None, None)
+
+    ways = ("nearer", "farther") if near else ("worse", "better")
+    sentence = f"{words}: {found.number} {ways[0]}, {found.better} {ways[1]} of {count(found.cases, 'case')}{inside}"
+    if not bad:
+        return GateResult(quantity, found.ads, where, True, sentence, float(found.number), None)
+    sentence += f" (P = {found.chance:.2g})"
+    if near and found.least_kept <= settings.near_miss.kept_margin:
+        sentence += f"; one kept {found.least_kept:z.0%} of its margin"
+    worst = worst_of(found)
+    keys = tuple(_key(one, pair) for one in found.worse for pair in one.which)[:MOST_KEYS]
+    return GateResult(quantity, found.ads, where, False, sentence, float(found.number), None, keys, worst)
+
+
+def worst_of(found: Tally) -> tuple[CaseChange, ...]:
+    """The worst cases of all scenarios, with the values before and after."""
+    sign = 1.0 if found.measure.higher_is_better else -1.0
+    first = [(sign * float(one.after[pair] - one.before[pair]), place, pair)
+             for place, one in enumerate(found.worse) for pair in one.which[:MOST_NAMED]]  # fmt: skip
+    return tuple(_change(found.worse[place], pair) for _, place, pair in sorted(first)[:MOST_NAMED])
+
+
+def _change(worse: Worse, pair: int) -> CaseChange:
+    case = _row(worse, pair)
+    return CaseChange(case.case, point(case.values), float(worse.before[pair]), float(worse.after[pair]))
+
+
+def _row(worse: Worse, pair: int) -> CaseResult:
+    paired = worse.one.changed.paired
+    return paired.new[int(paired.new_rows[pair])]
+
+
+def _key(worse: Worse, pair: int) -> str:
+    return _row(worse, pair).case
+
+
+def _where(found: Tally, comparison: Comparison) -> str:
+    """The scenario that all worse cases are in, or all."""
+    scenarios = [one.one.scenario for one in found.worse if len(one.which)]
+    return scenarios[0] if len(scenarios) == 1 else _scenario(comparison, found.ads)
+
+
+def _scenario(comparison: Comparison, ads: str) -> str:
+    scenarios = [one.scenario for one in comparison.ads if one.ads == ads]
+    return scenarios[0] if len(scenarios) == 1 else EVERYWHERE

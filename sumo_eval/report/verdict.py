@@ -1,0 +1,62 @@
+"""The verdict on a run: one word for programs, one sentence for a user who reads no further."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sumo_eval.report.comparison import Comparison
+from sumo_eval.report.gate_result import GateResult
+from sumo_eval.report.words import count
+from sumo_eval.results import Evaluation
+
+Word = Literal["first", "same", "no_limit_failed", "worse", "incomplete"]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """word: first (no base), same (equal to the bit), no_limit_failed, worse, or incomplete (cases have no partner)."""
+
+    word: Word
+    sentence: str
+
+
+def verdict(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> Verdict:
+    """Limits, changes, and avoidable collisions of the newer run."""
+    word, standing = _standing(comparison, gates)
+    avoidable = sum(score.avoidable_collisions for score in evaluation.scores)
+    hit = count(avoidable, "avoidable collision") if avoidable else "no avoidable collision"
+    return Verdict(word, f"{standing}; {hit}.")
+
+
+def verdict_of(comparison: Comparison | None, gates: Sequence[GateResult], evaluation: Evaluation) -> str:
+    """The sentence of the verdict."""
+    return verdict(comparison, gates, evaluation).sentence
+
+
+def _standing(comparison: Comparison | None, gates: Sequence[GateResult]) -> tuple[Word, str]:
+    bad = [gate for gate in gates if gate.passed is False]
+    if comparison is None:
+        alone = "there is no earlier good run to compare with"
+        return "first", f"NOT GOOD: {count(len(bad), 'limit')} failed; {alone}" if bad else f"FIRST: {alone}"
+
+    base = Path(comparison.base_folder).name
+    if bad and all(gate.quantity == "pairs" for gate in bad):
+        return "incomplete", f"INCOMPLETE beside {base}: {bad[0].sentence}"
+    if bad:
+        moved = f"{count(len(comparison.worse), 'case')} got worse, {len(comparison.better)} better"
+        return "worse", f"WORSE than {base}: {count(len(bad), 'limit')} failed; {moved}"
+    if comparison.identical:
+        return "same", f"THE SAME as {base}: {count(comparison.pairs, 'case')} equal to the last bit"
+    return "no_limit_failed", f"NO LIMIT FAILED beside {base}: {_changes(comparison)}"
+
+
+def _changes(comparison: Comparison) -> str:
+    """`2 cases got worse, 1 better, 5 changed by less than the tolerances`."""
+    worse, better = len(comparison.worse), len(comparison.better)
+    less = comparison.pairs - sum(one.identical for one in comparison.ads) - worse - better
+    words = [f"{count(worse, 'case')} got worse, {better} better"] if worse or better else []
+    words += [f"{count(less, 'case')} changed by less than the tolerances"] if less > 0 or not words else []
+    return ", ".join(words)
